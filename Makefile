@@ -12,6 +12,7 @@ VENV := .venv
 STAGES := $(shell sed -n 's/^UPSTREAM = (\(.*\))/\1, report/p' stages/chain.py | tr 'A-Z' 'a-z' | tr -d ',')
 PLAIN_STAGES := $(filter-out tails,$(STAGES))
 PIPELINE := $(VENV)/bin/python -m pipeline
+VALIDATION := $(VENV)/bin/python -m tests.validation
 JOBS_OPTION := $(if $(JOBS),--jobs "$$JOBS")
 
 .DEFAULT_GOAL := help
@@ -78,7 +79,7 @@ identify: $(VENV)/installed  ## say why a measured unit differs from its model (
 		$(if $(UNIT),"$$UNIT",$(error say which: make identify UNIT=<folder>, or SERIES=<folder of states>))) $(JOBS_OPTION)
 
 rig: $(VENV)/installed  ## identify all states of the printed drive's rig, beside the baselines: make rig DATA=<folder>
-	$(PIPELINE) rig --data $(if $(DATA),"$$DATA",$(error say where its data are: make rig DATA=<folder>)) $(JOBS_OPTION)
+	$(VALIDATION) rig --data $(if $(DATA),"$$DATA",$(error say where its data are: make rig DATA=<folder>))
 
 changed: $(VENV)/installed  ## say what changed between two measurements of one drive: make changed A=before B=after
 	$(PIPELINE) changed --before $(if $(A),"$$A",$(error say which units: make changed A=<folder> B=<folder>)) \
@@ -89,7 +90,7 @@ population: $(VENV)/installed  ## compare measured units with a study: make popu
 		$(JOBS_OPTION)
 
 blind: $(VENV)/installed  ## test the identification on units whose truth it cannot read: make blind CASES=60 FIRST=0
-	$(PIPELINE) blind $(if $(CASES),--cases "$$CASES") $(if $(FIRST),--first "$$FIRST") $(JOBS_OPTION)
+	$(VALIDATION) blind $(if $(CASES),--cases "$$CASES") $(if $(FIRST),--first "$$FIRST") $(JOBS_OPTION)
 
 test: $(VENV)/installed  ## run the tests
 	$(VENV)/bin/python -m pytest
@@ -115,7 +116,7 @@ docs: $(VENV)/documented  ## build the pages of docs/ with the reference: build/
 	$(VENV)/bin/sphinx-build -q -W --keep-going docs build/docs
 
 bench: $(VENV)/installed  ## measure speed, as ratios within one run
-	$(PIPELINE) bench --study "$$STUDY"
+	$(VALIDATION) bench --study "$$STUDY"
 
 paper: $(VENV)/installed  ## compare the paper's Table 2, contacts and figures with the model: one HTML page
 	$(PIPELINE) paper $(JOBS_OPTION)
@@ -134,10 +135,10 @@ tails: $(VENV)/installed  ## run the stage tails, for any STUDY: units beyond li
 	$(PIPELINE) tails --study "$$STUDY" $(JOBS_OPTION)
 
 coverage: $(VENV)/installed  ## count how often intervals hold the truth, over 2,000 experiments on the rigid play
-	$(PIPELINE) coverage --study "$$STUDY" $(JOBS_OPTION)
+	$(VALIDATION) coverage --study "$$STUDY" $(JOBS_OPTION)
 
 licences: $(VENV)/installed  ## list the licence of every package that is installed; fails where one is unknown
-	@$(PIPELINE) licences
+	@$(VALIDATION) licences
 
 clean-runs: $(VENV)/installed  ## delete all runs, never inputs
 	$(PIPELINE) clean-runs

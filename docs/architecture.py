@@ -59,7 +59,7 @@ def svg(rows: Sequence[Sequence[str]], edges: Edges, notes: Mapping[str, str]) -
 
 def room_pictures() -> dict[str, str]:
     """One picture for each contract on layers: the rooms and the imports between them, by the contract's id."""
-    graph = grimp.build_graph("pipeline", "stages", cache_dir=None)
+    graph = grimp.build_graph("pipeline", "stages", "tests", cache_dir=None)
     pictures = {}
     for contract in tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]:
         if contract["type"] != "layers":

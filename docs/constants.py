@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-FOLDERS = ("pipeline", "stages")
+FOLDERS = ("pipeline", "stages", "tests/validation")
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
 """The command line: studies and their stages, measured units, and what holds the model against the world."""
 
+import argparse
 import gc
 import importlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from pipeline.cli.boundary import answer
 from pipeline.cli.parser import parser
@@ -16,16 +17,26 @@ time, as modules and their objects stay alive."""
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status: 0, 2 for what the user can mend, 1 for a failure of ours."""
+    return answered(_run, parser(), arguments)
+
+
+def answered(
+    action: Callable[[argparse.Namespace], None], program: argparse.ArgumentParser, arguments: Sequence[str] | None
+) -> int:
+    """Exit status of an action on the options of a program; an error is told in lines for the user."""
     gc.set_threshold(ALLOCATED)
     try:
-        options = parser().parse_args(arguments)
-        if options.opening:
-            print(shortened(options.opening.format(**vars(options))), flush=True)  # the imports behind it take seconds
-        module, _, action = options.command.partition(".")
-        getattr(importlib.import_module(f"pipeline.cli.{module}"), action)(options)
+        action(program.parse_args(arguments))
     except (Exception, KeyboardInterrupt) as error:
         outcome = answer(error)
         for line in outcome.lines:
             print(line, file=sys.stderr)
         return outcome.status
     return 0
+
+
+def _run(options: argparse.Namespace) -> None:
+    if options.opening:
+        print(shortened(options.opening.format(**vars(options))), flush=True)  # the imports behind it take seconds
+    module, _, action = options.command.partition(".")
+    getattr(importlib.import_module(f"pipeline.cli.{module}"), action)(options)

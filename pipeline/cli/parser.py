@@ -95,9 +95,7 @@ def _studies(command: Commands) -> None:
 
 
 def _decisions(command: Commands) -> None:
-    comparing = command(
-        "compare", "decisions.compare_runs", "compare two studies: what differs, and by how much"
-    )
+    comparing = command("compare", "decisions.compare_runs", "compare two studies: what differs, and by how much")
     comparing.add_argument("a", help="study file, or the stem of one in data/studies")
     comparing.add_argument("b", help="the other one; differences are b less a")
     _where(comparing)
@@ -174,12 +172,6 @@ def _measured(command: Commands) -> None:
     naming.set_defaults(opening="reading {unit}{series}")
     _where(naming)
 
-    touring = command("rig", "checks.identify_rig", "identify all states of the printed drive's rig, beside baselines")
-    touring.add_argument(
-        "--data", required=True, type=Path, help="folder with a folder of position files for each state"
-    )
-    _where(touring)
-
     changing = command("changed", "measured.compare_states", "say what changed between two measurements of one drive")
     for state in ("before", "after"):
         changing.add_argument(
@@ -194,9 +186,7 @@ def _measured(command: Commands) -> None:
 
     changing.set_defaults(opening="reading the units {before} and {after}")
 
-    comparing = command(
-        "population", "measured.compare_population", "compare measured units with a study"
-    )
+    comparing = command("population", "measured.compare_population", "compare measured units with a study")
     comparing.add_argument("--units", required=True, type=Path, help="CSV file, one row per unit with its metrics")
     comparing.add_argument(
         "--over",
@@ -207,18 +197,8 @@ def _measured(command: Commands) -> None:
     _study(comparing)
     _where(comparing)
 
-    testing = command(
-        "blind", "checks.run_blind", "test the identification on generated units whose truth it cannot read"
-    )
-    testing.add_argument("--cases", type=int, help="default: the full run")
-    testing.add_argument("--first", type=int, default=0, help="number of the first case; default: 0")
-    testing.add_argument("--seed", type=int, help="of the units")
-    testing.add_argument("--jobs", type=int, default=2, help="processes; default: 2")
-
 
 def _checks(command: Commands) -> None:
-    _study(command("bench", "checks.measure_speed", "measure the speed of a study's hot parts"))
-
     _where(command("paper", "checks.compare_paper", "compare the paper's Table 2, contacts and figures with the model"))
 
     fitting = command(
@@ -233,19 +213,10 @@ def _checks(command: Commands) -> None:
     )
     verifying.add_argument("--mesh", choices=("coarse", "paper"), default="paper", help="default: paper")
 
-    counting = command(
-        "coverage", "checks.count_coverage", "count how often intervals of a study's statistics hold the truth"
-    )
-    _study(counting)
-    counting.add_argument("--repeats", type=int, default=2000, help="experiments per design; default: 2000")
-    counting.add_argument("--jobs", type=int, default=2, help="processes; default: 2")
-
     exporting = command("export-ccx", "checks.export_deck", "write a sample of a study as an input deck of CalculiX")
     exporting.add_argument("study", help="study file, or the stem of one in data/studies")
     exporting.add_argument("--sample", required=True, type=int)
     exporting.add_argument("--crank", type=_finite, metavar="DEG", help="crank angle; default: the study's first")
-
-    command("licences", "checks.list_licences", "list the licence of every package that this program is installed with")
 
 
 def _study(sub: argparse.ArgumentParser) -> None:

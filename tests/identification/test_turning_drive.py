@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from turning_unit import GEAR, HELD, INTERVALS, ROOT, Record, table, write_record
 
-from pipeline.checks.blind.catalogue import no_compliance
 from pipeline.errors import InputError
 from pipeline.identification.bench.course import slid_torque
 from pipeline.identification.fitting.problem import candidates
@@ -22,6 +21,7 @@ from pipeline.identification.selection import model_selection
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.load_history.friction.output_path import Ripple, output_path
 from pipeline.report.unit.page import write_page
+from tests.validation.blind.catalogue import no_compliance
 
 OFFERED = ("coulomb", "encoder_eccentricity", "ovality_2")
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.checks.blind.catalogue import catalogue
-from pipeline.checks.blind.rigid_drive.effects import EFFECTS, NMM_PER_NM, RAD_PER_ARCMIN
-from pipeline.checks.blind.rigid_unit import rigid_drive
 from pipeline.config.files.writing import toml_of
 from pipeline.sampling import draw
+from tests.validation.blind.catalogue import catalogue
+from tests.validation.blind.rigid_drive.effects import EFFECTS, NMM_PER_NM, RAD_PER_ARCMIN
+from tests.validation.blind.rigid_unit import rigid_drive
 
 ROOT = Path(__file__).parents[2]
 (REDUCER,) = (design for design in catalogue(ROOT) if design.name == "holes_19")

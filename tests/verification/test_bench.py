@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from pipeline import assembly
-from pipeline.checks import bench
-from pipeline.checks.bench import preload, rates
-from pipeline.checks.bench.table import Result
 from pipeline.config import load_study
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
+from tests.validation import bench
+from tests.validation.bench import preload, rates
+from tests.validation.bench.table import Result
 
 RESULTS = [
     Result("loops_per_second_per_core", 6000.0, "1/s", 100, 1, "68 steps a loop"),

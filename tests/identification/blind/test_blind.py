@@ -11,17 +11,7 @@ import pandas as pd
 import pytest
 from scipy.stats import binom
 
-from pipeline import assembly, cli, settings
-from pipeline.checks.blind import generate as generating
-from pipeline.checks.blind import run
-from pipeline.checks.blind.bench import draw_bench
-from pipeline.checks.blind.catalogue import CRANKS_A_DESIGN, OFF, PLAUSIBLE, UNCERTAIN, catalogue, condense
-from pipeline.checks.blind.effect_size import amplitude_of, problem_of
-from pipeline.checks.blind.generate import FULL, MEASURING_UM, NONE, RIGID, Maker, generate, kind_of, simulator_of
-from pipeline.checks.blind.outside_effects import OUTSIDE
-from pipeline.checks.blind.rates import lower_bound, rates
-from pipeline.checks.blind.report import write_reports
-from pipeline.checks.blind.true_unit import UnsoundError, true_unit
+from pipeline import assembly, settings
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.identification.fitting.build import refitted
 from pipeline.identification.fitting.fitter import Fitter
@@ -30,6 +20,17 @@ from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection import model_selection
 from pipeline.model.effects.effect import TIME
 from pipeline.sampling import draw
+from tests.validation.__main__ import main
+from tests.validation.blind import generate as generating
+from tests.validation.blind import run
+from tests.validation.blind.bench import draw_bench
+from tests.validation.blind.catalogue import CRANKS_A_DESIGN, OFF, PLAUSIBLE, UNCERTAIN, catalogue, condense
+from tests.validation.blind.effect_size import amplitude_of, problem_of
+from tests.validation.blind.generate import FULL, MEASURING_UM, NONE, RIGID, Maker, generate, kind_of, simulator_of
+from tests.validation.blind.outside_effects import OUTSIDE
+from tests.validation.blind.rates import lower_bound, rates
+from tests.validation.blind.report import write_reports
+from tests.validation.blind.true_unit import UnsoundError, true_unit
 
 ROOT = Path(__file__).parents[3]
 OFFERED = ("coulomb", "output_torsion", "preload")
@@ -165,7 +166,7 @@ def test_an_amplitude_is_found_where_the_size_grows_and_none_where_it_cannot():
 
 def test_without_effect_and_noise_the_models_own_study_is_recovered(smallest, tmp_path):
     """The generator's curves differ from the model's only through what it says: mesh, law and its own numbers."""
-    from pipeline.checks.blind.files import write_unit
+    from tests.validation.blind.files import write_unit
 
     reducer = smallest.reducers[0]
     study, (believed_study, _) = reducer.model, smallest.condensed[reducer.name]
@@ -284,18 +285,19 @@ def test_the_command_starts_at_the_case_it_is_told_and_writes_its_rates(smallest
         run, "condense", lambda reducers, *_: {name.name: smallest.condensed["holes_19"] for name in reducers}
     )
     monkeypatch.setattr(settings, "RUNS", tmp_path)
-    assert cli.main(["blind", "--cases", "1", "--first", str(case), "--jobs", "1"]) == 0
+    assert main(["blind", "--cases", "1", "--first", str(case), "--jobs", "1"]) == 0
     assert "no effect: none named" in capsys.readouterr().out
     assert [row.case for row in run.read_rows(tmp_path / "blind" / "cases.csv")] == [case]
-    assert cli.main(["blind", "--cases", "1", "--first", "-1"]) == 2
+    assert main(["blind", "--cases", "1", "--first", "-1"]) == 2
     assert "--first = -1; must be at least 0" in capsys.readouterr().err
 
 
 def test_a_row_depends_on_every_source_and_on_the_catalogues_studies(smallest, monkeypatch):
     sources, hash_before = source_hashes(run.__name__), run.source_hash(smallest.reducers)
-    used_names = "assembly mounting sampling/errors identification/identify checks/blind/bench"
+    used_names = "assembly mounting sampling/errors identification/identify"
     used_names += " model/effects/elasticity/creep"
     paths = [*(f"pipeline/{name}.py" for name in used_names.split()), "stages/tables/condensed.py", "stages/reduce.py"]
+    paths += ["tests/validation/blind/bench.py"]
     assert set(paths) <= set(sources)
     for path in paths:
         monkeypatch.setattr(run, "source_hashes", lambda _, path=path: sources | {path: "edited"})

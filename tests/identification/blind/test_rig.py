@@ -5,11 +5,20 @@ import pandas as pd
 import pytest
 from measured_bench import ROOT, path_of
 
-from pipeline.checks.rig import EVERY, HOLES, RATIO, crank_angle, predicted_states, preload_turns, states_of, write_unit
 from pipeline.errors import InputError
 from pipeline.identification.generic.turning_crank import CrankLoops, LoopModel
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
+from tests.validation.rig import (
+    EVERY,
+    HOLES,
+    RATIO,
+    crank_angle,
+    predicted_states,
+    preload_turns,
+    states_of,
+    write_unit,
+)
 
 DRIVE = {
     "play_arcmin": 60.0,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pipeline.checks import coverage
 from pipeline.config import load_study
+from tests.validation import coverage
 
 ROOT = Path(__file__).parent.parent.parent.parent
 

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import assembly, elastic
-from pipeline.checks.bench.rates import REPEATS, seconds_of
-from pipeline.checks.bench.table import Result
 from pipeline.checks.calculix import THREADS, calculix_deck, calculix_program, run_calculix
 from pipeline.checks.specimen import SHARES, Specimen, loaded
 from pipeline.config import Study
 from pipeline.model.load_history.load_cycle import solve_cycle
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
+from tests.validation.bench.rates import REPEATS, seconds_of
+from tests.validation.bench.table import Result
 
 COPIES = 500
 """Times that one sample is solved, as many as a chunk of a study has samples."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.checks.blind.bench import Ramp
-from pipeline.checks.blind.true_unit import Outside, Track
+from tests.validation.blind.bench import Ramp
+from tests.validation.blind.true_unit import Outside, Track
 
 Real = NDArray[np.float64]
 

@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.checks.blind.bench import draw_bench, rows_a_cell
-from pipeline.checks.blind.catalogue import OFF, CataloguedCompliances, CatalogueReducer, no_compliance
-from pipeline.checks.blind.effect_size import Yardstick, amplitude_of, at_amplitude, draw_shape
-from pipeline.checks.blind.files import rounded, write_truth, write_unit
-from pipeline.checks.blind.outside_effects import OUTSIDE
-from pipeline.checks.blind.rigid_drive.noise import readings
-from pipeline.checks.blind.rigid_unit import RigidUnit, machined, rigid_unit
-from pipeline.checks.blind.true_unit import TrueUnit, UnsoundError, true_unit
 from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.build import refitted
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.fitting.scaled_drives import scaled_design
 from pipeline.sampling import Errors, draw
+from tests.validation.blind.bench import draw_bench, rows_a_cell
+from tests.validation.blind.catalogue import OFF, CataloguedCompliances, CatalogueReducer, no_compliance
+from tests.validation.blind.effect_size import Yardstick, amplitude_of, at_amplitude, draw_shape
+from tests.validation.blind.files import rounded, write_truth, write_unit
+from tests.validation.blind.outside_effects import OUTSIDE
+from tests.validation.blind.rigid_drive.noise import readings
+from tests.validation.blind.rigid_unit import RigidUnit, machined, rigid_unit
+from tests.validation.blind.true_unit import TrueUnit, UnsoundError, true_unit
 
 Real = NDArray[np.float64]
 Compliances = Callable[[Study, Sequence[float]], Sequence[Real]]

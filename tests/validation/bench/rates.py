@@ -11,7 +11,6 @@ from functools import partial
 import numpy as np
 
 from pipeline import assembly
-from pipeline.checks.bench.table import Result
 from pipeline.config import Study
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.clearance import Errors, gaps
@@ -21,6 +20,7 @@ from pipeline.model.geometry.rigid_play.rigid_backlash import RigidPlay, rigid_p
 from pipeline.sampling import Errors as SampledErrors
 from pipeline.sampling import draw
 from stages import hysteresis
+from tests.validation.bench.table import Result
 
 REPEATS = 3
 """A time is the best of so many."""

@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.checks.blind.effect_size import problem_of
-from pipeline.checks.blind.files import DIMENSIONS
-from pipeline.checks.blind.generate import OUTSIDE_KIND, Made
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, unmapped
 from pipeline.identification.fitting.problem import Candidate, Model, candidates, limit_cases
 from pipeline.identification.measurement.unit_file import load_measured_unit
+from tests.validation.blind.effect_size import problem_of
+from tests.validation.blind.files import DIMENSIONS
+from tests.validation.blind.generate import OUTSIDE_KIND, Made
 
 Real = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import beta
 
-from pipeline.checks.blind.generate import ELASTIC, NONE, ONE, OUTSIDE_KIND, RIGID, TWO
-from pipeline.checks.blind.run import VISIBLE, Row
 from pipeline.engine.store import write_atomic
 from pipeline.identification.selection.statements.verdict import ADEQUATE, UNEXPLAINED
+from tests.validation.blind.generate import ELASTIC, NONE, ONE, OUTSIDE_KIND, RIGID, TWO
+from tests.validation.blind.run import VISIBLE, Row
 
 LEVEL = 0.95
 """Confidence of the one-sided bounds of a rate."""

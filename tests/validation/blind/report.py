@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipeline.checks.blind.generate import TWO
-from pipeline.checks.blind.rates import confusion, rates, write_confusion, write_rates
-from pipeline.checks.blind.run import Row
 from pipeline.figures.style import INK, new_figure, save, styled
 from pipeline.identification.selection.statements.verdict import LARGEST_CLASS
+from tests.validation.blind.generate import TWO
+from tests.validation.blind.rates import confusion, rates, write_confusion, write_rates
+from tests.validation.blind.run import Row
 
 
 def write_reports(rows: Sequence[Row], folder: Path) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from pipeline.checks.blind.rigid_drive.drive import RigidDrive
+from tests.validation.blind.rigid_drive.drive import RigidDrive
 
 Real = NDArray[np.float64]
 

@@ -10,8 +10,6 @@ from functools import partial
 import numpy as np
 
 from pipeline import assembly
-from pipeline.checks.bench.rates import seconds_of
-from pipeline.checks.bench.table import Result
 from pipeline.config import Study
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.drive import Drive
@@ -20,6 +18,8 @@ from pipeline.model.units import MM_PER_UM
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 from stages import hysteresis
+from tests.validation.bench.rates import seconds_of
+from tests.validation.bench.table import Result
 
 UNITS = 100
 """Units that are solved, preloaded and with play."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from pipeline.checks.blind.rigid_drive.drive import Curve
+from tests.validation.blind.rigid_drive.drive import Curve
 
 Real = NDArray[np.float64]
 

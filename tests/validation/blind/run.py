@@ -16,9 +16,6 @@ import numpy as np
 from joblib import Parallel, delayed, parallel_config
 from numpy.typing import NDArray
 
-from pipeline.checks.blind import oracle
-from pipeline.checks.blind.catalogue import CatalogueReducer, catalogue, condense
-from pipeline.checks.blind.generate import FULL, NONE, ONE, OUTSIDE_KIND, TWO, Made, Maker, generate
 from pipeline.engine import progress
 from pipeline.engine.fingerprint import package_versions, source_hashes
 from pipeline.engine.store import write_atomic
@@ -26,6 +23,9 @@ from pipeline.identification.identify import FaultyUnit, Identification, identif
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.held_out import STAGES
 from pipeline.identification.selection.statements.verdict import ADEQUATE, LARGEST_CLASS, NOT_TESTABLE, UNEXPLAINED
+from tests.validation.blind import oracle
+from tests.validation.blind.catalogue import CatalogueReducer, catalogue, condense
+from tests.validation.blind.generate import FULL, NONE, ONE, OUTSIDE_KIND, TWO, Made, Maker, generate
 
 Real = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from pipeline.checks.blind.rigid_drive.flank import Flank
-from pipeline.checks.blind.rigid_drive.line_contact import LineContact
-from pipeline.checks.blind.rigid_drive.outputs import Output, Pose
+from tests.validation.blind.rigid_drive.flank import Flank
+from tests.validation.blind.rigid_drive.line_contact import LineContact
+from tests.validation.blind.rigid_drive.outputs import Output, Pose
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -3,7 +3,7 @@
 Every ratio is formed within one run, on one thread, because machines differ.
 """
 
-from pipeline.checks.bench.suite import bench
-from pipeline.checks.bench.table import Result, write
+from tests.validation.bench.suite import bench
+from tests.validation.bench.table import Result, write
 
 __all__ = ["Result", "bench", "write"]

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.checks.blind.rigid_drive.line_contact import LineContact
+from tests.validation.blind.rigid_drive.line_contact import LineContact
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]

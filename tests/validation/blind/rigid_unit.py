@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.checks.blind.bench import Bench, Ramp
-from pipeline.checks.blind.rigid_drive.drive import Bearing, NoBalanceError, RigidDrive
-from pipeline.checks.blind.rigid_drive.effects import EFFECTS, MM_PER_UM, NMM_PER_NM, RAD_PER_ARCMIN
-from pipeline.checks.blind.rigid_drive.flank import Flank
-from pipeline.checks.blind.rigid_drive.line_contact import LineContact
-from pipeline.checks.blind.rigid_drive.outputs import CrossedSlides, Output, PinsInHoles
-from pipeline.checks.blind.rigid_drive.readings import Loading, Position
-from pipeline.checks.blind.true_unit import Outside, Track, UnsoundError, encoder_places
 from pipeline.config.designs.design import Design
 from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.problem import Candidate
 from pipeline.sampling import Errors
+from tests.validation.blind.bench import Bench, Ramp
+from tests.validation.blind.rigid_drive.drive import Bearing, NoBalanceError, RigidDrive
+from tests.validation.blind.rigid_drive.effects import EFFECTS, MM_PER_UM, NMM_PER_NM, RAD_PER_ARCMIN
+from tests.validation.blind.rigid_drive.flank import Flank
+from tests.validation.blind.rigid_drive.line_contact import LineContact
+from tests.validation.blind.rigid_drive.outputs import CrossedSlides, Output, PinsInHoles
+from tests.validation.blind.rigid_drive.readings import Loading, Position
+from tests.validation.blind.true_unit import Outside, Track, UnsoundError, encoder_places
 
 Real = NDArray[np.float64]
 

@@ -6,10 +6,6 @@ from tempfile import TemporaryDirectory
 
 from threadpoolctl import threadpool_limits
 
-from pipeline.checks.bench.preload import preload
-from pipeline.checks.bench.rates import hot_parts
-from pipeline.checks.bench.rivals import calculix, condensing
-from pipeline.checks.bench.table import STAGE, Result
 from pipeline.config import Study
 from pipeline.engine.cache import Cache
 from pipeline.engine.runner import Resources, run
@@ -18,6 +14,10 @@ from pipeline.engine.store import Output
 from stages import hysteresis
 from stages.chain import STAGES
 from stages.drivers import DRIVERS
+from tests.validation.bench.preload import preload
+from tests.validation.bench.rates import hot_parts
+from tests.validation.bench.rivals import calculix, condensing
+from tests.validation.bench.table import STAGE, Result
 
 SAMPLES = (100, 1_000, 10_000)
 """Sizes of the study that are timed: a decade apart, so that growth shows."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.checks.blind.rigid_drive.drive import Curve, RigidDrive
-from pipeline.checks.blind.rigid_drive.effects import EFFECTS, NMM_PER_NM, RAD_PER_ARCMIN, Sensors
-from pipeline.checks.blind.rigid_drive.train import Train
+from tests.validation.blind.rigid_drive.drive import Curve, RigidDrive
+from tests.validation.blind.rigid_drive.effects import EFFECTS, NMM_PER_NM, RAD_PER_ARCMIN, Sensors
+from tests.validation.blind.rigid_drive.train import Train
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]

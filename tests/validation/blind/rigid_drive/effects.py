@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.checks.blind.rigid_drive.drive import RigidDrive
+from tests.validation.blind.rigid_drive.drive import RigidDrive
 
 Real = NDArray[np.float64]
 Changed = Callable[[RigidDrive, float, float], RigidDrive]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.checks.blind.bench import Bench, Ramp
 from pipeline.config.studies.study import Study
 from pipeline.identification.bench.simulator import Instrument
 from pipeline.identification.fitting.problem import Candidate, Model
@@ -24,6 +23,7 @@ from pipeline.model.load_history.friction.output_path import output_path
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
 from pipeline.mounting import drive_of
+from tests.validation.blind.bench import Bench, Ramp
 
 Real = NDArray[np.float64]
 STEPS = 64
