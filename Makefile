@@ -90,7 +90,7 @@ population: $(VENV)/installed  ## compare measured units with a study: make popu
 		$(JOBS_OPTION)
 
 blind: $(VENV)/installed  ## test the identification on units whose truth it cannot read: make blind CASES=60 FIRST=0
-	$(VALIDATION) blind $(if $(CASES),--cases "$$CASES") $(if $(FIRST),--first "$$FIRST") $(JOBS_OPTION)
+	$(VALIDATION) blind $(if $(CASES),--cases "$$CASES") $(if $(THIRD),--third "$$THIRD") $(if $(FIRST),--first "$$FIRST") $(JOBS_OPTION)
 
 test: $(VENV)/installed  ## run the tests
 	$(VENV)/bin/python -m pytest

@@ -14,6 +14,7 @@ from pipeline.errors import InputError
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from tests.validation import bench, coverage
+from tests.validation.blind.command_line import through_command_line
 from tests.validation.blind.report import write_reports
 from tests.validation.blind.run import FULL_RUN, SEED, blind
 from tests.validation.licences import UNKNOWN, licences
@@ -39,6 +40,7 @@ def parser() -> argparse.ArgumentParser:
             sub.add_argument("--repeats", type=int, default=2000, help="experiments per design; default: 2000")
         if name == "blind":
             sub.add_argument("--cases", type=int, default=FULL_RUN, help="default: the full run")
+            sub.add_argument("--third", type=int, help="units of the third simulator; default: half of --cases")
             sub.add_argument("--first", type=int, default=0, help="number of the first case; default: 0")
             sub.add_argument("--seed", type=int, default=SEED, help="of the units")
         if name == "rig":
@@ -69,13 +71,16 @@ def measure_speed(options: argparse.Namespace) -> None:
 
 def run_blind(options: argparse.Namespace) -> None:
     """Test the identification on generated units."""
-    _check_at_least(options, cases=1, first=0, jobs=1, seed=0)
+    _check_at_least(options, cases=0, first=0, jobs=1, seed=0)
     cases = range(options.first, options.first + options.cases)
-    rows = blind(cases, options.seed, options.jobs, settings.ROOT, settings.RUNS)
+    third = options.cases // 2 if options.third is None else options.third
+    cases_of_third = range(options.first, options.first + third)
+    rows = blind(cases, options.seed, options.jobs, settings.ROOT, settings.RUNS) if cases else []
+    rows += through_command_line(cases_of_third, options.seed, options.jobs, settings.ROOT, settings.RUNS)
     folder = settings.RUNS / "blind"
     write_reports(rows, folder)
     print((folder / "rates.csv").read_text(encoding="utf-8"), end="")
-    print(f"table: {settings.shown(folder / 'cases.csv')}")
+    print(f"tables: {settings.shown(folder / 'cases.csv')}, compliant.csv")
 
 
 def identify_rig(options: argparse.Namespace) -> None:

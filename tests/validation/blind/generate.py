@@ -46,8 +46,9 @@ REDRAWS = 30
 SAMPLES = 10**6
 """Numbers of samples that a unit is taken from: two units share none."""
 OUTSIDE_PREFIX = "outside:"
-ELASTIC, RIGID = "elastic", "rigid"
-"""Who makes a unit: the model's own physics on another mesh with another law, or a simulator that shares no code."""
+ELASTIC, RIGID, COMPLIANT = "elastic", "rigid", "compliant"
+"""Who makes a unit: the model's own physics on another mesh with another law, or one of two simulators that share no
+code with it; the third has cases of its own."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from scipy.stats import beta
 
 from pipeline.engine.store import write_atomic
 from pipeline.identification.selection.statements.verdict import ADEQUATE, UNEXPLAINED
-from tests.validation.blind.generate import ELASTIC, NONE, ONE, OUTSIDE_KIND, RIGID, TWO
+from tests.validation.blind.generate import COMPLIANT, ELASTIC, NONE, ONE, OUTSIDE_KIND, RIGID, TWO
 from tests.validation.blind.run import VISIBLE, Row
 
 LEVEL = 0.95
@@ -75,7 +75,7 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
     requirements = numbers_to_meet(rows)
     halves = [
         replace(rate, name=f"{simulator} simulator: {rate.name}")
-        for simulator in (ELASTIC, RIGID)
+        for simulator in (ELASTIC, RIGID, COMPLIANT)
         for rate in numbers_to_meet([row for row in rows if row.simulator == simulator])
     ]
     return [*requirements, *halves, *by_size([row for row in rows if row.kind == ONE])]
