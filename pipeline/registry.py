@@ -1,4 +1,4 @@
-"""What is declared one file each: the kinds of it, found in the files of a package and in what others register."""
+"""What is declared, alone in a file or in a table: the kinds of it, found in a package and in what others register."""
 
 import importlib
 import importlib.metadata
@@ -9,13 +9,13 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of thing that is declared one file each.
+    """A kind of thing that is declared.
 
     Attributes
     ----------
-    package : dotted name; its files and those of its rooms declare one each. A file whose name begins with an
-        underscore declares nothing, nor does one without the object.
-    attribute : the object of a file, "EFFECT".
+    package : dotted name; its files and those of its rooms declare one each, or several as a table. A file whose name
+        begins with an underscore declares nothing, nor does one without the object.
+    attribute : the object of a file, "EFFECT"; a table of them, a tuple, has the plural "EFFECTS".
     group : of entry points, in which another package registers one from outside (name = "module:EFFECT").
     """
 
@@ -24,7 +24,7 @@ class Kind:
     group: str
 
     def declarations(self) -> dict[str, Any]:
-        """The object of every file and of every entry point, by its ``name``.
+        """Every object of the files, alone or in a table, and of the entry points, by its ``name``.
 
         Raises
         ------
@@ -34,17 +34,20 @@ class Kind:
         paths = importlib.import_module(self.package).__path__
         files = (file.name for file in pkgutil.walk_packages(paths, f"{self.package}."))
         module_names = sorted(name for name in files if not name.rpartition(".")[2].startswith("_"))
-        declared = [(name, getattr(importlib.import_module(name), self.attribute, None)) for name in module_names]
+        declared = [(name, item) for name in module_names for item in self._of_module(name)]
         entries = sorted(importlib.metadata.entry_points(group=self.group), key=lambda entry: entry.name)
         declared += [(entry.value, entry.load()) for entry in entries]
         objects: dict[str, Any] = {}
         for place, item in declared:
-            if item is None:
-                continue
             if item.name in objects:
                 raise ValueError(f"{place}: {item.name} is declared already; give it another name")
             objects[item.name] = item
         return objects
+
+    def _of_module(self, name: str) -> tuple[Any, ...]:
+        module = vars(importlib.import_module(name))
+        alone, table = module.get(self.attribute), module.get(f"{self.attribute}S")
+        return (*([] if alone is None else [alone]), *(table if isinstance(table, tuple) else ()))
 
 
 CONTACT_LAWS = Kind("pipeline.model.contact.line_laws", "LAW", "cycloid_contact_laws")

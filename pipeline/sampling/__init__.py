@@ -1,6 +1,6 @@
 """Manufacturing errors of any sample of a study, counted and not consumed. Arrays have the sample axis first."""
 
-from pipeline.config.dimensions.pins._ovality import oval_shift
+from pipeline.config.dimensions.pins import oval_shift
 from pipeline.sampling.designs import replicates, uniforms
 from pipeline.sampling.errors import (
     Errors,

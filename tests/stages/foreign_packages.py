@@ -69,7 +69,7 @@ class Arcsine(Spread):
         yield from super().details(plain)
 """
 FOUR_LOBED = """
-from pipeline.config.dimensions.pins._ovality import ovality
+from pipeline.config.dimensions.pins import ovality
 DIMENSION = ovality(4, "four-lobed", rank=110, draw_columns=(12, 13))
 """
 DOGS = """

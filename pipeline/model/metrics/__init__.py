@@ -1,7 +1,7 @@
-"""The numbers that a reducer is judged by, one file each.
+"""The numbers that a reducer is judged by.
 
-A file defines ``METRIC``; adding one is adding a file: its column in the tables, its limit in a study file, its row,
-figure and definition in the report follow from it.
+The table ``METRICS`` of `loop.py` has them; adding one is adding an entry, or a file with one ``METRIC``: its column
+in the tables, its limit in a study file, its row, figure and definition in the report follow from it.
 """
 
 from pipeline.model.metrics.metric import (

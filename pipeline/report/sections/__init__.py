@@ -1,6 +1,6 @@
-"""The sections of a study's report, one file each, in rooms by what they tell of.
+"""The sections of a study's report, in rooms by their subject.
 
-A file defines ``SECTION``; adding one is adding a file: its heading, its entry in the contents, its figures and their
+A file defines one ``SECTION`` or a table ``SECTIONS``; its heading, its entry in the contents, its figures and their
 numbers follow from it. A long template lies beside it.
 """
 

@@ -1,7 +1,8 @@
-"""The numbers of a unit over the whole turn, one file each.
+"""The numbers of a unit over the whole turn.
 
-A file defines ``TURN_METRIC``; adding one is adding a file: its column in the table of units, its limit in a study
-file, its distribution, its row and its definition in the report follow from it.
+The table ``TURN_METRICS`` of `table.py` has them; adding one is adding an entry, or a file with one ``TURN_METRIC``:
+its column in the table of units, its limit in a study file, its distribution, its row and its definition in the report
+follow from it.
 """
 
 from pipeline.model.metrics.turn.turn_metric import (

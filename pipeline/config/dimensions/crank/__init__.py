@@ -1,1 +1,0 @@
-"""Dimensions of the crank, its eccentrics and their bearings."""

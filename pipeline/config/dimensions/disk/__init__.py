@@ -1,1 +1,0 @@
-"""Dimensions of the disks: flank, bore and holes."""

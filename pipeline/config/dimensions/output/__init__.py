@@ -1,1 +1,0 @@
-"""Dimensions of the output mechanism."""

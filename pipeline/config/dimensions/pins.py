@@ -1,0 +1,113 @@
+"""Dimensions of the pins and of the ring that holds them."""
+
+import numpy as np
+
+from pipeline.config.dimensions.dimension import PINS, Dimension, Need, Real
+
+
+# A pin circle out of round: waves of the pins' radial position along the circle.
+def oval_shift(amplitude: Real, phase: Real, order: int, pins: int) -> Real:
+    """Radial shift of the pins by a ring out of round, amplitude cos(order (theta - phase)).
+
+    Parameters
+    ----------
+    amplitude : (n_samples,), in any unit of length.
+    phase : (n_samples,) [rad].
+    order : waves around the circle.
+    pins : number of pins, clockwise from theta = 0.
+
+    Returns
+    -------
+    (n_samples, pins), in the unit of the amplitude.
+    """
+    theta = -2 * np.pi * np.arange(pins) / pins
+    return amplitude[:, None] * np.cos(order * (theta - phase[:, None]))
+
+
+def ovality(order: int, lobed: str, rank: int, draw_columns: tuple[int, int]) -> Dimension:
+    """The ovality of so many waves."""
+    return Dimension(
+        name=f"ovality_{order}",
+        title=f"{lobed} ovality of pin circle",
+        sign="amplitude; direction random",
+        meaning=f"{lobed} ovality of the pin circle, part of radial_um",
+        rank=rank,
+        draw_columns=draw_columns,
+        one_sided=True,
+        direction="direction in which the pin circle is widest",
+        acts_on="pin_radial",
+        shift=lambda amplitude, phase, design: oval_shift(amplitude, phase, order, design.cycloid.pins),
+    )
+
+
+# A pin out of round: waves of its radius around it, each pin turned as it happens to sit.
+#
+# The pins are held against turning in the housing: each shows the disk the same side over the whole turn. One that
+# rolls in its seat shows another side each time, and its seat bears it on the side away from the disk: an oval pin then
+# counts twice, a three-lobed one, which has the same width all round, not at all. That is not modelled.
+HELD = Need(
+    lambda design: design.operation is None or design.operation.pins == "fixed", 'pins held, [operation] pins = "fixed"'
+)
+
+
+def roundness(order: int, lobed: str, rank: int, draw_columns: tuple[int, int]) -> Dimension:
+    """The roundness error of so many waves."""
+    return Dimension(
+        name=f"pin_roundness_{order}",
+        title=f"{lobed} roundness of pins",
+        sign="amplitude of each pin, half of its roundness deviation; direction random; pins held against turning",
+        meaning=f"amplitude of the pin's {lobed} wave, half of its roundness deviation",
+        rank=rank,
+        draw_columns=draw_columns,
+        elements=PINS,
+        need=HELD,
+        one_sided=True,
+        direction="direction in which the pin is thickest, counterclockwise from the crank at 0",
+        counted_where_varied=True,
+    )
+
+
+DIMENSIONS = (
+    # Radial position of each pin.
+    Dimension(
+        name="pin_radial",
+        title="radial pin position",
+        sign="each pin; outwards positive",
+        meaning="position error outwards, ovalities included",
+        rank=10,
+        draw_columns=(7,),
+        elements=PINS,
+        gap_sign=1,
+    ),
+    # Tangential position of each pin.
+    Dimension(
+        name="pin_tangential",
+        title="tangential pin position",
+        sign="each pin; counterclockwise positive",
+        meaning="position error counterclockwise",
+        rank=20,
+        draw_columns=(8,),
+        elements=PINS,
+    ),
+    # Radius of each pin.
+    Dimension(
+        name="pin_radius",
+        title="pin radius",
+        sign="each pin; smaller gives clearance",
+        meaning="radius error, larger positive",
+        rank=30,
+        draw_columns=(9,),
+        elements=PINS,
+        measure="radius",
+        size_um=lambda design: 1e3 * design.cycloid.pin_radius_mm,
+        gap_sign=-1,
+    ),
+    # Pins of two lobes.
+    roundness(2, "two-lobed", rank=32, draw_columns=(130, 131)),
+    # Pins of three lobes.
+    roundness(3, "three-lobed", rank=34, draw_columns=(132, 133)),
+    # A pin circle of two lobes.
+    ovality(2, "two-lobed", rank=90, draw_columns=(3, 5)),
+    # A pin circle of three lobes.
+    ovality(3, "three-lobed", rank=100, draw_columns=(4, 6)),
+)

@@ -1,1 +1,0 @@
-"""Dimensions of the pins and of the ring that holds them."""

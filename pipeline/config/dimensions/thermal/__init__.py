@@ -1,1 +1,0 @@
-"""Growth of the parts by temperatures that a study draws."""
