@@ -14,7 +14,7 @@ from pipeline.cli.printing import print_answer
 from pipeline.config import Study, load_study, load_unit
 from pipeline.engine.lock import locked
 from pipeline.engine.runner import damages, plan, set_aside, why
-from pipeline.engine.store import DAMAGED, Output, remove, write_atomic
+from pipeline.engine.store import DAMAGED, RECORD, Output, remove, write_atomic
 from pipeline.errors import InputError
 from pipeline.library.running import known_size, prepared_loops, up_to_date
 from pipeline.library.studies import tails
@@ -148,10 +148,13 @@ def check_run(options: argparse.Namespace) -> None:
     for damage in damaged:
         print(f"{folder / damage.stage / damage.name}: {damage.fault}")
     if damaged:
-        stages = " ".join(dict.fromkeys(damage.stage for damage in damaged if damage.stage))
+        foreign = {damage.stage for damage in damaged if (damage.name, damage.fault) == (RECORD, "extra")}
+        for stage in sorted(foreign):
+            print(f"{folder / stage}: no stage of this run; move the folder away")
         if set_aside(folder, damaged):
             print(f"set aside in {settings.shown(folder / DAMAGED)} what is altered or extra")
-        print(f"run again: python -m pipeline run {stages} --study {folder.name}")
+        if stages := dict.fromkeys(damage.stage or "report" for damage in damaged if damage.stage not in foreign):
+            print(f"run again: python -m pipeline run {' '.join(stages)} --study {folder.name}")
         raise SystemExit(1)
     print(f"{settings.shown(folder)}: every file is what was written")
 

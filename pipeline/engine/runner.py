@@ -228,7 +228,10 @@ def damages(run_folder: Path) -> list[Damage]:
     for stage in sorted({*outputs, *seals, *_inputs_named(outputs.values())}):
         output = outputs.get(stage)
         if output is None:
-            damage.append(Damage(stage, RECORD, "altered" if stage in outputs else "missing"))
+            is_extra = manifest is not None and stage not in seals
+            damage.append(
+                Damage(stage, RECORD, "missing" if stage not in outputs else "extra" if is_extra else "altered")
+            )
         elif manifest and seals.get(stage) != output.record["seal"]:
             damage.append(Damage(stage, RECORD, "altered"))
         damage += [Damage(stage, name, fault) for name, fault in (output.verify() if output else {}).items()]
@@ -241,19 +244,22 @@ def _inputs_named(outputs: Iterable[Output | None]) -> set[str]:
 
 
 def set_aside(run_folder: Path, damage: Iterable[Damage]) -> bool:
-    """Move what is altered or extra out of a run, so that the next one makes it anew; False if it cannot be written.
+    """Move what is altered or extra out of a run, so that the next one makes it anew; whether anything was moved.
+
+    Nothing is moved out of a run that cannot be written; records are written over by the next run.
 
     Raises
     ------
     InputError
         If another process writes the run.
     """
-    if not os.access(run_folder, os.W_OK):
+    movable = [damaged for damaged in damage if damaged.fault != "missing" and damaged.name not in (RECORD, MANIFEST)]
+    if not movable or not os.access(run_folder, os.W_OK):
         return False
     with locked(run_folder):
-        for damaged in damage:
+        for damaged in movable:
             output = Output.open(run_folder / damaged.stage)
-            if output is not None and damaged.name != RECORD:
+            if output is not None:
                 output.set_aside(damaged.name)
     return True
 

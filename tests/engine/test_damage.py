@@ -270,6 +270,14 @@ def test_check_misses_a_stage_that_is_gone(tmp_path: Path, outputs, remove: str,
     assert runner.damages(tmp_path / "toy") == []
 
 
+def test_check_names_a_folder_that_is_no_stage_of_the_run(tmp_path: Path, outputs) -> None:
+    shutil.copytree(tmp_path / "toy/add", tmp_path / "toy/add2")
+    damages = runner.damages(tmp_path / "toy")
+    assert [(damaged.stage, damaged.name, damaged.fault) for damaged in damages] == [("add2", "record.json", "extra")]
+    assert not runner.set_aside(tmp_path / "toy", damages)
+    assert (tmp_path / "toy/add2/record.json").is_file()
+
+
 def test_check_takes_no_lock(tmp_path: Path, outputs) -> None:
     """An archive that nobody may write, or that another process reads, is verified all the same."""
     with locked(tmp_path / "toy"):

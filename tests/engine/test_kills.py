@@ -91,6 +91,17 @@ def test_a_worker_that_the_system_kills_loses_no_finished_chunk(tmp_path: Path) 
     )
 
 
+def test_a_worker_that_joblib_starts_anew_because_it_has_grown_is_no_news(tmp_path: Path) -> None:
+    with started(tmp_path / "runs", tmp_path / "log", keeps_MB=120) as process:
+        _, messages = process.communicate()
+    assert process.returncode == 0
+    assert "worker stopped" not in messages
+    assert len(set(begun(tmp_path / "log.workers"))) > 2
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(1, 2))) == hashes(
+        run(STAGES, Toy(), ["finish"], tmp_path / "anew", Resources(1, 2))
+    )
+
+
 def of_session(leader: int) -> list[int]:
     """Processes that are left of a session."""
     left = []

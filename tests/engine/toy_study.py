@@ -41,6 +41,7 @@ class Trouble:
     fail_at: int = -1
     die_at: int = -1
     exhaust_at: int = -1
+    keeps_MB: int = 0
     log: str = os.devnull
 
     @classmethod
@@ -67,6 +68,7 @@ SUMS = Table(
 KEPT = Table("kept", "sample 0 only", (SAMPLE, Column("side", "label", "", "side of zero")))
 TOTAL = Table("total", "statistic", (Column("statistic", "label", "", "name"), Column("value", "float64", "mm", "it")))
 POINTS_PER_SAMPLE = 3
+KEPT_BY_WORKER: list[np.ndarray] = []
 
 
 def draw(job: Job) -> Tables:
@@ -105,6 +107,10 @@ def add(shared: dict, chunk: Chunk) -> Tables:
         os._exit(1)
     if chunk.start <= trouble.exhaust_at < chunk.stop:
         np.ones(1 << 50)  # a real refusal of the system: a petabyte
+    if trouble.keeps_MB and chunk.start > 0:
+        KEPT_BY_WORKER.append(np.ones(trouble.keeps_MB << 17))
+        with open(f"{trouble.log}.workers", "a") as workers:
+            workers.write(f"{os.getpid()}\n")
     shared["powers"] *= 1.0  # arrays are writable in every process
     points = chunk.tables["draw/points"]
     total = (points["x_mm"][:, None] ** shared["powers"]).sum(axis=1).reshape(-1, POINTS_PER_SAMPLE).sum(axis=1)

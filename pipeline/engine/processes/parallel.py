@@ -8,6 +8,7 @@ one BLAS thread, for any number of processes; workers elsewhere are started by t
 import os
 import platform
 import traceback
+import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass
@@ -28,6 +29,12 @@ from pipeline.errors import ChunkError, InputError
 WAVE = 32
 """Chunks a process between two moments at which every result is written. Workers outrun a slow disk by no more than
 that, which bounds memory; waiting for the last of a wave costs about half a chunk in 32."""
+
+
+# joblib measures the memory of a worker after its first chunk, of whichever stage, and starts a new process in its place
+# when it has grown by 300 MB. Workers serve all stages: what a later one maps, keeps and compiles is no leak, and the
+# search of the worst over the turn grows to 540 MB and stays there.
+warnings.filterwarnings("ignore", "A worker stopped while some jobs were given to the executor", UserWarning)
 
 
 @dataclass(frozen=True)
