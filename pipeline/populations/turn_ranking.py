@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.model.compiled import entry, part
+from pipeline.model.compiled import algebraic_part, entry
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import NMM_PER_NM
@@ -103,34 +103,35 @@ def _output_ends(drive: Drive) -> Real:
     return np.stack([ends[0] - plus, ends[1] - minus], axis=-1)[:, None]
 
 
-@part
-def _ends(of_pins, of_lobes, behind, arm, sign, disk, end):
-    """Rotations ``end`` (n_places,) in one sense at which the springs close, infinite for those of the other; least."""
+@algebraic_part
+def _ends(of_pins, of_lobes, end):
+    """Fill the rotations ``end`` (n_places,) at which springs close; the least."""
+    for k in range(end.shape[0]):
+        end[k] = of_pins[k] + of_lobes[k]
     first = np.inf
     for k in range(end.shape[0]):
-        if -sign * arm[k] > 0.0:
-            end[k] = (of_pins[k] + of_lobes[k]) / abs(arm[k]) + sign * behind[disk[k]]
-            first = min(first, end[k])
-        else:
-            end[k] = np.inf
+        first = end[k] if end[k] < first else first
     return first
 
 
-@part
+@algebraic_part
 def _rotation(end, stiffness, torque, phi):
-    """Rotation at which the springs carry a torque, by Newton from any rotation ``phi``."""
+    """Rotation at which the springs carry a torque, by Newton from any rotation ``phi``.
+
+    The sums take all springs, the open ones with the factor 0: so the compiler adds several at once.
+    """
     before = np.inf
     for _ in range(MOST_STEPS):
         slope, offset = 0.0, 0.0
         for k in range(end.shape[0]):
-            if end[k] < phi:
-                slope += stiffness[k]
-                offset += stiffness[k] * end[k]
+            spring = stiffness[k]
+            closed = spring if end[k] < phi else 0.0
+            slope += closed
+            offset += closed * end[k]
         if slope == 0.0:
             for k in range(end.shape[0]):
-                if end[k] < np.inf:
-                    slope += stiffness[k]
-                    offset += stiffness[k] * end[k]
+                slope += stiffness[k]
+                offset += stiffness[k] * end[k]
         phi = (torque + offset) / slope
         if phi == before:
             break
@@ -139,58 +140,46 @@ def _rotation(end, stiffness, torque, phi):
 
 
 @entry
-def _spring_forces(of_pins, of_lobes, output, arm, stiffness, disk, torque, pitches, force):
-    """Fill the forces (n, n_pitches, 2, n_places) [N] of the springs under a torque in both senses."""
+def _spring_forces(of_pins, of_lobes, stiffness, torque, pitches, force):
+    """Fill the moments (n, n_pitches, n_places) [N mm] of the springs under a torque."""
     n_pins, n_lobes = of_pins.shape[1], of_lobes.shape[1]
-    end = np.empty(arm.shape[0])
+    end = np.empty(of_pins.shape[2])
     for s in range(force.shape[0]):
         for p in range(pitches.shape[0]):
-            a, b = pitches[p] % n_pins, pitches[p] % n_lobes
-            for sense in range(2):
-                _ends(of_pins[s, a], of_lobes[s, b], output[s, b, :, sense], arm, 1.0 - 2.0 * sense, disk, end)
-                phi = _rotation(end, stiffness, torque, 0.0)
-                for k in range(end.shape[0]):
-                    force[s, p, sense, k] = stiffness[k] / abs(arm[k]) * (phi - end[k]) if end[k] < phi else 0.0
+            _ends(of_pins[s, pitches[p] % n_pins], of_lobes[s, pitches[p] % n_lobes], end)
+            phi = _rotation(end, stiffness, torque, 0.0)
+            for k in range(end.shape[0]):
+                force[s, p, k] = stiffness[k] * (phi - end[k]) if end[k] < phi else 0.0
 
 
 @entry
-def _spring_features(of_pins, of_lobes, output, arm, stiffness, spread, pressure, disk, levels, features):
-    """Fill features (n, n_pins n_lobes, n_features), see ``Springs.features``."""
+def _spring_features(of_pins, of_lobes, stiffness, peak_of_moment, levels, features):
+    """Fill features (n, n_pins n_lobes, n_levels + 2) of one sense, see ``Springs.features``."""
     n, n_pins, n_places = of_pins.shape
     n_lobes, n_levels = of_lobes.shape[1], levels.shape[0]
-    of_sense = n_levels + 2
     end, carried = np.empty(n_places), np.empty(n_places)
     for s in range(n):
-        guess = np.zeros(2)
+        phi = np.zeros(n_levels)  # at the pitch before: two or three steps of Newton away
         for pitch in range(n_pins * n_lobes):
-            a, b = pitch % n_pins, pitch % n_lobes
-            for sense in range(2):
-                first = _ends(of_pins[s, a], of_lobes[s, b], output[s, b, :, sense], arm, 1.0 - 2.0 * sense, disk, end)
-                features[s, pitch, sense * of_sense] = first
-                phi = guess[sense]
-                for level in range(n_levels - 1, -1, -1):
-                    phi = _rotation(end, stiffness, levels[level], phi)
-                    features[s, pitch, sense * of_sense + 1 + level] = phi
-                    if level == n_levels - 1:
-                        guess[sense] = phi
-                        peak = _peak(end, phi, arm, stiffness, spread, pressure, carried)
-                        features[s, pitch, (sense + 1) * of_sense - 1] = peak
-            peaks = features[s, pitch, of_sense - 1], features[s, pitch, 2 * of_sense - 1]
-            features[s, pitch, 2 * of_sense] = max(peaks[0], peaks[1])
+            features[s, pitch, 0] = _ends(of_pins[s, pitch % n_pins], of_lobes[s, pitch % n_lobes], end)
+            for level in range(n_levels):
+                phi[level] = _rotation(end, stiffness, levels[level], phi[level])
+                features[s, pitch, 1 + level] = phi[level]
+            features[s, pitch, n_levels + 1] = _peak(end, phi[-1], stiffness, peak_of_moment, carried)
 
 
-@part
-def _peak(end, phi, arm, stiffness, spread, pressure, carried):
-    """Peak pressure [MPa] under the forces of springs at a rotation, spread over their neighbours."""
+@algebraic_part
+def _peak(end, phi, stiffness, peak_of_moment, carried):
+    """Peak pressure [MPa] under the moments of springs at a rotation, spread over their neighbours."""
     carried[:] = 0.0
     for k in range(end.shape[0]):
         if end[k] < phi:
-            force = stiffness[k] / abs(arm[k]) * (phi - end[k])
-            for i in range(end.shape[0]):
-                carried[i] += spread[k, i] * force
+            moment = stiffness[k] * (phi - end[k])
+            for i in range(carried.shape[0]):
+                carried[i] += peak_of_moment[k, i] * moment
     peak = 0.0
-    for k in range(end.shape[0]):
-        peak = max(peak, pressure[k] * pressure[k] * carried[k])
+    for k in range(carried.shape[0]):
+        peak = carried[k] if carried[k] > peak else peak
     return np.sqrt(peak)
 
 
@@ -225,11 +214,25 @@ class Springs:
         levels, disk = np.sort(torques) * abs(reducer.flange_ratio), np.ascontiguousarray(reducer.disk_of_contact[:n])
         return cls(arm, disk, arm**2 / compliance, drives.laws[0].pressure[:n], levels, np.eye(n))
 
+    def _closing(self, gaps: SeparateGaps, sense: int) -> tuple[NDArray[np.intp], Real, Real]:
+        """Places that close in a sense (n_closing,), and their rotations by pins and by lobes [rad], whose sum closes.
+
+        (n, n_pins, n_closing) and (n, n_lobes, n_closing).
+        """
+        sign = 1.0 - 2.0 * sense
+        rows = np.flatnonzero(-sign * self.arm > 0)
+        size, behind = np.abs(self.arm[rows]), gaps.output[..., sense][:, :, self.disk[rows]]
+        of_pins, of_lobes = gaps.of_pins[:, :, rows] / size, gaps.of_lobes[:, :, rows] / size + sign * behind
+        return rows, np.ascontiguousarray(of_pins), np.ascontiguousarray(of_lobes)
+
     def fitted(self, gaps: SeparateGaps, pitches: NDArray[np.intp], force: Real) -> Springs:
         """With the spread by least squares on true forces (n, n_pitches, 2, n_places) [N] under the highest torque."""
-        forces = np.empty(force.shape)
-        sizes = gaps.of_pins, gaps.of_lobes, gaps.output
-        _spring_forces(*sizes, self.arm, self.stiffness, self.disk, self.levels[-1], pitches, forces)
+        forces = np.zeros(force.shape)
+        for sense in range(2):
+            rows, of_pins, of_lobes = self._closing(gaps, sense)
+            moments = np.empty((*force.shape[:2], len(rows)))
+            _spring_forces(of_pins, of_lobes, self.stiffness[rows], self.levels[-1], pitches, moments)
+            forces[:, :, sense, rows] = moments / np.abs(self.arm[rows])
         finite = np.isfinite(force).all(axis=3)
         rough, true = forces[finite], force[finite]
         square = rough.T @ rough
@@ -243,9 +246,14 @@ class Springs:
         of both pressures.
         """
         n, n_pins = gaps.of_pins.shape[:2]
-        features = np.empty((n, n_pins * gaps.of_lobes.shape[1], 2 * (len(self.levels) + 2) + 1))
-        springs = self.arm, self.stiffness, self.spread, self.pressure, self.disk, self.levels
-        _spring_features(gaps.of_pins, gaps.of_lobes, gaps.output, *springs, features)
+        of_sense = len(self.levels) + 2
+        features = np.empty((n, n_pins * gaps.of_lobes.shape[1], 2 * of_sense + 1))
+        for sense in range(2):
+            rows, of_pins, of_lobes = self._closing(gaps, sense)
+            peak = self.spread[np.ix_(rows, rows)] * self.pressure[rows] ** 2 / np.abs(self.arm[rows, None])
+            columns = features[:, :, sense * of_sense : (sense + 1) * of_sense]
+            _spring_features(of_pins, of_lobes, self.stiffness[rows], peak, self.levels, columns)
+        np.maximum(features[:, :, of_sense - 1], features[:, :, 2 * of_sense - 1], out=features[:, :, -1])
         return features
 
 
