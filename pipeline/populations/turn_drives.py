@@ -2,11 +2,14 @@
 
 A step is a phase of a pitch of the pins. After a pitch the pins stand about the eccentric as before, each in the place
 of the next one, and the disk has gone on by a lobe: laws and compliance are kept in the order of places about the
-eccentric, once for each phase and lobe, and read in the order of the pins.
+eccentric, once for each phase and lobe, and read in the order of the pins. After as many pitches as there are lobes the
+whole drive has turned in the housing: it is the same one with the errors of other pins in their places, so that states
+of many steps are solved together.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +19,7 @@ from pipeline import assembly
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.clearance import Errors as ModelErrors
+from pipeline.model.geometry.out_of_round import ORDERS
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.loop_readings import loop_readings
@@ -33,6 +37,12 @@ Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 Condense = Callable[[float], Sequence[Real]]
 """Crank angle [degrees] to the compliance of each disk between its contacts (n_rows, n_rows) [mm/N]."""
+HOUSING_ERRORS = ("pin_radial", "pin_tangential", "pin_radius", "pin_roundness")
+"""Errors of the pins."""
+SOLVED_AT_ONCE = 2_000
+"""States that are solved together: 50 MB of forces."""
+SAME = 1e-9
+"""Arms and gaps [mm] and directions [-] that differ by less are the same."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +115,57 @@ class TurnDrives:
         compliance = block[pitch % len(block)][np.ix_(order, order)]
         crank, laws = float(self.crank_deg(int(step))), self.laws[phase][order]
         return drive_of(self.study, crank, compliance, units.errors, units.clearance, laws, units.modulus)
+
+    @cached_property
+    def repeats(self) -> bool:
+        """Whether the drive repeats, turned in the housing, after as many pitches as there are lobes.
+
+        Cranks of a carrier turn by other ratios, and effects may depend on the angle of the crank.
+        """
+        study = self.study
+        if study.design.effects or study.design.output.carries_disks:
+            return False
+        reducers = [assembly.reducer(study.design, float(self.crank_deg(step))) for step in (1, 1 + self._period)]
+        parts = []
+        for reducer, pitch in zip(reducers, (0, self._period // self.phases), strict=True):
+            order = np.argsort(self.places(pitch))
+            contacts = reducer.contacts
+            direction = contacts.normal[order] * np.exp(-1j * reducer.crank)
+            parts.append((contacts.arm[order], contacts.gap[order], contacts.per_eccentricity[order], direction))
+        return not reducers[0].displacements and all(
+            np.allclose(before, after, rtol=0, atol=SAME) for before, after in zip(*parts, strict=True)
+        )
+
+    @property
+    def _period(self) -> int:
+        """Steps of as many pitches as there are lobes."""
+        return self.study.design.cycloid.lobes * self.phases
+
+    def metrics_at(self, steps: Index, rows: Index, units: Units) -> Real:
+        """Every metric (n_pairs, n_metrics) of pairs (n_pairs,) of a step and a unit; missing where it does not hold.
+
+        Pairs that one drive serves are solved together.
+        """
+        values = np.empty((len(steps), len(library())))
+        turns, first_steps = np.divmod(steps, self._period) if self.repeats else (np.zeros_like(steps), steps)
+        order = np.argsort(first_steps, kind="stable")
+        found, start = np.unique(first_steps[order], return_index=True)
+        for step, group in zip(found, np.split(order, start[1:]), strict=True):
+            for part in np.split(group, np.arange(SOLVED_AT_ONCE, len(group), SOLVED_AT_ONCE)):
+                values[part] = self.solved(int(step), self._turned(units.some(rows[part]), turns[part]))[2]
+        return values
+
+    def _turned(self, units: Units, turns: Index) -> Units:
+        """Units (n,) as they are after so many (n,) times as many pitches as there are lobes, turned back."""
+        if not np.any(turns):
+            return units
+        pins, errors = self.study.design.cycloid.pins, units.errors
+        place = (np.arange(pins) + turns[:, None]) % pins
+        of_pins = {name: getattr(errors, name) for name in HOUSING_ERRORS}
+        rolled = {name: values[np.arange(len(turns))[:, None], place] for name, values in of_pins.items()}
+        angle = np.multiply.outer(2 * np.pi / pins * self.study.design.cycloid.lobes * turns, np.array(ORDERS))
+        rolled["pin_roundness"] = rolled["pin_roundness"] * np.exp(1j * angle)[:, None]
+        return replace(units, errors=replace(errors, **rolled))
 
     def solved(self, step: int, units: Units) -> tuple[Drive, CycleResponse, Real]:
         """Drive and response of units at a step, and every metric (n, n_metrics); missing where it does not hold."""

@@ -21,14 +21,12 @@ from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import NMM_PER_NM
 from pipeline.mounting import drive_of
-from pipeline.populations.turn_drives import TurnDrives, Units
+from pipeline.populations.turn_drives import HOUSING_ERRORS, TurnDrives, Units
 
 Real = NDArray[np.float64]
 
 OF_DISK = ("lobe", "lobe_pitch", "bore_runout", "hole_diameter", "pin_off_hole")
 """Errors that turn with a disk."""
-OF_HOUSING = ("pin_radial", "pin_tangential", "pin_radius", "pin_roundness")
-"""Errors of the pins."""
 MOST_STEPS = 40
 """Newton steps to the rotation; convex and piecewise linear, so that some five find it."""
 WAVES = 4
@@ -58,8 +56,8 @@ class SeparateGaps:
     def of(cls, drives: TurnDrives, units: Units) -> SeparateGaps:
         """The gaps of some units."""
         study, n_places = drives.study, drives.study.design.cycloid.pins * drives.study.design.disk.count
-        without_disk, without_pins = _without(units, OF_DISK), _without(units, OF_HOUSING)
-        neither = _without(without_disk, OF_HOUSING)
+        without_disk, without_pins = _without(units, OF_DISK), _without(units, HOUSING_ERRORS)
+        neither = _without(without_disk, HOUSING_ERRORS)
         first = _drive(drives, 0, neither).gap[:, :n_places]
         of_pins, of_lobes, output = [], [], []
         for pitch in range(study.design.cycloid.pins):

@@ -65,16 +65,20 @@ class _Best:
         self.missing = np.zeros((n, len(self.sign)), bool)
         self.solved = np.zeros(n, np.intp)
 
-    def take(self, step: int, rows: Index, values: Real) -> None:
-        """Note metrics (n_rows, n_metrics) of units at a step."""
-        self.missing[rows] |= np.isnan(values)
-        signed = np.where(np.isnan(values), -np.inf, self.sign * values)[..., None]
-        value = np.concatenate([self.value[rows], signed], axis=2)
-        steps = np.concatenate([self.step[rows], np.full(signed.shape, step)], axis=2)
-        order = np.argsort(-value, axis=2, kind="stable")[..., :BEST_CLIMBED]
-        self.value[rows] = np.take_along_axis(value, order, axis=2)
-        self.step[rows] = np.take_along_axis(steps, order, axis=2)
-        self.solved[rows] += 1
+    def take(self, steps: Index, rows: Index, values: Real) -> None:
+        """Note metrics (n_pairs, n_metrics) of pairs (n_pairs,) of a step and a unit; of equal ones the first stays."""
+        np.logical_or.at(self.missing, rows, np.isnan(values))
+        self.solved += np.bincount(rows, minlength=len(self.solved))
+        signed = np.where(np.isnan(values), -np.inf, self.sign * values)
+        for metric in range(len(self.sign)):
+            value, step = self.value[:, metric], self.step[:, metric]
+            unit = np.concatenate([np.repeat(np.arange(len(value)), BEST_CLIMBED), rows])
+            all_values = np.concatenate([value.ravel(), signed[:, metric]])
+            all_steps = np.concatenate([step.ravel(), steps])
+            order = np.lexsort((-all_values, unit))
+            first = np.searchsorted(unit[order], np.arange(len(value)))
+            best = order[first[:, None] + np.arange(BEST_CLIMBED)]
+            self.value[:, metric], self.step[:, metric] = all_values[best], all_steps[best]
 
     def worst(self) -> Worst:
         value, step = self.value[..., 0], self.step[..., 0]
@@ -158,17 +162,16 @@ def _solve_beside(drives: TurnDrives, units: Units, steps: Index, offsets: Seque
 
 
 def _solve_pairs(drives: TurnDrives, units: Units, pairs: Index, best: _Best) -> None:
-    """Solve pairs (n_pairs, 2) of a step and a unit, units of one step together."""
-    steps, first = np.unique(pairs[:, 0], return_index=True)
-    for step, rows in zip(steps, np.split(pairs[:, 1], first[1:]), strict=True):
-        best.take(int(step), rows, drives.solved(int(step), units.some(rows))[2])
+    """Solve pairs (n_pairs, 2) of a step and a unit."""
+    steps, rows = pairs.T
+    best.take(steps, rows, drives.metrics_at(steps, rows, units))
 
 
 def audit(drives: TurnDrives, units: Units) -> Worst:
     """The worst of units that are solved at every pitch, and between them beside the worst of each metric."""
-    best, rows = _Best(len(units)), np.arange(len(units))
-    for pitch in range(drives.pitches):
-        best.take(pitch * drives.phases, rows, drives.solved(pitch * drives.phases, units)[2])
+    best = _Best(len(units))
+    pitches, rows = np.meshgrid(np.arange(drives.pitches), np.arange(len(units)), indexing="ij")
+    _solve_pairs(drives, units, np.stack([drives.phases * pitches.ravel(), rows.ravel()], axis=1), best)
     if drives.phases > 1:
         _solve_beside(drives, units, _steps(best.step), _offsets(drives), best)
     return best.worst()

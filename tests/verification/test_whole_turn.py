@@ -1,6 +1,7 @@
 """The worst over the whole turn of the output: what it rests on, and against every pitch solved."""
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +86,30 @@ def test_gaps_of_the_turn_are_sums_of_what_pins_and_lobes_do() -> None:
         difference = (total - by_place[:, :80])[:, away]
         assert np.abs(difference).max() < 0.03 * np.ptp(by_place[:, :80])
         assert difference.std() < 0.01 * by_place[:, :80][:, away].std()
+
+
+@pytest.mark.parametrize("name", ["quick", "printed_drive", "two_disks"])
+def test_states_that_are_solved_together_are_those_of_their_own_steps(name: str) -> None:
+    """The drive repeats, turned in the housing, after as many pitches as there are lobes; round pins and others."""
+    study = small(name, "rigid", 4, loaded_angles=11)
+    n_contacts = len(assembly.reducer(study.design, 0.0).contacts)
+    drives = TurnDrives.of(study, 1, [np.zeros((1, n_contacts, n_contacts))])
+    assert drives.repeats
+    units = Units.of(study, draw(study, 1, 5))
+    waves = 1e-3 * np.random.default_rng(1).normal(size=(2, *units.errors.pin_roundness.shape))
+    units = replace(units, errors=replace(units.errors, pin_roundness=waves[0] + 1j * waves[1]))
+    steps, rows = np.array([3, drives.pitches - 2, drives.pitches // 2, 3]), np.array([0, 1, 2, 3])
+    alone = [drives.solved(int(step), units.some(rows[[k]]))[2][0] for k, step in enumerate(steps)]
+    np.testing.assert_allclose(drives.metrics_at(steps, rows, units), alone, rtol=1e-9)
+    assert len(np.unique(np.array(alone)[:, 1])) == 4
+
+
+def test_drives_whose_cranks_turn_by_other_ratios_or_know_their_angle_do_not_repeat() -> None:
+    for name, effects in (("rv", {}), ("quick", {"crank_compliance_2": {}})):
+        study = small(name, "rigid", 4, loaded_angles=11)
+        study = study.model_copy(update={"design": study.design.model_copy(update={"effects": effects})})
+        n_contacts = len(assembly.reducer(study.design, 0.0).contacts)
+        assert not TurnDrives.of(study, 1, [np.zeros((1, n_contacts, n_contacts))]).repeats
 
 
 @pytest.fixture(scope="module")
