@@ -4,6 +4,7 @@ from pipeline.engine.stage import Stage
 from stages.aggregate import AGGREGATE
 from stages.clearance import CLEARANCE
 from stages.drivers import DRIVERS
+from stages.forms import FORMS
 from stages.hysteresis import HYSTERESIS
 from stages.reduce import REDUCE
 from stages.report import report_of
@@ -12,6 +13,6 @@ from stages.springs import SPRINGS
 from stages.tails import TAILS
 from stages.worst import WORST
 
-UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, WORST, DRIVERS, TAILS, AGGREGATE)
+UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, WORST, FORMS, DRIVERS, TAILS, AGGREGATE)
 REPORT = report_of(UPSTREAM)
 STAGES: tuple[Stage, ...] = (*UPSTREAM, REPORT)

@@ -59,8 +59,8 @@ def _write_mesh(study: Study, disk: "ElasticBody", reducer: Reducer, folder: Pat
 class DiskMatrices:
     """Compliance of the elastic disks of a study at any crank angle, condensed once for equal settings and sources."""
 
-    def __init__(self, job: Job) -> None:
-        study: Study = job.study
+    def __init__(self, job: Job, of_study: Study | None = None) -> None:
+        study: Study = of_study or job.study
         self.job, self.study = job, study
         self.bodies: dict[float, ElasticBody] = {}
         sections = {

@@ -161,6 +161,7 @@ def report_of(upstream: tuple[Stage, ...]) -> Stage:
             "metrics",
             "limits",
             "drivers",
+            "model_forms",
         ),
         tables=NO_TABLES,
         module="stages.chain",  # every stage is a source of what the page says of it

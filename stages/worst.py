@@ -44,14 +44,12 @@ class Shared:
     audited: NDArray[np.intp]
 
 
-def drives_of(job: Job) -> TurnDrives:
-    """The drives of a study over the turn of its output."""
-    study: Study = job.study
+def drives_of(study: Study, disks: DiskMatrices) -> TurnDrives:
+    """The drives of a study over the turn of its output; ``disks`` of that study."""
     pins = study.design.cycloid.pins
     if study.reduce.disk == "rigid":
         n_contacts = len(assembly.reducer(study.design, 0.0).contacts)
         return TurnDrives.of(study, PHASES, [np.zeros((1, n_contacts, n_contacts))] * PHASES)
-    disks = DiskMatrices(job)
     if symmetric(study):
         cranks = [360.0 * phase / (pins * PHASES) for phase in range(PHASES)]
         return TurnDrives.of(study, PHASES, [turned_blocks(study, disks.body(), crank) for crank in cranks])
@@ -72,7 +70,7 @@ def prepare(job: Job) -> Shared | None:
     study: Study = job.study
     if not study.cycle.searched:
         return None
-    drives, stop = drives_of(job), min(study.samples.rows, TRAINING_UNITS)
+    drives, stop = drives_of(study, DiskMatrices(job)), min(study.samples.rows, TRAINING_UNITS)
     units = units_of(study, {name: job.read_items("sample", name, 0, stop) for name in SAMPLED})
     seed = np.random.SeedSequence(study.samples.seed, spawn_key=(TRAINING,))
     return Shared(drives, trained(drives, units, seed), audited_samples(study))

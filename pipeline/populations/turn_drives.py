@@ -170,19 +170,23 @@ class TurnDrives:
     def solved(self, step: int, units: Units) -> tuple[Drive, CycleResponse, Real]:
         """Drive and response of units at a step, and every metric (n, n_metrics); missing where it does not hold."""
         drive = self.drive(step, units)
-        response = respond(drive, self.cycle)
-        definitions = assembly.definitions(self.study)
-        force = np.max(response.equilibria.force, axis=1, keepdims=True)
-        peak = np.max(drive.laws_of_states.peak_pressure(force), axis=(1, 2))
-        readings = loop_readings(response, peak, definitions)
-        if drive.reducer.n_disks > 1:
-            readings.load_share[:] = torque_shares(drive, response, definitions).max(axis=(1, 2))
-        invalid = invalid_metrics(drive, response, definitions)
-        values = [
-            np.where(response.converged & (invalid[name] == ""), metric.value(readings, definitions), np.nan)
-            for name, metric in library().items()
-        ]
-        return drive, response, np.stack(values, axis=1)
+        return drive, *solved_metrics(self.study, drive, self.cycle)
+
+
+def solved_metrics(study: Study, drive: Drive, cycle: LoadCycle) -> tuple[CycleResponse, Real]:
+    """Response of ``n`` units of a drive, and every metric (n, n_metrics); missing where it does not hold."""
+    response, definitions = respond(drive, cycle), assembly.definitions(study)
+    force = np.max(response.equilibria.force, axis=1, keepdims=True)
+    peak = np.max(drive.laws_of_states.peak_pressure(force), axis=(1, 2))
+    readings = loop_readings(response, peak, definitions)
+    if drive.reducer.n_disks > 1:
+        readings.load_share[:] = torque_shares(drive, response, definitions).max(axis=(1, 2))
+    invalid = invalid_metrics(drive, response, definitions)
+    values = [
+        np.where(response.converged & (invalid[name] == ""), metric.value(readings, definitions), np.nan)
+        for name, metric in library().items()
+    ]
+    return response, np.stack(values, axis=1)
 
 
 def places(study: Study, n_contacts: int, pitch: int) -> Index:

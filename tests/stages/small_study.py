@@ -18,6 +18,7 @@ def small_study(**samples: object) -> Study:
         update={
             "samples": study.samples.model_copy(update={"count": 8, **samples}),
             "cycle": study.cycle.model_copy(update={"keep_contacts": "all"}),
+            "model_forms": None,
         }
     )
 

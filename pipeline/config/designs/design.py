@@ -89,7 +89,7 @@ class Provenance(Section):
 
     `in_sight_of` names published or measured data that a chosen number was picked in sight of: their agreement with the
     design owes something to it, as to a number fitted to them. A calibrated number without `plausible` has the range
-    of its kind (``identification.fitting.plausible_range``).
+    of its kind (``config.designs.plausible_range``).
     """
 
     status: Literal["published", "given", "chosen", "calibrated"]

@@ -14,6 +14,7 @@ from pipeline.config.designs.design import Design
 from pipeline.config.files.section import Millimetres, NotNegative, Section
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.costs import Costs
+from pipeline.config.studies.model_forms import ModelForms
 from pipeline.config.studies.tails import Tails
 from pipeline.config.studies.tolerances import Tolerances
 from pipeline.model.metrics import Limited
@@ -246,6 +247,7 @@ class Study(Section):
     costs: Costs = Costs()
     drivers: Drivers = Drivers()
     tails: Tails | None = None
+    model_forms: ModelForms | None = None
     run: RunSection = RunSection()
 
     def with_(self, changes: Mapping[str, Any]) -> Study:

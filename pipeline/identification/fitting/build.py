@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.config.designs.design import Design
+from pipeline.config.designs.plausible_range import LAWS, plausible_range
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
@@ -17,7 +18,6 @@ from pipeline.identification.bench.simulator import BEYOND, Forward
 from pipeline.identification.fitting.cell_torques import within_cells
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.offered import offered
-from pipeline.identification.fitting.plausible_range import LAWS, plausible_range
 from pipeline.identification.fitting.problem import PriorModes, Problem, first_states
 from pipeline.identification.fitting.scaled_drives import drives_of
 from pipeline.identification.measurement.cells import Cells

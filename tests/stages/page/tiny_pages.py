@@ -10,6 +10,7 @@ from pipeline.config import Study, load_design, parse_study
 from pipeline.report.chain.graph import StageNote
 from pipeline.report.frames import Frames
 from pipeline.report.page import report_page
+from pipeline.report.samples.model_forms import FORM_TABLES
 from pipeline.report.sections import Page
 
 ROOT = Path(__file__).parents[3]
@@ -58,6 +59,7 @@ def frames_of(study: Study, runs: Path) -> Frames:
         turn_contacts=table("hysteresis/turn_contacts"),
         laws=table("springs/laws"),
         mesh=(1234, 5678),
+        tables={name: table(name) for name in FORM_TABLES},
     )
 
 

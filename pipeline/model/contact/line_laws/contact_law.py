@@ -25,6 +25,7 @@ class ContactLaw:
         roller of the first materials between flats of the second ones, both deflections in series.
     further : of a law of another form, what declares it: its laws have a term of that; else None.
     of_stiffness : stiffness [N/mm] to the law, of one that is stated in a study and not derived; else None.
+    steel_alone : whether the law was fitted to steel bodies and holds for no other material.
     """
 
     name: str
@@ -35,6 +36,7 @@ class ContactLaw:
     between_flats: Callable[[tuple[LineContact, LineContact], float, float], ContactLaws]
     further: type[FurtherTerm] | None = None
     of_stiffness: Callable[[float], "ContactLaw"] | None = None
+    steel_alone: bool = False
 
 
 def law_of(name: str, stiffness: float | None) -> ContactLaw:

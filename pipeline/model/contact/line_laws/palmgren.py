@@ -56,6 +56,7 @@ LAW = ContactLaw(
     name="palmgren",
     title="line contact after Palmgren",
     source="Ball and Roller Bearing Engineering, 1959",
+    steel_alone=True,
     on_mesh=_on_mesh,
     on_solid=lambda contact, radius: palmgren_laws(contact, 1, 0.0),
     between_flats=lambda sides, radius, depth: palmgren_laws(sides[0], 2, 0.0),

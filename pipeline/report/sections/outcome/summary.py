@@ -11,12 +11,18 @@ from pipeline.figures.samples.failures import failures_figure
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames
 from pipeline.report.results import Results
+from pipeline.report.samples.model_forms import FormResults
 from pipeline.report.sections.section import Page, Section
 from pipeline.report.verdict import Verdict
 
 
 def _values(page: Page) -> Mapping[str, object]:
-    return {"verdict": Verdict(page.frames, page.results)}
+    forms = FormResults(page.frames, page.results)
+    return {
+        "verdict": Verdict(page.frames, page.results),
+        "as_stated": forms.yield_range(rescaled=False),
+        "rescaled": forms.yield_range(rescaled=True),
+    }
 
 
 def _drawings(frames: Frames) -> Iterator[Drawing]:

@@ -1,0 +1,322 @@
+"""Stage 4f: some samples solved again under other forms of the model: laws, stress, rigid disk, calibrated numbers."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
+
+import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+
+from pipeline import assembly
+from pipeline.config.studies.study import Study
+from pipeline.engine.stage import Job, Stage, Tables
+from pipeline.engine.table import Column, Columns, Table
+from pipeline.errors import InputError
+from pipeline.model.metrics import library
+from pipeline.model.units import UM_PER_MM
+from pipeline.mounting import drive_of
+from pipeline.populations.model_forms import (
+    OF_STUDY,
+    ModelForm,
+    calibrated_numbers,
+    contact_factor,
+    model_forms,
+    scaled_contacts,
+)
+from pipeline.populations.turn_drives import TurnDrives, Units, solved_metrics
+from pipeline.populations.turn_search import TRAINING_UNITS, search, trained
+from pipeline.statistics import Estimate, distribution, pass_share
+from pipeline.statistics.differences import mean_difference, order_differences, share_difference
+from stages.reduce import DiskMatrices
+from stages.sample import SAMPLED
+from stages.tables.keys import SAMPLE, STATUS
+from stages.worst import TRAINING, drives_of, units_of
+
+Real = NDArray[np.float64]
+RIGIDITY = "torsional_rigidity_Nm_per_arcmin"
+RIGIDITY_UNITS, RIGIDITY_ANGLES = 20, 6
+"""Units and crank angles over whose rigidities the mean is taken that a rescaled form keeps."""
+DIFFERENCES = ("mean", "std", "p05", "p50", "p95")
+"""Statistics of a metric that are told of each form, beside the yield."""
+OK = "ok"
+FORM = Column("form", "label", "", "form of the model; `as stated` is the study's own")
+RESCALED = Column(
+    "rescaled",
+    "bool",
+    "",
+    "whether the contacts' deflections are rescaled to the mean rigidity of the study's own form",
+)
+FORM_LIST = Table(
+    "forms",
+    "form, rescaled",
+    (
+        FORM,
+        RESCALED,
+        Column("title", "label", "", "the form in words"),
+        Column("deflection_factor", "float64", "1", "factor of the deflections of all contacts; null without a result"),
+        STATUS,
+    ),
+)
+ESTIMATES = Table(
+    "estimates",
+    "form, rescaled, metric, statistic",
+    (
+        FORM,
+        RESCALED,
+        Column("metric", "label", "", "column of metrics; all_limits: the yield against all limits together"),
+        Column("statistic", "label", "", "mean, std, quantile, or yield: of the same units under every form"),
+        Column("value", "float64", "the metric's", "estimate"),
+        Column("ci_low", "float64", "the metric's", "lower end of the confidence interval"),
+        Column("ci_high", "float64", "the metric's", "upper end of the confidence interval"),
+        Column("difference", "float64", "the metric's", "value less that of the study's own form, same units"),
+        Column("difference_ci_low", "float64", "the metric's", "lower end of its confidence interval"),
+        Column("difference_ci_high", "float64", "the metric's", "upper end of its confidence interval"),
+        Column("n", "int32", "1", "units that have a value under both forms"),
+    ),
+)
+FORM_UNITS = Table(
+    "form_units",
+    "form, rescaled, sample",
+    (
+        FORM,
+        RESCALED,
+        SAMPLE,
+        *(
+            Column(name, "float64", metric.unit, f"{metric.inline} over the turn, as limits mean it")
+            for name, metric in library().items()
+        ),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class _Result:
+    """Metrics (n,) of the units under one form, by name; none with a status that is not ok."""
+
+    form: ModelForm
+    rescaled: bool
+    factor: float
+    metrics: Mapping[str, Real]
+    status: str = OK
+
+
+@dataclass(frozen=True)
+class _Body:
+    """Condensed disks of a form: over the whole turn where the worst is searched for, else at the loaded angles."""
+
+    drives: TurnDrives | None
+    at_angles: Mapping[float, Real]
+
+    @classmethod
+    def of(cls, job: Job, study: Study) -> "_Body":
+        """The disks of a study with some form."""
+        disks = DiskMatrices(job, study)
+        if _searched(study):
+            return cls(drives_of(study, disks), {})
+        return cls(None, {crank: _full_compliance(study, disks, crank) for crank in study.cycle.crank_deg})
+
+    def solvers(self, study: Study) -> Iterator[Callable[[Units], Real]]:
+        """Units to metrics (n, n_metrics), at some angles evenly over the turn of a study with these disks."""
+        cycle = assembly.load_cycle(study, 0)
+        if self.drives is not None:
+            drives = TurnDrives.of(study, self.drives.phases, self.drives.blocks)
+            for k in range(RIGIDITY_ANGLES):
+                step = k * drives.pitches // RIGIDITY_ANGLES * drives.phases + k % drives.phases
+                yield lambda units, step=step: drives.solved(step, units)[2]
+        for crank, compliance in self.at_angles.items():
+            yield partial(_metrics_at, study, crank, compliance, cycle)
+
+    def mean_rigidity(self, study: Study, units: Units) -> float:
+        """Mean over units and some angles."""
+        column = list(library()).index(RIGIDITY)
+        return float(np.nanmean([solved(units)[:, column] for solved in self.solvers(study)]))
+
+    def over_turn(self, study: Study, units: Units) -> dict[str, Real]:
+        """Each metric of units over the turn (n,), as the limits mean it."""
+        if self.drives is not None:
+            drives = TurnDrives.of(study, self.drives.phases, self.drives.blocks)
+            seed = np.random.SeedSequence(study.samples.seed, spawn_key=(TRAINING,))
+            return search(drives, trained(drives, units.some(slice(TRAINING_UNITS)), seed), units).value
+        values = np.stack([solved(units) for solved in self.solvers(study)], axis=1)
+        values[np.broadcast_to(np.isnan(values).any(axis=1, keepdims=True), values.shape)] = np.nan
+        columns = {}
+        for k, (name, metric) in enumerate(library().items()):
+            worst, best = metric.over_turn(values[:, :, k])
+            columns[name] = {"worst": worst, "mean": values[:, :, k].mean(axis=1), "best": best}[study.limits.over]
+        return columns
+
+
+def _searched(study: Study) -> bool:
+    return study.cycle.searched and study.limits.over == "worst"
+
+
+def _full_compliance(study: Study, disks: DiskMatrices, crank: float) -> Real:
+    reducer = assembly.reducer(study.design, crank)
+    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
+    if study.reduce.disk == "elastic":
+        for disk, matrix in enumerate(disks.at(crank)):
+            rows = assembly.disk_contacts(reducer, disk)
+            full[np.ix_(rows, rows)] = matrix / UM_PER_MM
+    return full
+
+
+def _metrics_at(study: Study, crank: float, compliance: Real, cycle: object, units: Units) -> Real:
+    drive = drive_of(study, crank, compliance, units.errors, units.clearance, modulus=units.modulus)
+    return solved_metrics(study, drive, cycle)[1]
+
+
+def _solve(job: Job, study: Study, forms: list[ModelForm], units: Units, rigidity: float) -> list[_Result]:
+    """Results of forms that share their disks, as stated and rescaled to a mean rigidity; missing: none is kept."""
+    try:
+        body = _Body.of(job, forms[0].study(study))
+    except InputError as error:
+        return [_Result(form, False, np.nan, {}, str(error)) for form in forms]
+    return [result for form in forms for result in _of_form(body, study, form, units, rigidity)]
+
+
+def _of_form(body: _Body, study: Study, form: ModelForm, units: Units, rigidity: float) -> Iterator[_Result]:
+    try:
+        own = form.study(study)
+        yield _Result(form, False, 1.0, body.over_turn(own, units))
+        if np.isnan(rigidity) or form.name == OF_STUDY:
+            return
+        few = units.some(slice(RIGIDITY_UNITS))
+        factor = contact_factor(lambda scale: body.mean_rigidity(scaled_contacts(own, scale), few), rigidity)
+        if np.isnan(factor):
+            yield _Result(form, True, np.nan, {}, "no factor of the contacts' deflections leads to the same rigidity")
+            return
+        yield _Result(form, True, factor, body.over_turn(scaled_contacts(own, factor), units))
+    except InputError as error:
+        yield _Result(form, False, np.nan, {}, str(error))
+
+
+def _study_of(job: Job) -> Study:
+    """The sections that the stage names as a study, which takes other forms."""
+    names = ("name", "samples", "design", "clearance", "springs", "reduce", "cycle", "metrics", "limits")
+    return Study.model_construct(**{name: getattr(job.study, name) for name in names})
+
+
+def _run(job: Job) -> Tables:
+    settings, study = job.study.model_forms, _study_of(job)
+    if settings is None or study.samples.experiment == "cases":
+        return {table.name: table.empty() for table in (FORM_LIST, ESTIMATES, FORM_UNITS)}
+    first = int(study.samples.nominal_first)
+    samples = np.arange(first, min(first + settings.units, study.samples.rows))
+    units = units_of(study, {name: job.read_items("sample", name, first, samples[-1] + 1) for name in SAMPLED})
+    forms = model_forms(study)
+    suitable = [form for form in forms if not form.unsuitable]
+    rigidity = np.nan
+    if calibrated_numbers(study.design):
+        rigidity = _Body.of(job, study).mean_rigidity(study, units.some(slice(RIGIDITY_UNITS)))
+    grouped = groupby(sorted(suitable, key=partial(_disks, job, study)), key=partial(_disks, job, study))
+    parts = Parallel(job.jobs)(
+        delayed(_solve)(job, study, group, units, rigidity) for group in sorted(map(_listed, grouped), key=len)[::-1]
+    )
+    results = [result for part in parts for result in part]
+    results += [_Result(form, False, np.nan, {}, form.unsuitable) for form in forms if form.unsuitable]
+    order = [form.name for form in forms]
+    results.sort(key=lambda result: (result.rescaled, order.index(result.form.name)))
+    return {
+        "forms": _form_rows(results),
+        "estimates": _estimate_rows(study, results),
+        "form_units": _unit_rows(samples, results),
+    }
+
+
+def _listed(group: tuple[str, Iterator[ModelForm]]) -> list[ModelForm]:
+    return list(group[1])
+
+
+def _disks(job: Job, study: Study, form: ModelForm) -> str:
+    """Settings of a form's disks: forms with equal ones share them."""
+    return DiskMatrices(job, form.study(study)).settings
+
+
+def _form_rows(results: list[_Result]) -> Columns:
+    return {
+        "form": np.array([result.form.name for result in results]),
+        "rescaled": np.array([result.rescaled for result in results]),
+        "title": np.array([result.form.title for result in results]),
+        "deflection_factor": np.array([result.factor for result in results]),
+        "status": np.array([result.status for result in results]),
+    }
+
+
+def _unit_rows(samples: NDArray[np.intp], results: list[_Result]) -> Columns:
+    solved = [result for result in results if result.metrics]
+    n = len(samples)
+    return {
+        "form": np.repeat([result.form.name for result in solved], n),
+        "rescaled": np.repeat([result.rescaled for result in solved], n),
+        "sample": np.tile(samples, len(solved)),
+        **{name: np.concatenate([result.metrics[name] for result in solved]) for name in library()},
+    }
+
+
+def _estimate_rows(study: Study, results: list[_Result]) -> Columns:
+    own = next(result for result in results if result.form.name == OF_STUDY)
+    rows = [
+        {"form": result.form.name, "rescaled": result.rescaled, **row}
+        for result in results
+        if result.metrics
+        for row in _estimates(study, own.metrics, result.metrics)
+    ]
+    frame = pd.DataFrame(rows, columns=[column.name for column in ESTIMATES.columns])
+    return {name: frame[name].to_numpy() for name in frame}
+
+
+def _estimates(study: Study, own: Mapping[str, Real], other: Mapping[str, Real]) -> Iterator[dict[str, object]]:
+    """Rows of one form: its statistics, and their differences from the study's own form on the same units."""
+    confidence, seed = study.metrics.confidence, study.samples.seed
+    for name in library():
+        both = np.isfinite(own[name]) & np.isfinite(other[name])
+        a, b = own[name][both], other[name][both]
+        if not len(b) or np.ptp(b) == 0:
+            continue
+        told, of_own = distribution(b, confidence), distribution(a, confidence)
+        ends = {"mean": mean_difference(a, b, confidence, True), **order_differences(a, b, confidence, True, seed)}
+        for statistic in DIFFERENCES:
+            yield _row(
+                name, statistic, told[statistic], told[statistic].value - of_own[statistic].value, ends[statistic]
+            )
+    kept = [study.limits.kept(metrics) for metrics in (own, other)]
+    for name in kept[0]:
+        limited = study.limits.limited(name, own)
+        both = np.all([np.isfinite(own[metric]) & np.isfinite(other[metric]) for metric in limited], axis=0)
+        if both.any():
+            a, b = (passes[name][both] for passes in kept)
+            difference = float(b.mean() - a.mean())
+            ends_of_share = share_difference(a, b, confidence, True) if other is not own else (0.0, 0.0)
+            yield _row(name, "yield", pass_share(b, confidence), difference, ends_of_share)
+
+
+def _row(
+    metric: str, statistic: str, estimate: Estimate, difference: float, ends: tuple[float, float]
+) -> dict[str, object]:
+    of_difference = {"difference": difference, "difference_ci_low": ends[0], "difference_ci_high": ends[1]}
+    return {"metric": metric, "statistic": statistic, **vars(estimate), **of_difference}
+
+
+FORMS = Stage(
+    name="forms",
+    reads=("sample",),
+    sections=(
+        "model_forms",
+        "samples",
+        "design",
+        "clearance",
+        "springs",
+        "reduce",
+        "cycle.searched",
+        "cycle.crank_deg",
+        "cycle.torque_fraction",
+        "metrics",
+        "limits",
+    ),
+    tables=(FORM_LIST, ESTIMATES, FORM_UNITS),
+    module="stages.forms",
+    run=_run,
+)
