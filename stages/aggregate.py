@@ -1,6 +1,9 @@
 """Stage 5: backlash, lost motion and torsional rigidity of every sample; their distributions, yield and drivers."""
 
+import tempfile
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -13,8 +16,16 @@ from pipeline.model.metrics.turn import TurnReadings, turn_library
 from pipeline.sampling import replicates
 from pipeline.statistics import Estimate, distribution, pass_share
 from stages.tables.bearings import bearing_forces
-from stages.tables.convergence import CONVERGENCE, angles_of_turn, convergence_rows, searched_pitches, strides_of
+from stages.tables.convergence import (
+    CONVERGENCE,
+    angles_of_turn,
+    convergence_rows,
+    searched_pitches,
+    strides_of,
+    worst_of_stride,
+)
 from stages.tables.keys import CRANK, SAMPLE, STATUS
+from stages.tables.per_angle import PerAngle
 from stages.tables.sample_convergence import SAMPLE_CONVERGENCE, sample_convergence_rows
 from stages.tables.sensitivity import SENSITIVITY, sensitivity
 from stages.tables.transmission import ORDERS, TRANSMISSION, order_rows, transmission_rows
@@ -95,95 +106,133 @@ DISTRIBUTIONS = Table(
 )
 
 
-def _metrics(job: Job) -> Columns:
-    """The metrics of every sample and loaded crank angle; missing where there is no result."""
+@dataclass(frozen=True)
+class _Block:
+    """Some samples of a study, from ``start`` to ``stop``, whose tables are read together."""
+
+    job: Job
+    start: int
+    stop: int
+
+    @property
+    def samples(self) -> np.ndarray:
+        return np.arange(self.start, self.stop)
+
+    def _read(self, stage: str, table: str) -> Columns:
+        return self.job.read_items(stage, table, self.start, self.stop)
+
+    @cached_property
+    def _loops(self) -> Columns:
+        return self._read("hysteresis", "loops")
+
+    @cached_property
+    def _kinematic(self) -> Columns:
+        return self._read("clearance", "kinematic")
+
+    @cached_property
+    def metrics(self) -> Columns:
+        """Rows of the table of metrics."""
+        study: Study = self.job.study
+        status = self._read("hysteresis", "status")
+        is_loaded = np.isin(self._kinematic["crank_deg"], study.cycle.crank_deg)
+        return {
+            "sample": status["sample"],
+            "crank_deg": status["crank_deg"],
+            **loop_metrics(study, self._loops),
+            "preloaded": self._kinematic["preloaded"][is_loaded],
+            "status": status["status"],
+        }
+
+    def _of_rigid_bodies(self, column: str) -> np.ndarray:
+        """A column of rigid bodies (n, n_angles); missing where they are preloaded."""
+        values = np.where(self._kinematic["preloaded"], np.nan, self._kinematic[column])
+        return values.reshape(self.stop - self.start, -1)
+
+    @cached_property
+    def preloaded(self) -> np.ndarray:
+        """Whether a unit is preloaded at some angle (n,)."""
+        preloaded: np.ndarray = self._kinematic["preloaded"].reshape(self.stop - self.start, -1).any(axis=1)
+        return preloaded
+
+    @cached_property
+    def turns(self) -> dict[str, Turn]:
+        """The metrics over the turn."""
+        return metric_turns(self.job.study, self.metrics, self._of_rigid_bodies("backlash_arcmin"))
+
+    @cached_property
+    def readings(self) -> TurnReadings:
+        """What the metrics of the turn are read from."""
+        study: Study = self.job.study
+        ends = [self._of_rigid_bodies(name) for name in ("angle_plus_arcmin", "angle_minus_arcmin")]
+        thrust = bearing_forces(self._read("hysteresis", "bearings"), len(study.cycle.crank_deg))
+        return turn_readings(study, self._loops, thrust, np.stack(ends, axis=1))
+
+    def of_strides(self) -> dict[int, dict[str, np.ndarray]]:
+        """The worst of every metric and the metrics of the turn (n,), at every so many of the crank angles."""
+        study: Study = self.job.study
+        return {
+            stride: worst_of_stride(self.turns, stride)
+            | turn_columns(self.readings.thinned(stride) if stride > 1 else self.readings)
+            for stride in strides_of(study)
+        }
+
+    def units(self, search: Columns, of_turn: Mapping[str, np.ndarray]) -> Columns:
+        """Rows of the table of units: worst, mean and best over the turn; missing where some angle has no result."""
+        study: Study = self.job.study
+        angles = len(study.cycle.crank_deg)
+        of_angles, found = over_turn_columns(self.turns), found_columns(study, self.turns, search)
+        status = unit_status(self.metrics["status"], angles)
+        lost = np.any(
+            [np.isnan(found[f"{name}_worst"]) & ~np.isnan(of_angles[f"{name}_worst"]) for name in self.turns], axis=0
+        )
+        n = self.stop - self.start
+        return {
+            "sample": self.samples,
+            **of_angles,
+            **found,
+            **{name: of_turn[name] for name in turn_library()},
+            "preloaded": self.preloaded,
+            "n_angles": np.full(n, angles),
+            "n_searched": np.full(n, searched_pitches(study)),
+            "n_rigid_angles": np.full(n, angles_of_turn(study, 1, of_play=True)),
+            "status": np.where((status == "ok") & lost, LOST, status),
+        }
+
+
+def _blocks(job: Job) -> Iterator[_Block]:
     rows = job.study.samples.rows
-    parts = [_metrics_of(job, start, min(start + SAMPLES_AT_ONCE, rows)) for start in range(0, rows, SAMPLES_AT_ONCE)]
-    columns: Columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    columns["status"] = job.read("hysteresis", "status")["status"]
-    return columns
-
-
-def _metrics_of(job: Job, start: int, stop: int) -> dict[str, np.ndarray]:
-    """The metrics of the samples from ``start`` to ``stop``, from the readings of their loops."""
-    study: Study = job.study
-    status, loops = (job.read_items("hysteresis", name, start, stop) for name in ("status", "loops"))
-    kinematic = job.read_items("clearance", "kinematic", start, stop)
-    is_loaded = np.isin(kinematic["crank_deg"], study.cycle.crank_deg)
-    return {
-        "sample": status["sample"],
-        "crank_deg": status["crank_deg"],
-        **loop_metrics(study, loops),
-        "preloaded": kinematic["preloaded"][is_loaded],
-    }
-
-
-def _rigid_play(job: Job) -> tuple[np.ndarray, np.ndarray]:
-    """Play of rigid bodies (n, n_angles) [arcmin], missing where preloaded; whether a unit is so at some angle (n,)."""
-    rows = job.study.samples.rows
-    plays, preloaded = [], []
     for start in range(0, rows, SAMPLES_AT_ONCE):
-        stop = min(start + SAMPLES_AT_ONCE, rows)
-        kinematic = job.read_items("clearance", "kinematic", start, stop)
-        plays.append(np.where(kinematic["preloaded"], np.nan, kinematic["backlash_arcmin"]).reshape(stop - start, -1))
-        preloaded.append(kinematic["preloaded"].reshape(stop - start, -1).any(axis=1))
-    return np.concatenate(plays), np.concatenate(preloaded)
+        yield _Block(job, start, min(start + SAMPLES_AT_ONCE, rows))
 
 
-def _turn_blocks(job: Job) -> Iterator[tuple[np.ndarray, TurnReadings]]:
-    """Numbers of samples and what the metrics of their turn are read from, block by block."""
+@dataclass(frozen=True)
+class _Columns:
+    """What is kept of every sample (n,): rows of the table of units, the worst of the angles, and by stride."""
+
+    units: Columns
+    of_angles: Columns
+    of_strides: Mapping[int, Mapping[str, np.ndarray]]
+
+
+def _columns(job: Job, per_angle: PerAngle) -> _Columns:
+    """The columns of all samples, read block by block; the metrics at each crank angle go to ``per_angle``."""
     study: Study = job.study
-    rows = study.samples.rows
-    for start in range(0, rows, SAMPLES_AT_ONCE):
-        stop = min(start + SAMPLES_AT_ONCE, rows)
-        loops, bearings = (job.read_items("hysteresis", name, start, stop) for name in ("loops", "bearings"))
-        kinematic = job.read_items("clearance", "kinematic", start, stop)
-        ends = [
-            np.where(kinematic["preloaded"], np.nan, kinematic[name]).reshape(stop - start, -1)
-            for name in ("angle_plus_arcmin", "angle_minus_arcmin")
-        ]
-        thrust = bearing_forces(bearings, len(study.cycle.crank_deg))
-        yield np.arange(start, stop), turn_readings(study, loops, thrust, np.stack(ends, axis=1))
+    search = job.read("worst", "found") if study.cycle.searched else {}
+    units: list[Columns] = []
+    angles: list[Columns] = []
+    strides: list[dict[int, dict[str, np.ndarray]]] = []
+    for block in _blocks(job):
+        per_angle.add(block.metrics)
+        strides.append(block.of_strides())
+        part = {name: values[block.start : block.stop] for name, values in search.items()}
+        units.append(block.units(part, strides[-1][1]))
+        angles.append(over_turn_columns(block.turns))
+    return _Columns(_joined(units), _joined(angles), {k: _joined([part[k] for part in strides]) for k in strides[0]})
 
 
-def _of_turn(job: Job) -> dict[int, dict[str, np.ndarray]]:
-    """Metrics of the turn of every sample (n,), at every so many of the crank angles."""
-    study: Study = job.study
-    by_block = [
-        {stride: turn_columns(readings.thinned(stride) if stride > 1 else readings) for stride in strides_of(study)}
-        for _, readings in _turn_blocks(job)
-    ]
-    return {
-        stride: {name: np.concatenate([block[stride][name] for block in by_block]) for name in turn_library()}
-        for stride in strides_of(study)
-    }
-
-
-def _units(
-    job: Job,
-    metrics: Columns,
-    turns: Mapping[str, Turn],
-    of_turn: Mapping[str, np.ndarray],
-    search: Columns,
-    preloaded: np.ndarray,
-) -> Columns:
-    """Worst, mean and best of every sample over the turn; missing where some crank angle has no result."""
-    study: Study = job.study
-    n, angles = study.samples.rows, len(study.cycle.crank_deg)
-    of_angles, found = over_turn_columns(turns), found_columns(study, turns, search)
-    status = unit_status(metrics["status"], angles)
-    lost = np.any([np.isnan(found[f"{name}_worst"]) & ~np.isnan(of_angles[f"{name}_worst"]) for name in turns], axis=0)
-    return {
-        "sample": np.arange(n),
-        **of_angles,
-        **found,
-        **of_turn,
-        "preloaded": preloaded,
-        "n_angles": np.full(n, angles),
-        "n_searched": np.full(n, searched_pitches(study)),
-        "n_rigid_angles": np.full(n, turns["clearance_backlash_arcmin"].values.shape[1]),
-        "status": np.where((status == "ok") & lost, LOST, status),
-    }
+def _joined(parts: list[Columns] | list[dict[str, np.ndarray]]) -> Columns:
+    """Columns one after the other; the parts are emptied."""
+    return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
 
 
 def _part(replicate: np.ndarray | None, rows: np.ndarray) -> np.ndarray | None:
@@ -234,16 +283,17 @@ def over_turn(units: pd.DataFrame, turn_value: str) -> pd.DataFrame:
     return solved_units[[*metric_columns, *turn_library(), "preloaded"]].rename(columns=metric_columns)
 
 
-def _distributions(study: Study, metrics: pd.DataFrame, units: pd.DataFrame, shortfall: pd.DataFrame) -> Columns:
+def _distributions(study: Study, per_angle: PerAngle, units: pd.DataFrame, shortfall: pd.DataFrame) -> Columns:
     rows = []
     for metric, name, estimate in whole_turn_estimates(study, over_turn(units, "worst"), shortfall):
         keys = {"metric": metric, "over": WHOLE_TURN, "crank_deg": np.nan, "statistic": name}
         rows.append({**keys, **vars(estimate), "n_angles": searched_pitches(study)})
     single = dict.fromkeys(library(), 1)
-    for crank, part in metrics.groupby("crank_deg"):
+    for angle in np.argsort(study.cycle.crank_deg):
+        part = pd.DataFrame(per_angle.at(int(angle))).iloc[int(study.samples.nominal_first) :]
         solved = part[part[list(library())].notna().any(axis=1)]
         if len(solved):
-            rows += _distribution_rows(study, solved.set_index("sample"), "angle", float(crank), single)
+            rows += _distribution_rows(study, solved, "angle", float(study.cycle.crank_deg[angle]), single)
     if len(units):
         counts = units.iloc[0]
         turn = {
@@ -262,35 +312,27 @@ def _distributions(study: Study, metrics: pd.DataFrame, units: pd.DataFrame, sho
     return {name: frame[name].to_numpy() for name in frame}
 
 
-def _blocks(columns: Columns, rows: int) -> Iterator[Columns]:
-    """Columns in parts of so many rows: as a whole they would be held a second time while they are written."""
-    for start in range(0, len(columns["sample"]), rows):
-        yield {name: values[start : start + rows] for name, values in columns.items()}
-
-
 def _run(job: Job) -> WholeTables:
     study: Study = job.study
-    columns = _metrics(job)
-    rigid, preloaded = _rigid_play(job)
-    turns = metric_turns(study, columns, rigid)
-    of_turn, search = _of_turn(job), job.read("worst", "found") if study.cycle.searched else {}
-    of_units = _units(job, columns, turns, of_turn[1], search, preloaded)
-    audit = job.read("worst", "audit")
-    shortfall = shortfalls(pd.DataFrame(of_units), audit)
-    counted = np.any([~np.isnan(of_units[f"{name}_worst"]) for name in library()], axis=0)
-    counted[: int(study.samples.nominal_first)] = False
-    metrics, units, angles = pd.DataFrame(columns, copy=False), pd.DataFrame(of_units), len(study.cycle.crank_deg)
-    if study.samples.nominal_first:  # its rows are the first: slices are no copies
-        metrics, units = metrics.iloc[angles:], units.iloc[1:]
+    with tempfile.TemporaryFile(dir=job.folder) as file:  # without a name: nothing is left of it, however this ends
+        per_angle = PerAngle(file, (*library(), "preloaded"), len(study.cycle.crank_deg))
+        columns = _columns(job, per_angle)
+        units = pd.DataFrame(columns.units)
+        shortfall = shortfalls(units, job.read("worst", "audit"))
+        counted = units[[f"{name}_worst" for name in library()]].notna().any(axis=1).to_numpy(copy=True)
+        counted[: int(study.samples.nominal_first)] = False
+        units = units.iloc[int(study.samples.nominal_first) :]
+        distributions = _distributions(study, per_angle, units, shortfall)
+    whole = study.samples.rows <= SAMPLES_AT_ONCE
     return {
-        "metrics": _blocks(columns, SAMPLES_AT_ONCE * angles) if study.samples.rows > SAMPLES_AT_ONCE else columns,
-        "units": of_units,
-        "distributions": _distributions(study, metrics, units, shortfall),
-        "convergence": convergence_rows(study, turns, of_turn, counted, of_units),
+        "metrics": next(_blocks(job)).metrics if whole else (block.metrics for block in _blocks(job)),
+        "units": columns.units,
+        "distributions": distributions,
+        "convergence": convergence_rows(study, columns.of_strides, counted, columns.units),
         "sample_convergence": sample_convergence_rows(study, over_turn(units, study.limits.over)),
-        "sensitivity": sensitivity(job, of_units | over_turn_columns(turns), over_turn(units, "worst")),
-        "transmission": (transmission_rows(study, *block) for block in _turn_blocks(job)),
-        "orders": (order_rows(study, *block) for block in _turn_blocks(job)),
+        "sensitivity": sensitivity(job, columns.units | columns.of_angles, over_turn(units, "worst")),
+        "transmission": (transmission_rows(study, block.samples, block.readings) for block in _blocks(job)),
+        "orders": (order_rows(study, block.samples, block.readings) for block in _blocks(job)),
     }
 
 

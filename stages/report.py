@@ -12,10 +12,12 @@ from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.processes.forked import shared_calls
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
+from pipeline.figures.labels import METRICS
+from pipeline.report.cases import ROWS_SHOWN
 from pipeline.report.chain.graph import StageNote
 from pipeline.report.drawing import Drawing
 from pipeline.report.explorer.explorer import kept_samples
-from pipeline.report.frames import Frames, drawn_samples, unsolved
+from pipeline.report.frames import OK, Frames, drawn_samples, unsolved
 from pipeline.report.layout.pictures import LinkedPicture, with_pictures
 from pipeline.report.page import report_page
 from pipeline.report.sections import Page, drawings, library
@@ -24,6 +26,8 @@ from stages.reduce import MESH_FILE
 from stages.tables.curves import CONTACTS
 from stages.tables.running import TURN_CONTACTS
 
+SAMPLES_AT_ONCE = 10_000
+"""Samples whose metrics are read together."""
 BAND_SAMPLES = 2000
 """Samples that a band of the figures is drawn from: more change it by less than its line's width."""
 BAND_ROWS = 2_000_000
@@ -52,9 +56,24 @@ def _kept_contacts(job: Job, table: Table, samples: list[int]) -> pd.DataFrame:
     return pd.concat(parts) if parts else pd.DataFrame(table.empty())
 
 
+def _named_metrics(job: Job) -> pd.DataFrame:
+    """Rows of the metrics that the page names: of the first samples, without a result or with one that is missing.
+
+    One row with a hysteresis loss, if there is any, says that there is friction.
+    """
+    parts = []
+    for start in range(0, job.study.samples.rows, SAMPLES_AT_ONCE):
+        part = pd.DataFrame(job.read_items("aggregate", "metrics", start, start + SAMPLES_AT_ONCE))
+        first, unsound = part["sample"] < ROWS_SHOWN, part["status"] != OK
+        named = np.array(first | unsound | part[list(METRICS)].isna().all(axis=1))
+        named[np.flatnonzero(part["hysteresis_loss_arcmin"] > 0)[:1]] = True
+        parts.append(part[named])
+    return pd.concat(parts, ignore_index=True)
+
+
 def _frames(job: Job) -> Frames:
     study: Study = job.study
-    metrics, status = _table(job, "aggregate", "metrics"), _table(job, "hysteresis", "status")
+    metrics = _named_metrics(job)
     drawn_set, size = list(drawn_samples(study, unsolved(metrics)).values()), None
     if study.reduce.disk == "elastic":
         with np.load(job.input_path("reduce", MESH_FILE)) as mesh:
@@ -68,7 +87,7 @@ def _frames(job: Job) -> Frames:
         sample_convergence=_table(job, "aggregate", "sample_convergence"),
         sensitivity=_table(job, "aggregate", "sensitivity"),
         tails=_table(job, "tails", "tails"),
-        status=status,
+        n_loops=job.inputs["hysteresis"].record["tables"]["status"]["rows"],
         contacts=_table(job, "clearance", "contacts"),
         gaps=_first_rows(job, "clearance", "gaps"),
         curves=_first_rows(job, "hysteresis", "curves"),

@@ -26,9 +26,10 @@ class Frames:
     Attributes
     ----------
     study : the settings.
-    metrics, units, distributions, convergence, sample_convergence, sensitivity : of ``aggregate``, whole.
+    metrics : of ``aggregate``: at least the rows of the first 40 samples, those that are not "ok", and one with a loss.
+    units, distributions, convergence, sample_convergence, sensitivity : of ``aggregate``, whole.
     tails : of ``tails``, whole; no rows unless the study asks for them.
-    status : of ``hysteresis``, whole.
+    n_loops : loops of the run.
     contacts : of ``clearance``: the nominal contacts at every crank angle.
     gaps, curves : of ``clearance`` and ``hysteresis``: the rows of the first samples, all of them or enough for a band.
     loads : ``hysteresis/contacts`` of the drawn samples, as far as they were kept.
@@ -47,7 +48,7 @@ class Frames:
     sample_convergence: pd.DataFrame
     sensitivity: pd.DataFrame
     tails: pd.DataFrame
-    status: pd.DataFrame
+    n_loops: int
     contacts: pd.DataFrame
     gaps: pd.DataFrame
     curves: pd.DataFrame

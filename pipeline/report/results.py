@@ -228,7 +228,7 @@ class Results:
         if not len(failed):
             return f"Every load cycle of every sample has reached equilibrium.{limits}"
         loops, samples = len(failed), failed["sample"].nunique()
-        load_cycles = counted(len(self.frames.status), "load cycle")
+        load_cycles = counted(self.frames.n_loops, "load cycle")
         return (
             f"{loops:,} of {load_cycles} {'has' if loops == 1 else 'have'} no result; they belong to "
             f"{counted(samples, 'sample')}, left out of all statistics.{limits}"

@@ -54,10 +54,17 @@ def strides_of(study: Study) -> list[int]:
     return [stride for stride in STRIDES if stride == 1 or fewest // stride >= FEWEST_ANGLES]
 
 
+def worst_of_stride(turns: Mapping[str, Turn], stride: int) -> dict[str, np.ndarray]:
+    """The worst of every metric (n,) over every so many of its even angles; over all angles for a stride of 1."""
+    return {
+        name: library()[name].over_turn(turn.values[:, turn.even][:, ::stride] if stride > 1 else turn.values)[0]
+        for name, turn in turns.items()
+    }
+
+
 def convergence_rows(
     study: Study,
-    turns: Mapping[str, Turn],
-    of_turn: Mapping[int, Mapping[str, np.ndarray]],
+    of_strides: Mapping[int, Mapping[str, np.ndarray]],
     counted: np.ndarray,
     units: Mapping[str, np.ndarray],
 ) -> Columns:
@@ -65,26 +72,25 @@ def convergence_rows(
 
     Parameters
     ----------
-    of_turn : metrics of the turn (n,) by name, at every so many of the angles, as `strides_of` has them.
+    of_strides : the worst of every metric and the metrics of the turn (n,) by name, at every so many of the angles, as
+        `strides_of` has them.
     counted : (n,) samples of the statistics.
     units : columns of the table of units; a worst that was searched for is the last row of its metric.
     """
     rows: list[dict[str, object]] = []
-    for stride in of_turn:
-        worst: dict[str, np.ndarray] = {}
+    turns = library()
+    for stride, columns in of_strides.items():
+        worst = {name: values[counted] for name, values in columns.items()}
         angles = {name: angles_of_turn(study, stride, metric.of_play) for name, metric in turn_library().items()}
-        for name, turn in turns.items():
-            values = turn.values[counted]
-            part = values[:, turn.even][:, ::stride] if stride > 1 else values
-            worst[name], angles[name] = library()[name].over_turn(part)[0], part.shape[1]
-        worst |= {name: values[counted] for name, values in of_turn[stride].items()}
+        for name, metric in turns.items():
+            angles[name] = angles_of_turn(study, stride, metric.turn_of_rigid_bodies)
         rows += _rows(study, worst, angles)
     if study.cycle.searched:
         worst |= {name: units[f"{name}_worst"][counted] for name in turns}
         searched = _rows(study, worst, dict.fromkeys(turns, searched_pitches(study)))
         rows += [row for row in searched if row["metric"] not in turn_library()]
     frame = pd.DataFrame(rows)
-    for name, part in frame.groupby("metric", sort=False) if len(of_turn) > 2 and not study.cycle.searched else ():
+    for name, part in frame.groupby("metric", sort=False) if len(of_strides) > 2 and not study.cycle.searched else ():
         doubled: dict[str, float] = {}
         for key in ("worst_mean", "yield"):
             doubled[key], doubled[f"{key}_settled"] = continued(part[key].to_numpy())

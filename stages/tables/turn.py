@@ -167,7 +167,8 @@ def over_turn_columns(turns: Mapping[str, Turn]) -> dict[str, np.ndarray]:
     columns: dict[str, np.ndarray] = {}
     for name, turn in turns.items():
         worst, best = library()[name].over_turn(turn.values)
-        mean = turn.values[:, turn.even].mean(axis=1)
+        # in the order of rows, in which a single unit is summed as among many: to the bit
+        mean = np.ascontiguousarray(turn.values[:, turn.even]).mean(axis=1)
         columns |= {f"{name}_worst": worst, f"{name}_mean": mean, f"{name}_best": best}
     return columns
 

@@ -31,9 +31,9 @@ WAVE = 32
 that, which bounds memory; waiting for the last of a wave costs about half a chunk in 32."""
 
 
-# joblib measures the memory of a worker after its first chunk, of whichever stage, and starts a new process in its place
-# when it has grown by 300 MB. Workers serve all stages: what a later one maps, keeps and compiles is no leak, and the
-# search of the worst over the turn grows to 540 MB and stays there.
+# joblib measures the memory of a worker after its first chunk, of whichever stage, and replaces it when it has grown by
+# 300 MB. Workers serve all stages: what a later one maps, keeps and compiles is no leak, and the search of the worst
+# over the turn grows to 540 MB and stays there.
 warnings.filterwarnings("ignore", "A worker stopped while some jobs were given to the executor", UserWarning)
 
 

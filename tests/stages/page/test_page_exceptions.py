@@ -37,7 +37,7 @@ def failing(frames: Frames, rows: list[int]) -> Frames:
     metrics.loc[lost_motion, list(METRICS)] = np.nan
     units = frames.units.assign(status=np.where(lost_motion.reshape(-1, 2).any(axis=1), FAILURE, "ok"))
     units.loc[units["status"] != "ok", [f"{name}_worst" for name in METRICS]] = np.nan
-    return replace(frames, metrics=metrics, status=frames.status.assign(status=status), units=units)
+    return replace(frames, metrics=metrics, units=units)
 
 
 def test_failed_samples_are_listed_with_their_reasons_and_left_out_of_bands(frames):

@@ -49,7 +49,7 @@ def frames_of(study: Study, runs: Path) -> Frames:
         sample_convergence=table("aggregate/sample_convergence"),
         tails=table("tails/tails"),
         sensitivity=table("aggregate/sensitivity"),
-        status=table("hysteresis/status"),
+        n_loops=len(table("hysteresis/status")),
         contacts=table("clearance/contacts"),
         gaps=table("clearance/gaps"),
         curves=table("hysteresis/curves"),

@@ -9,7 +9,7 @@ from pipeline import assembly
 from pipeline.model.load_history.response import respond
 from pipeline.model.metrics import library
 from stages import hysteresis
-from stages.tables.convergence import convergence_rows
+from stages.tables.convergence import convergence_rows, worst_of_stride
 from stages.tables.turn import Turn
 
 
@@ -75,12 +75,14 @@ def test_a_number_without_meaning_is_no_unit_beyond_the_limit(study):
         values.setdefault(name, np.ones((4, 12)))
     values["lost_motion_arcmin"][:2] = [[np.nan], [9.0]]
     turns = {name: Turn(values[name], np.full(12, True)) for name in library()}
-    rows = pd.DataFrame(convergence_rows(study, turns, {4: {}, 2: {}, 1: {}}, np.full(4, True), {})).set_index("metric")
+    strides = {stride: worst_of_stride(turns, stride) for stride in (4, 2, 1)}
+    rows = pd.DataFrame(convergence_rows(study, strides, np.full(4, True), {})).set_index("metric")
     assert list(rows.loc["lost_motion_arcmin", "yield"]) == pytest.approx([2 / 3] * 4)
     assert list(rows.loc["all_limits", "yield"]) == pytest.approx([2 / 3] * 4)
     assert list(rows.loc["clearance_backlash_arcmin", "yield"]) == [1.0] * 4
     no_effect = {**turns, "lost_motion_arcmin": Turn(np.full((4, 12), np.nan), np.full(12, True))}
-    rows = convergence_rows(study, no_effect, {4: {}, 2: {}, 1: {}}, np.full(4, True), {})
+    strides = {stride: worst_of_stride(no_effect, stride) for stride in (4, 2, 1)}
+    rows = convergence_rows(study, strides, np.full(4, True), {})
     rows = pd.DataFrame(rows).set_index("metric")
     assert rows.loc[["lost_motion_arcmin", "all_limits"], "yield"].isna().all()
 
