@@ -78,7 +78,11 @@ def test_a_rigid_disk_follows_the_second_simulator(parts):
     """Both take poses as they are; with Palmgren's law, no errors and an equal bearing their curves are one."""
     study = reducer("holes_39").rigid_truth
     second = rigid_drive(study.design, without_errors(study), 33.0)
-    palmgren = replace(parts, elastic=False, power=1 / 0.9, law_size=1.0, design=study.design.model_dump())
+    gear = study.design.cycloid
+    counts = {"pin": gear.pins, "lobe": gear.pins - 1, "roller": study.design.output.pins}
+    zero = {name: np.zeros(counts.get(name.split("_")[0], 1)) for name in parts.errors}
+    zero["eccentricity"] = np.zeros(())
+    palmgren = replace(parts, elastic=False, power=1 / 0.9, law_size=1.0, design=study.design.model_dump(), errors=zero)
     disk, largest = palmgren.disk(33.0), 4e5
     ours, theirs = disk.curve(largest), second.curve(largest)
     torque = largest * np.array([-1.0, -0.6, -0.2, 0.2, 0.6, 1.0])

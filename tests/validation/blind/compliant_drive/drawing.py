@@ -27,6 +27,9 @@ STEEL = 206e3
 PALMGREN_MM, BY_FORCE, BY_LENGTH = 3.84e-5, 0.9, 0.8
 """Approach of steel cylinders 3.84e-5 Q^0.9 / L^0.8: Palmgren, Ball and Roller Bearing Engineering (1959). It gives the
 size of a contact's law at its usual force; the power is drawn."""
+COUPLED_SHARE = 0.25
+"""Share of a half-plane's compliance that the web of an elastic disk has. Their files state rigid disks: with all of it
+the drive would be softer than its stated numbers can make it, which the library names rightly a torsion in series."""
 POWERS, LAW_OFF = (1.02, 1.16), 0.08
 """Powers of the law, and deviation of the logarithm of its size."""
 
@@ -80,6 +83,7 @@ class Parts:
         coupled = np.zeros((n, n))
         if self.elastic:
             coupled = coupled_compliance(flank, normals, thickness, STEEL, depth, 0.12 * gear["pin_radius_mm"])
+            coupled *= COUPLED_SHARE
         usual = 1e3 * self.rated / (0.3 * n * radius)
         return Disk(
             crank=float(crank),
@@ -100,7 +104,7 @@ class Parts:
 
 
 def drawn_parts(rng: np.random.Generator, designs: Mapping[str, Any], elastic: bool | None = None) -> Parts:
-    """Parts of a drive: of drawn proportions where its disk is rigid, of the design at hand where it is elastic.
+    """Parts of a drive of drawn proportions.
 
     Parameters
     ----------
@@ -110,7 +114,7 @@ def drawn_parts(rng: np.random.Generator, designs: Mapping[str, Any], elastic: b
     elastic = bool(rng.random() < 0.35) if elastic is None else elastic
     known = bool(rng.random() < 0.5)
     design, study = copy.deepcopy(dict(designs["design"])), copy.deepcopy(dict(designs["study"]))
-    size = 1.0 if elastic else _proportions(design, rng)
+    size = _proportions(design, rng)
     width = size * (1.0 if known else UNKNOWN_LOT)
     for tolerance in study["tolerances"].values():
         for key in [key for key in tolerance if key.endswith("_um")]:
@@ -122,8 +126,7 @@ def drawn_parts(rng: np.random.Generator, designs: Mapping[str, Any], elastic: b
         value, reason = design[section][name], "fitted to another unit"
         low, high = value / RANGE, value * RANGE
         design["provenance"][key] = {"status": "calibrated", "reason": reason, "plausible": [low, high]}
-    if not elastic:
-        study["reduce"] = {**study["reduce"], "disk": "rigid"}
+    study["reduce"] = {**study["reduce"], "disk": "rigid"}
     study["title"] = design["title"]
     study.pop("description", None)
     return Parts(
