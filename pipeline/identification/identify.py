@@ -19,7 +19,7 @@ from pipeline.identification.measurement.turning.reading import read_measurement
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.selection.adequacy import failed_test
 from pipeline.identification.selection.baselines import METHODS, Cycles, baselines
-from pipeline.identification.selection.criteria import Selection
+from pipeline.identification.selection.criteria import Selection, unnamed
 from pipeline.identification.selection.held_out import AngleError, Folds, angle_error, predicted_folds, splits_of
 from pipeline.identification.selection.model_selection import Selector
 from pipeline.identification.selection.statements.detection import DetectionLimit, detection_limits
@@ -29,7 +29,6 @@ from pipeline.identification.selection.statements.statement import Statement, fa
 from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
     FAULT,
-    MOSTLY,
     UNEXPLAINED,
     Verdict,
     judge,
@@ -38,6 +37,7 @@ from pipeline.identification.selection.statements.verdict import (
 from pipeline.identification.selection.turn_baselines import TURN_METHODS
 
 Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
 Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]
 """Compliances of a study's design at crank angles [deg]: each (n_contacts, n_contacts) [mm/N]."""
 
@@ -117,17 +117,12 @@ def identify_measured(measurement: Measurement, condensed: Condensed) -> Identif
     data = fitter.problem.data
     selector = Selector(fitter, trained)
     selection = selector.select(trained)
-    verdict = judge(fitter, selection, trained)
-    turns = isinstance(data, TurningData)
-    carry_over = verdict.verdict in (MOSTLY, UNEXPLAINED) and not turns
-    folds = predicted_folds(selector, selection, trained, carry_over)
+    baseline_curves = _baseline_curves(measurement, fitter, trained)
+    selection, verdict, folds = _tested_on_unused_data(selector, selection, trained, baseline_curves)
     refitted = angle_error(data, cranks, *folds.curves(False)["recalibrated"], folds.cells)
     best = angle_error(data, cranks, folds.best, folds.open_best, folds.cells)
-    baseline_curves = _baseline_curves(measurement, fitter, trained)
-    if verdict.verdict == ADEQUATE:
-        reason = failed_test(data, folds, baseline_curves, selection.limit)
-        verdict = untested(verdict, reason, testable=not folds.in_sample) if reason else verdict
-    untraced = verdict.verdict in (MOSTLY, UNEXPLAINED) and not turns
+    turns = isinstance(data, TurningData)
+    untraced = verdict.verdict == UNEXPLAINED and not turns
     curves = folds.curves(bool(verdict.named))
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
     described = angle_error(data, cranks, folds.described, folds.open_described, folds.cells)
@@ -155,12 +150,31 @@ def identify_measured(measurement: Measurement, condensed: Condensed) -> Identif
         structure_left,
         discrepancy_of(fitter, selection.answer.fit, measurement.cells.direction, trained) if untraced else None,
         None if verdict.named and selection.description is selection.answer or not effects else described,
-        carried if carry_over and not folds.in_sample else None,
+        carried if np.any(np.isfinite(folds.carried)) and not folds.in_sample else None,
         limits,
     )
 
 
-def _baseline_curves(measurement: Measurement, fitter: Fitter, trained: NDArray[np.bool_]) -> Mapping[str, Real]:
+def _tested_on_unused_data(
+    selector: Selector, selection: Selection, trained: Truth, baseline_curves: Mapping[str, Real]
+) -> tuple[Selection, Verdict, Folds]:
+    """Verdict and folds of a selection; names and ``adequate`` are withdrawn where unused data are missed."""
+    data, turns = selector.problem.data, isinstance(selector.problem.data, TurningData)
+    verdict = judge(selector.fitter, selection, trained)
+    folds = predicted_folds(selector, selection, trained, verdict.verdict == UNEXPLAINED and not turns)
+    if not (verdict.named or verdict.verdict == ADEQUATE):
+        return selection, verdict, folds
+    reason = failed_test(data, folds, baseline_curves, selection.limit, bool(verdict.named))
+    if reason and verdict.named:
+        selection = unnamed(selection, reason)
+        verdict = judge(selector.fitter, selection, trained)
+        folds = predicted_folds(selector, selection, trained, not turns)
+    elif reason:
+        verdict = untested(verdict, reason, testable=not folds.in_sample)
+    return selection, verdict, folds
+
+
+def _baseline_curves(measurement: Measurement, fitter: Fitter, trained: Truth) -> Mapping[str, Real]:
     """Predictions (n_cells,) [arcmin] without a reducer, by title, at the cells that judge."""
     data, cells = fitter.problem.data, measurement.cells
     cycles = Cycles(cells.direction, measurement.branches.kind[cells.block])

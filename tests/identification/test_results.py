@@ -241,11 +241,16 @@ def test_the_written_study_lies_on_the_data_as_the_page_says(folder: Path) -> No
     assert f"leaves {rms:.4f} arcmin" in (folder / "report.html").read_text().replace("\u00a0", " ")
 
 
-def test_a_unit_that_is_mostly_explained_says_what_is_left_of_it() -> None:
+def test_a_unit_whose_nearest_effect_is_not_named_says_what_is_left_of_it() -> None:
     remainder = Remainder(3.0, 0.85, 22.0, 14.0, CurveScatter(18.0, 9.0, 40.0, 3), 2.0)
     baselines = {"replay": AngleError(25.0, 90.0, {}, 12.0, 1.0, 10), "line": AngleError(19.0, 90.0, {}, 9.0, 1.0, 10)}
     cards = remainder_cards(
-        SimpleNamespace(remainder=remainder, baselines=baselines, verdict=Verdict("mostly explained"))
+        SimpleNamespace(
+            remainder=remainder,
+            baselines=baselines,
+            verdict=Verdict("not explained by the library"),
+            selection=SimpleNamespace(best="coulomb"),
+        )
     )
     assert [card[1] for card in cards] == ["85%", "22.0", "14.0", "18.0", "19.0"]
     assert "noise floor of 2.00 arcmin" in cards[1][3]

@@ -26,7 +26,6 @@ from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
     EQUIVALENT,
     IDENTIFIED,
-    MOSTLY,
     UNEXPLAINED,
     WITHIN,
 )
@@ -139,9 +138,6 @@ def _reading(identification: Identification) -> str:
     verdict, start = identification.verdict.verdict, f"Verdict on {identification.measurement.unit.name}"
     if verdict == IDENTIFIED:
         return f"{start}: identified."
-    if verdict == MOSTLY:
-        named_set = identification.verdict.named[0]
-        return f"{start}: mostly explained by {named_set}; structure is left that nothing here describes."
     if verdict in (EQUIVALENT, WITHIN):
         names = ", ".join(identification.verdict.named)
         return f"{start}: {verdict}; the data do not tell apart {names}. The most probable is written."

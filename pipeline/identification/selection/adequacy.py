@@ -1,4 +1,4 @@
-"""The test that ``adequate`` has to pass: cells that were left out are predicted as a right model would."""
+"""The test that ``adequate`` and every name have to pass: unused cells are predicted as a right model would."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ LEVEL = 0.95
 """One-sided confidence with which an error is called too large, or a baseline ahead."""
 
 
-def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: float) -> str:
-    """Why a refitted model without effects is not adequate, or "".
+def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: float, named: bool = False) -> str:
+    """Why a refitted model is not adequate, or "": the one without effects, or the one with those that are named.
 
     Parameters
     ----------
@@ -32,11 +32,13 @@ def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: f
     """
     if folds.in_sample:
         return "nothing is held out, so the fit cannot be tested"
-    square = ((data.angle - folds.recalibrated) / data.sigma)[folds.cells] ** 2
-    expected = folds.right_square + len(square) * form**2
-    largest = expected + float(ndtri(LEVEL)) * np.sqrt(folds.right_variance)
+    predicted, (right, variance) = folds.recalibrated, folds.right_recalibrated
+    if named:
+        predicted, (right, variance) = folds.best, folds.right_best
+    square = ((data.angle - predicted) / data.sigma)[folds.cells] ** 2
+    largest = right + len(square) * form**2 + float(ndtri(LEVEL)) * np.sqrt(variance)
     if not np.sum(square) <= largest:
-        ratio = np.sqrt(np.sum(square) / folds.right_square)
+        ratio = np.sqrt(np.sum(square) / right)
         return f"unused data are missed by {ratio:.2g} times what a right model would leave"
     for title, curve in baselines.items():
         if _is_ahead(data, folds, square, curve, LEVEL ** (1 / len(baselines))):

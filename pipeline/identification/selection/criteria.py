@@ -10,7 +10,8 @@ named if and only if
 (d) it is plausible: its size is not at a bound of the library, its time constant not longer than the record, and the
     tolerances that are fitted beside it occur among the study's units;
 (e) it does better than a discrepancy of no known form: it explains the unit down to what the form of the model leaves,
-    and is then more probable than "none of these" by the odds of (a), or removes most of the misfit.
+    and is then more probable than "none of these" by the odds of (a);
+(f) with it, unused data are predicted as a right model would (``adequacy``).
 
 A second effect is named where the pair is more probable than the best single effect by the same odds. Named together,
 as a class, are the models that are at least a twentieth as probable as the best one.
@@ -19,7 +20,7 @@ as a class, are the models that are at least a twentieth as probable as the best
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,9 +47,6 @@ LEFT = 0.75
 FORM = 0.05
 """Share of the misfit that the form of the model (contact law, mesh, cells) may leave. Calibrated: the parameters of
 drawn units came out 1 to 6 % off."""
-MOSTLY_REMOVED = 0.7
-"""Share of the misfit that a named effect must remove where structure is left. Chosen: on the printed drive friction
-removes 0.8 to 0.85 of it, on drawn units the nearest effect of the library to one outside of it less than 0.6."""
 AT_BOUND = 0.01
 """Share of its bounds from an end at which a size is at the bound."""
 
@@ -80,7 +78,6 @@ class Selection:
     reasons : by name of a model that is as probable as what may be named, why it is not; empty reasons: it may be.
     best : the most probable model of at most two effects, or "" where "no effect" is not rejected.
     members : names of the class that is named, the most probable first; empty where nothing is.
-    explained : whether the first of them leaves no more than the form of the model does.
     """
 
     base: Trial
@@ -90,7 +87,6 @@ class Selection:
     reasons: Mapping[str, str] = field(default_factory=dict)
     best: str = ""
     members: tuple[str, ...] = ()
-    explained: bool = False
 
     @property
     def claimed(self) -> str:
@@ -110,8 +106,8 @@ class Selection:
 
     @property
     def description(self) -> Trial:
-        """The trial of the most probable model of any number of effects; the answer where that explains the unit."""
-        if self.explained or not self.best:
+        """The trial of the most probable model of any number of effects; the answer where it is named."""
+        if self.members or not self.best:
             return self.answer
         return max([self.answer, *self.trials.values()], key=lambda trial: trial.evidence.value)
 
@@ -125,6 +121,11 @@ class Selection:
         """The most probable model that is not named, or ""."""
         others = [name for name in self.odds if name not in self.members and self.trials[name].fit.model.n_effects == 1]
         return max(others, key=lambda name: self.odds[name], default="")
+
+
+def unnamed(selection: Selection, reason: str) -> Selection:
+    """The selection without names, since clause (f) refuses them for a reason."""
+    return replace(selection, members=(), reasons={**selection.reasons, selection.claimed: reason})
 
 
 def form_limit(base: Trial) -> float:
@@ -160,8 +161,7 @@ class Judge:
                 reasons |= {name: self.why_not(trials[name], base) for name in alike(leader, odds, trials)}
                 members = tuple(name for name in alike(leader, odds, trials) if not reasons[name])
                 if members:
-                    explained = self._explains(trials[members[0]], base)
-                    return Selection(base, trials, screened, odds, reasons, best, members, explained)
+                    return Selection(base, trials, screened, odds, reasons, best, members)
         return Selection(base, trials, screened, odds, reasons, best)
 
     def chosen_without(self, selection: Selection, part: int) -> str:
@@ -197,7 +197,7 @@ class Judge:
         share = tolerance_share(trial.fit, trial.evidence)
         if share < UNLIKELY:
             yield f"it needs tolerances that {share:.1g} of the study's units have"
-        if not self._explains(trial, base) and trial.rms > (1 - MOSTLY_REMOVED) * base.rms:
+        if not self._explains(trial, base):
             yield "a discrepancy of no known form describes the unit as well"
 
     def _implausible(self, fit: Fit) -> Iterator[str]:

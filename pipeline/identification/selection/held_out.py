@@ -66,8 +66,8 @@ class Folds:
     open_recalibrated, open_best, open_described, open_carried : standard deviations that the training cells leave open,
         and by which they scatter from position to position.
     models : name of the model that was chosen in each fold; "" for none.
-    right_square, right_variance : mean and variance of the sum of squares, in noise, that a right model without effects
-        leaves of the cells: noise, and what the training cells leave open, not the scatter between positions.
+    right_recalibrated, right_best : mean and variance (2,) of the sum of squares, in noise, that such a model leaves of
+        the cells where it is right: noise, and what the training cells leave open, not the scatter between positions.
     common_share : of the variance of what the description misses, taken to be common to all positions; mean over folds;
         NaN where it is not asked for.
     in_sample : whether the fits have seen the cells, since nothing could be held out.
@@ -84,8 +84,8 @@ class Folds:
     open_described: Real
     open_carried: Real
     models: tuple[str, ...]
-    right_square: float
-    right_variance: float
+    right_recalibrated: Real
+    right_best: Real
     common_share: float
     in_sample: bool = False
 
@@ -114,7 +114,7 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
     declared_angle = fitter.predict(Model(), fitter.start(Model())).angle
     declared = np.full(len(data), np.nan)
     predicted, left_open = np.full((4, len(data)), np.nan), np.full((4, len(data)), np.nan)
-    models, shares, right = [], [], np.zeros(2)
+    models, shares, right = [], [], np.zeros((2, 2))
     splits = splits_of(data, visible)
     for training, judged_cells in splits:
         if len(splits) == 1:
@@ -130,7 +130,7 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
         distinct_fits = {id(fit): fit for fit in fits}
         opened = {number: _left_open(fitter, fit, training) for number, fit in distinct_fits.items()}
         open_of_fit = {number: rows.deviations for number, rows in opened.items()}
-        right += opened[id(fits[0])].squares(fitter.problem.data.sigma, judged_cells)
+        right += [opened[id(fit)].squares(fitter.problem.data.sigma, judged_cells) for fit in fits[:2]]
         for number, fit in enumerate(fits):
             predicted[number, judged_cells] = fit.predicted[judged_cells]
             deviation = _unknown(fitter.problem.data, fit, training, open_of_fit[id(fit)])
@@ -146,10 +146,7 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
     open_refitted, open_best, open_described, open_carried = left_open
     angles = refitted, best, described, carried, open_refitted, open_best, open_described, open_carried
     common_share = float(np.mean(shares or np.nan))
-    right_square, right_variance = right.tolist()
-    return Folds(
-        cells, declared, *angles, tuple(models), right_square, right_variance, common_share, in_sample=in_sample
-    )
+    return Folds(cells, declared, *angles, tuple(models), right[0], right[1], common_share, in_sample=in_sample)
 
 
 def splits_of(data: Data, visible: Truth) -> list[tuple[Truth, Truth]]:

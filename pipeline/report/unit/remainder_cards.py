@@ -1,4 +1,4 @@
-"""What the page says beside the verdict: cards of what claimed effects leave, and what the written study leaves."""
+"""What the page says beside the verdict: cards of what the nearest effects leave, and what the written study leaves."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Any
 
 from pipeline.identification.identify import Identification
 from pipeline.identification.selection.statements.remainder import Remainder
-from pipeline.identification.selection.statements.verdict import MOSTLY
+from pipeline.identification.selection.statements.verdict import UNEXPLAINED
 from pipeline.report.unit.numbers import digits, interval
 
 
 def remainder_cards(identification: Identification) -> list[tuple[str, str, str, str]]:
-    """Cards of what claimed effects leave: how much is removed, and the rest beside noise, positions and baselines."""
-    if identification.verdict.verdict != MOSTLY:
+    """Cards of what the nearest effects leave that are not named: the share removed, and the rest beside noise."""
+    if identification.verdict.verdict != UNEXPLAINED or not identification.selection.best:
         return []
     remainder, floor = identification.remainder, identification.remainder.noise_arcmin
     title, best = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
     size = remainder.scatter.size if remainder.scatter else math.nan
     return [
-        ("Explained", f"{remainder.removed:.0%}", "", "of the refitted model's held-out error is removed"),
+        ("By the nearest", f"{remainder.removed:.0%}", "", "of the refitted model's held-out error is removed"),
         ("Not traced", digits(remainder.rms_arcmin), "arcmin", f"beside a noise floor of {digits(floor)} arcmin"),
         ("Of it alike everywhere", digits(remainder.common_arcmin), "arcmin", "common to all positions"),
         ("Of it by position", digits(size), "arcmin", scatter_words(remainder)),

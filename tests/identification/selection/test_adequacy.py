@@ -1,8 +1,9 @@
-"""The test that ``adequate`` has to pass."""
+"""The test that ``adequate`` and every name have to pass."""
 
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from pipeline.identification.selection.adequacy import failed_test
 
@@ -11,25 +12,31 @@ BLOCKS, CELLS, SIGMA = 24, 20, 0.2
 N = BLOCKS * CELLS
 
 
-def outcome(missed, curves=None, open_share=0.0, in_sample=False, form=0.3):
-    """Why a model fails whose predictions miss by so much [noise], with a share of variance that was left open."""
+def outcome(missed, curves=None, open_share=0.0, in_sample=False, form=0.3, named=False):
+    """Why a model fails whose predictions miss by so much [noise], with a share of variance that was left open.
+
+    The other of the two models, with effects or without, is far off in all of them.
+    """
     data = SimpleNamespace(angle=SIGMA * missed, sigma=np.full(N, SIGMA), block=np.repeat(np.arange(BLOCKS), CELLS))
+    right = np.array([N * (1 + open_share), 2.0 * N * (1 + open_share) ** 2])
     folds = SimpleNamespace(
         cells=np.ones(N, bool),
-        recalibrated=np.zeros(N),
-        right_square=N * (1 + open_share),
-        right_variance=2.0 * N * (1 + open_share) ** 2,
+        recalibrated=np.full(N, 9.0 * named),
+        best=np.full(N, 9.0 * (not named)),
+        right_recalibrated=right if not named else np.zeros(2),
+        right_best=right if named else np.zeros(2),
         in_sample=in_sample,
     )
-    return failed_test(data, folds, curves or {}, form)
+    return failed_test(data, folds, curves or {}, form, named)
 
 
-def test_noise_passes_and_what_no_right_model_leaves_does_not():
+@pytest.mark.parametrize("named", [False, True])
+def test_noise_passes_and_what_no_right_model_leaves_does_not(named):
     noise = RNG.standard_normal(N)
-    assert outcome(noise) == ""
-    assert "1.5 times what a right model" in outcome(1.5 * noise / np.std(noise))
-    assert outcome(1.5 * noise / np.std(noise), open_share=1.5) == ""
-    assert outcome(np.full(N, np.nan))
+    assert outcome(noise, named=named) == ""
+    assert "1.5 times what a right model" in outcome(1.5 * noise / np.std(noise), named=named)
+    assert outcome(1.5 * noise / np.std(noise), open_share=1.5, named=named) == ""
+    assert outcome(np.full(N, np.nan), named=named)
 
 
 def test_noise_alone_fails_in_few_draws():

@@ -12,12 +12,12 @@ from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection.criteria import (
     AT_BOUND,
     FEWEST_BLOCKS,
-    MOSTLY_REMOVED,
     ODDS,
     Judge,
     Trial,
     form_limit,
     prior_log_odds,
+    unnamed,
 )
 from pipeline.identification.selection.evidence import Covariance, Evidence, Structure
 from pipeline.identification.selection.model_selection import parts_of
@@ -151,12 +151,18 @@ def test_models_within_the_odds_are_one_class():
     assert judged(trials).nearest == "rayleigh"
 
 
-def test_most_of_a_misfit_may_be_explained_though_structure_is_left():
-    options = {"value": 400.0, "limited": -400.0}
-    for rms, expected in ((0.9 * (1 - MOSTLY_REMOVED) * 50, ("coulomb",)), (1.1 * (1 - MOSTLY_REMOVED) * 50, ())):
-        selection = judged({"coulomb": trial("coulomb", Known(**options), rms=rms)}, base_rms=50.0)
-        assert selection.members == expected
-        assert not selection.explained
+@pytest.mark.parametrize("rms", [1.5, 15.0, 45.0])
+def test_an_effect_is_not_named_while_structure_is_left_however_much_it_removes(rms):
+    selection = judged({"coulomb": trial("coulomb", Known(value=400.0, limited=-400.0), rms=rms)}, base_rms=50.0)
+    assert selection.best == "coulomb"
+    assert selection.members == ()
+
+
+def test_a_refused_name_stays_the_nearest_with_its_reason():
+    selection = unnamed(judged({"coulomb": trial("coulomb", Known(40.0))}), "unused data are missed")
+    assert selection.members == ()
+    assert selection.best == selection.nearest == "coulomb"
+    assert selection.reasons["coulomb"] == "unused data are missed"
 
 
 def test_what_the_form_may_leave_grows_with_the_misfit():

@@ -19,13 +19,12 @@ from pipeline.statistics.curve_scatter import CurveScatter
 
 SINGLES = ("coulomb", "flank_wear", "preload", "seat_compliance")
 CASES = {
-    "nothing": ((), True, "adequate"),
-    "one effect": (SINGLES[:1], True, "identified"),
-    "two together": (("coulomb+preload",), True, "identified"),
-    "two alike": (("coulomb", "seat_compliance"), True, "equivalent"),
-    "four alike": (("coulomb", "seat_compliance", "torque_zero", "torque_gain"), True, "equivalent"),
-    "one that tolerances can be": (("flank_wear", "torque_gain"), True, "within tolerance"),
-    "most of it": (("coulomb",), False, "mostly explained"),
+    "nothing": ((), "adequate"),
+    "one effect": (SINGLES[:1], "identified"),
+    "two together": (("coulomb+preload",), "identified"),
+    "two alike": (("coulomb", "seat_compliance"), "equivalent"),
+    "four alike": (("coulomb", "seat_compliance", "torque_zero", "torque_gain"), "equivalent"),
+    "one that tolerances can be": (("flank_wear", "torque_gain"), "within tolerance"),
 }
 TOLERATED = ("flank_wear", "preload")
 
@@ -41,7 +40,7 @@ def fitter():
     return SimpleNamespace(problem=problem, bounds=lambda model: [(0.0, 10.0)] * model.n_parameters)
 
 
-def selection_of(members, explained=True, left=0.1, best="", modes=()):
+def selection_of(members, left=0.1, best="", modes=()):
     names = members or ((best,) if best else ())
     trials = {name: trial(name, Known(50.0), 1.0) for name in names}
     for known in trials.values():
@@ -50,7 +49,7 @@ def selection_of(members, explained=True, left=0.1, best="", modes=()):
     odds = dict.fromkeys(names, 45.0) | {"rayleigh": 4.0}
     trials["rayleigh"] = trial("rayleigh", Known(4.0), 4.0)
     reasons = {best: "the interval reaches zero"} if best else {}
-    return Selection(base, trials, {}, odds, reasons, best or (members[0] if members else ""), members, explained)
+    return Selection(base, trials, {}, odds, reasons, best or (members[0] if members else ""), members)
 
 
 def statement(result, selection, where=""):
@@ -61,8 +60,8 @@ def statement(result, selection, where=""):
 
 @pytest.mark.parametrize("name", CASES)
 def test_terms_of_the_verdict(name):
-    members, explained, term = CASES[name]
-    selection = selection_of(members, explained)
+    members, term = CASES[name]
+    selection = selection_of(members)
     result = judge(fitter(), selection, np.ones(4, bool))
     message = statement(result, selection)
     assert (result.verdict, result.named) == (term, members)

@@ -49,7 +49,12 @@ def through_command_line(cases: Sequence[int], seed: int, jobs: int, root: Path,
 
 
 def one_unit(seed: int, case: int, code: str, root: Path, folder: Path) -> Row:
-    """Draw, seal, identify by the command line, and only then hold the stored verdict against the truth."""
+    """Draw, seal, identify by the command line, and only then hold the stored verdict against the truth.
+
+    Raises
+    ------
+    RuntimeError : the truth is not the one that was sealed.
+    """
     home = folder / COMPLIANT
     path = home / "units" / f"s{seed}-{case:04d}"
     unit = drawn_unit(seed, case, designs(root))

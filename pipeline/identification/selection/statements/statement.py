@@ -19,7 +19,6 @@ from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
     IDENTIFIED,
     LARGEST_CLASS,
-    MOSTLY,
     NOT_TESTABLE,
     WITHIN,
     Verdict,
@@ -149,7 +148,8 @@ def _sentence(
         return f"These data do not decide whether the model explains the unit: {before}{_expected(refitted)}."
     if not verdict.named:
         nearest = selection.best or selection.nearest
-        text = f" The nearest, {title_of(nearest)}, leaves {_error(best)}." if selection.best else ""
+        share = f"removes {remainder.removed:.0%} of this error and " if remainder.removed > 0 else ""
+        text = f" The nearest, {title_of(nearest)}, {share}leaves {_error(best)}." if selection.best else ""
         return (
             f"No cause named. The unit departs from the refitted model, {before}{_expected(refitted)}, and no effect "
             f"of the library explains it.{text}"
@@ -157,13 +157,6 @@ def _sentence(
     gain = f"{before} before and {_error(best)} after{_expected(best)}"
     names = verdict.named
     numbers = ", ".join(_number(p) for p in verdict.parameters)
-    if verdict.verdict == MOSTLY:
-        scatter = remainder.scatter
-        spread = f" ({scatter.size:.2g} arcmin of it from position to position)" if scatter and scatter.shown else ""
-        return (
-            f"The unit is mostly explained by {title_of(names[0])} ({numbers}): {gain}, {remainder.removed:.0%} "
-            f"removed; the cause of the rest{spread} is not known."
-        )
     titles = "; ".join(title_of(name) for name in names)
     if verdict.verdict == WITHIN:
         return f"The data call for a change that the tolerances allow. Within tolerance: {titles} ({gain})."

@@ -1,4 +1,4 @@
-"""The verdict on a unit: what the rule (``criteria``) says, in one of eight terms, with parameters."""
+"""The verdict on a unit: what the rule (``criteria``) says, in one of seven terms, with parameters."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ ADEQUATE = "adequate"
 IDENTIFIED = "identified"
 EQUIVALENT = "equivalent"
 WITHIN = "within tolerance"
-MOSTLY = "mostly explained"
 UNEXPLAINED = "not explained by the library"
 NOT_TESTABLE = "not testable with these data"
 FAULT = "data fault"
@@ -41,7 +40,7 @@ class Verdict:
 
     Attributes
     ----------
-    verdict : one of the eight terms.
+    verdict : one of the seven terms.
     named : the effect (several joined by + act together), or the class of effects that the data do not tell apart.
     parameters : of the named effects.
     calibrated : refitted numbers of the model that is named, or of the one without effects.
@@ -73,9 +72,7 @@ def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
 
 
 def _of_class(fitter: Fitter, selection: Selection) -> str:
-    """The term for what is named: tolerances stand for it, structure is left, one effect or several alike."""
-    if not selection.explained:
-        return MOSTLY
+    """The term for what is named: tolerances stand for it, one effect or several alike."""
     if any(_tolerated(fitter, selection.trials[name].fit) for name in selection.members):
         return WITHIN
     return IDENTIFIED if len(selection.members) == 1 else EQUIVALENT
@@ -99,13 +96,12 @@ def _findings(fitter: Fitter, selection: Selection, cells: Truth, verdict: str, 
         findings.append(f"The fit needs tolerances found in only {share:.1g} of the study's units")
     if selection.best and not selection.members:
         findings.append(f"The most probable, {selection.best}, is not named: {selection.reasons[selection.best]}")
-    if verdict in (UNEXPLAINED, MOSTLY):
+    if verdict == UNEXPLAINED:
         free = released(fitter, selection.chosen.fit, cells)
         misfit = np.inf if free is None else _misfit(fitter, free, cells)
         if free is not None and misfit <= np.hypot(1.0, selection.limit):
             numbers = implausible(calibrated_numbers(fitter, free, selection.chosen.evidence))
-            what = "The rest" if selection.members else "The unit"
-            findings.append(f"{what} would be explained only by {numbers}")
+            findings.append(f"The unit would be explained only by {numbers}")
     return tuple(findings)
 
 

@@ -129,7 +129,7 @@ def _oval(order: int) -> Cause:
 def _worn(disk: Disk, values: Sequence[float], cycle: int, warmer: float) -> Disk:
     at = np.angle(disk.pins) - disk.turned
     pressed = np.sin((len(disk.pins) - 1) * at) * values[0] < 0
-    return _grown(disk, -UM * abs(values[0]) * pressed)
+    return _grown(disk, np.where(pressed, -UM * abs(values[0]), 0.0))
 
 
 def _seats(disk: Disk, values: Sequence[float], cycle: int, warmer: float) -> Disk:

@@ -192,9 +192,9 @@ class Disk:
                 method="trust-exact",
                 options={"gtol": limit, "maxiter": 400, "initial_trust_radius": radius, "max_trust_radius": 20.0},
             )
-            pose = solved.x
+            pose = np.asarray(solved.x, float)
             if np.linalg.norm(self.energy(pose, torque)[1]) <= 10 * limit:
-                return np.asarray(pose)
+                return pose
             radius *= 0.1
         raise UnbalancedError(f"forces do not balance at {torque:.3g} N mm")
 
