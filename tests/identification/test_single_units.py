@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.populations.comparison import measurable_metrics
-from pipeline.populations.single_units import single_units
+from pipeline.populations.single_units import SingleUnits, single_units
 
 NAMES = list(measurable_metrics())
 COVARIANCE = 0.02 * (np.eye(len(NAMES)) + 0.5)
@@ -44,3 +44,28 @@ def test_too_few_samples_are_stated():
     (found,) = single_units(units_of(drawn(12, 1)), metrics_of(drawn(50, 0)), "mean")
     assert found.outlying == ()
     assert "needs 239 samples; it has 50" in found.sentence
+
+
+def test_names_follow_holms_steps():
+    """Of four units the levels are 1.25, 1.67, 2.5 and 5 %; behind the first that is missed no other is named."""
+
+    def outlying(*p_value: float) -> tuple[str, ...]:
+        return SingleUnits(None, ("a", "b", "c", "d"), np.array(p_value), 79, 100).outlying
+
+    assert outlying(0.016, 0.2, 0.0124, 0.03) == ("c", "a")
+    assert outlying(0.013, 0.013, 0.013, 0.013) == ()
+    assert outlying(0.0125, 0.01, 0.05, 0.025) == ("b", "a", "d", "c")
+
+
+def test_p_values_count_samples_as_far_as_a_unit_from_the_median_of_the_others():
+    """One metric: the others' median is shifted by 1, and its scatter widens the distance by pi/2 over their number."""
+    samples = np.linspace(-3.0, 3.0, 601)
+    metrics = pd.DataFrame(
+        {**dict.fromkeys(NAMES, samples), "sample": np.arange(601), "crank_deg": 0.0, "status": "ok"}
+    )
+    values = [1.0, 1.0, 1.0, 1.0, 3.4]
+    units = pd.DataFrame({NAMES[0]: values, "unit": list("abcde")})
+    (found,) = single_units(units, metrics, "mean")
+    distance = 2.4 / np.sqrt(1 + np.pi / 2 / 4)
+    assert found.p_value[4] == (1 + np.count_nonzero(np.abs(samples) >= distance)) / 602
+    assert found.p_value[0] == 1.0
