@@ -8,10 +8,8 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.identification.fitting.cell_torques import followed_torques
 from pipeline.identification.generic.turning_crank import CrankLoops
+from pipeline.identification.measurement.faults.plausibility import REVOLUTION
 from pipeline.identification.measurement.measurement import Measurement
-
-ARCMIN_A_TURN = 21600.0
-"""Minutes of arc in a turn."""
 
 
 def crank_loops(measurement: Measurement, largest_torque: float = np.inf) -> CrankLoops:
@@ -37,7 +35,7 @@ def crank_loops(measurement: Measurement, largest_torque: float = np.inf) -> Cra
     turned, crank = 0.0, known
     if settings.moves == "follows_angle":
         assert settings.ratio is not None
-        turned = -settings.ratio * 2 * np.pi / ARCMIN_A_TURN
+        turned = -settings.ratio * 2 * np.pi / REVOLUTION
     elif settings.moves == "column":
         column = _column(measurement, str(settings.column))
         crank = known + np.radians(measurement.over_cells(column) - column[first][cells.position])

@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from pipeline.identification.fitting.data import Data
+from pipeline.identification.selection.evidence import CONFIDENCE
 from pipeline.identification.selection.held_out import Folds
 
 Real = NDArray[np.float64]
-
-LEVEL = 0.95
-"""One-sided confidence with which an error is called too large, or a baseline ahead."""
 
 
 def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: float, named: bool = False) -> str:
@@ -36,12 +34,12 @@ def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: f
     if named:
         predicted, (right, variance) = folds.best, folds.right_best
     square = ((data.angle - predicted) / data.sigma)[folds.cells] ** 2
-    largest = right + len(square) * form**2 + float(ndtri(LEVEL)) * np.sqrt(variance)
+    largest = right + len(square) * form**2 + float(ndtri(CONFIDENCE)) * np.sqrt(variance)
     if not np.sum(square) <= largest:
         ratio = np.sqrt(np.sum(square) / right)
         return f"unused data are missed by {ratio:.2g} times what a right model would leave"
     for title, curve in baselines.items():
-        if _is_ahead(data, folds, square, curve, LEVEL ** (1 / len(baselines))):
+        if _is_ahead(data, folds, square, curve, CONFIDENCE ** (1 / len(baselines))):
             return f"{title} predicts unused data better"
     return ""
 

@@ -28,6 +28,7 @@ from scipy.special import logsumexp
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
+from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.recalibration import UNLIKELY, tolerance_share
 
@@ -40,8 +41,8 @@ ODDS = float(np.log((1 - FAMILYWISE) / FAMILYWISE))
 """Logarithm of the odds that this asks for, and of those within which models are named together."""
 MOST_NAMED = 2
 """Effects that are named together; more only describe."""
-FEWEST_BLOCKS = 8
-"""Branches below which no effect is named: fewer do not tell noise from structure."""
+LARGEST_CLASS = 3
+"""Effects in a class beyond which it counts as unresolved."""
 LEFT = 0.75
 """Structure, in the noise of a cell, that the form of the model may leave: with the noise, 1.25 of it."""
 FORM = 0.05

@@ -39,7 +39,7 @@ CORRELATIONS = (0.0, 0.3, 0.6)
 OFFSET = 1e3
 """Prior standard deviation of the zero of an angle, in those of the median cell: equal in all models."""
 CONFIDENCE = 0.95
-"""Of the intervals of sizes."""
+"""Of intervals, of tests of unused data, and of the sizes that would be noticed and named."""
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,10 @@ from scipy.special import ndtri  # quantiles: scipy.stats is slow to import
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import mapped
 from pipeline.identification.selection.criteria import FORM, Trial
+from pipeline.identification.selection.evidence import CONFIDENCE
 
 Real = NDArray[np.float64]
 
-CONFIDENCE = 0.95
-"""Of the intervals of fitted parameters."""
 LARGEST_LOG = 10.0
 """Logarithm up to which an interval is widened: beyond it every bound of the library is reached."""
 

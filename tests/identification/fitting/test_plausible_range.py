@@ -6,10 +6,10 @@ import pytest
 from synthetic_unit import ROOT
 
 from pipeline.config import load_design
+from pipeline.config.designs.plausible_range import DIMENSION, METAL_MODULUS, STIFFNESS, plausible_range
 from pipeline.config.files.writing import toml_of
 from pipeline.config.reading import parse_design
 from pipeline.errors import InputError
-from pipeline.config.designs.plausible_range import DIMENSION, METAL_MODULUS, STIFFNESS, plausible_range
 
 PAPER = load_design("pham2017", ROOT)
 KEY = "output.roller_length_mm"

@@ -91,7 +91,17 @@ def test_structure_a_withheld_name_or_odd_tolerances_are_never_adequate(options,
     result = judge(fitter(), selection, np.ones(4, bool))
     assert result.verdict == "not explained by the library"
     assert reason in " ".join(result.findings)
-    assert "No cause named" in statement(result, selection).sentence
+    message = statement(result, selection)
+    assert "No cause named" in message.sentence
+    glance = dict(message.glance)
+    assert glance["Cause"] == "no cause named"
+    if "best" in options:
+        assert "removes 80% of this error" in message.sentence
+        assert glance["Nearest effect"].endswith(
+            "removes 80% of the error. It is not named, because the interval reaches zero"
+        )
+    else:
+        assert "Nearest effect" not in glance
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pipeline.figures.style import INK, new_figure, save, styled
-from pipeline.identification.selection.statements.verdict import LARGEST_CLASS
+from pipeline.identification.selection.criteria import LARGEST_CLASS
 from tests.validation.blind.generate import TWO
 from tests.validation.blind.rates import confusion, rates, write_confusion, write_rates
 from tests.validation.blind.run import Row

@@ -21,8 +21,9 @@ from pipeline.engine.fingerprint import package_versions, source_hashes
 from pipeline.engine.store import write_atomic
 from pipeline.identification.identify import FaultyUnit, Identification, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.selection.criteria import LARGEST_CLASS
 from pipeline.identification.selection.held_out import STAGES
-from pipeline.identification.selection.statements.verdict import ADEQUATE, LARGEST_CLASS, NOT_TESTABLE, UNEXPLAINED
+from pipeline.identification.selection.statements.verdict import ADEQUATE, NOT_TESTABLE, UNEXPLAINED
 from tests.validation.blind import oracle
 from tests.validation.blind.catalogue import CatalogueReducer, catalogue, condense
 from tests.validation.blind.generate import FULL, NONE, ONE, OUTSIDE_KIND, TWO, Made, Maker, generate

@@ -12,18 +12,15 @@ from scipy.special import ndtri  # scipy.stats is slow to import
 from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.parameters import unmapped
 from pipeline.identification.fitting.problem import Candidate, Model
-from pipeline.identification.selection.criteria import ODDS, Trial, prior_log_odds
+from pipeline.identification.selection.criteria import LARGEST_CLASS, ODDS, Trial, prior_log_odds
+from pipeline.identification.selection.evidence import CONFIDENCE
 
 Real = NDArray[np.float64]
 
-CONFIDENCE = 0.95
-"""Probability with which an effect of the stated size would be noticed, or named."""
 START = 0.01
 """First size that is looked at, in parts of an effect's bounds."""
 STEPS, AGREEMENT = 6, 0.05
 """Predictions at most, and relative error of the size that is good enough."""
-LARGEST_CLASS = 3
-"""Effects that may be named together."""
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.measurement.faults.fault import Fault
-from pipeline.identification.selection.criteria import FEWEST_BLOCKS, Selection
+from pipeline.identification.selection.criteria import FEWEST_BLOCKS, LARGEST_CLASS, Selection
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.parameter_intervals import CONFIDENCE, FittedParameter
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
     IDENTIFIED,
-    LARGEST_CLASS,
     NOT_TESTABLE,
     WITHIN,
     Verdict,
@@ -88,7 +87,7 @@ def stated(
     else:
         sentence = _sentence(verdict, selection, refitted, best, remainder)
     advice = MEASURE_MORE[in_sample] if in_sample else _advice(verdict, selection)
-    return Statement(sentence + findings, advice, _glance(verdict, selection, where))
+    return Statement(sentence + findings, advice, _glance(verdict, selection, remainder, where))
 
 
 def title_of(name: str) -> str:
@@ -193,7 +192,7 @@ def _measurements(names: Sequence[str]) -> str:
     return "; or ".join(candidates()[part].told_apart_by for part in dict.fromkeys(parts))
 
 
-def _glance(verdict: Verdict, selection: Selection, where: str) -> tuple[tuple[str, str], ...]:
+def _glance(verdict: Verdict, selection: Selection, remainder: Remainder, where: str) -> tuple[tuple[str, str], ...]:
     """What is read first."""
     names = verdict.named
     cause = "; or ".join(title_of(name) for name in names) if names else "no cause named"
@@ -203,8 +202,14 @@ def _glance(verdict: Verdict, selection: Selection, where: str) -> tuple[tuple[s
         rows.append(("How large", "; ".join(_number(p) for p in verdict.parameters)))
     if where:
         rows.append(("Where in the loop", where))
+    if not names and selection.best:
+        share = (
+            f"removes {remainder.removed:.0%} of the error" if remainder.removed > 0 else "removes none of the error"
+        )
+        reason = selection.reasons[selection.best]
+        rows.append(("Nearest effect", f"{title_of(selection.best)}: {share}. It is not named, because {reason}"))
     nearest = selection.nearest
-    if nearest:
+    if nearest and (names or nearest != selection.best):
         rows.append(("Next candidate", f"{title_of(nearest)}: {_comparison(selection, nearest)}"))
     return tuple(rows)
 

@@ -30,8 +30,6 @@ WITHIN = "within tolerance"
 UNEXPLAINED = "not explained by the library"
 NOT_TESTABLE = "not testable with these data"
 FAULT = "data fault"
-LARGEST_CLASS = 3
-"""Effects in a class beyond which it counts as unresolved."""
 
 
 @dataclass(frozen=True)
