@@ -2,8 +2,10 @@
 
 import importlib
 import importlib.metadata
+import importlib.util
 import pkgutil
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 
@@ -68,3 +70,16 @@ KINDS = (
     REPORT_SECTIONS,
     TURN_METRICS,
 )
+
+
+def registered_folders() -> list[Path]:
+    """Folders, or single files, of other packages that register what is declared."""
+    modules = {
+        entry.module.partition(".")[0] for kind in KINDS for entry in importlib.metadata.entry_points(group=kind.group)
+    }
+    folders = []
+    for spec in filter(None, map(importlib.util.find_spec, sorted(modules))):
+        folders += [Path(folder) for folder in spec.submodule_search_locations or ()]
+        if spec.origin and not spec.submodule_search_locations:
+            folders.append(Path(spec.origin))
+    return folders

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from pipeline.cli.boundary import answer
+from pipeline.cli.kept_answers import kept_answer
 from pipeline.cli.parser import parser
 from pipeline.errors import shortened
 
@@ -38,5 +39,9 @@ def answered(
 def _run(options: argparse.Namespace) -> None:
     if options.opening:
         print(shortened(options.opening.format(**vars(options))), flush=True)  # the imports behind it take seconds
+    if kept := kept_answer(options):
+        for lines, stream in zip(kept, (sys.stdout, sys.stderr), strict=True):
+            print("".join(f"{line}\n" for line in lines), end="", file=stream)
+        return
     module, _, action = options.command.partition(".")
     getattr(importlib.import_module(f"pipeline.cli.{module}"), action)(options)

@@ -10,8 +10,11 @@ import pandas as pd
 
 from pipeline import settings
 from pipeline.cli.arguments import check_sample, workers
+from pipeline.cli.kept_answers import keep_answer
+from pipeline.cli.parser import parser
 from pipeline.cli.printing import print_answer
 from pipeline.config import Study, load_study, load_unit
+from pipeline.config.files.text_file import READ
 from pipeline.engine.lock import locked
 from pipeline.engine.runner import damages, plan, set_aside, why
 from pipeline.engine.store import DAMAGED, RECORD, Output, remove, write_atomic
@@ -19,6 +22,7 @@ from pipeline.errors import InputError
 from pipeline.library.running import known_size, prepared_loops, up_to_date
 from pipeline.library.studies import tails
 from pipeline.model.metrics import library
+from pipeline.registry import registered_folders
 from pipeline.report.samples.known_yield import needed_sentences, preload_warning, yield_estimate
 from stages import hysteresis
 from stages.chain import STAGES
@@ -37,13 +41,25 @@ def run_stages(options: argparse.Namespace) -> None:
         print("\n".join(_planned(study, stages)))
         return
     outputs = up_to_date(study, stages, workers(options)).outputs
+    lines = []
     if "aggregate" in outputs:
         distributions = pd.DataFrame(outputs["aggregate"].read("distributions"))
         if warning := preload_warning(distributions, study.limits.over):
-            print(f"Warning: {warning}")
+            lines.append(f"Warning: {warning}")
     report = settings.RUNS / study.name / "report" / "report.html"
     if STAGES[-1].name in stages:
-        print(f"report: {settings.shown(report)}")
+        lines.append(f"report: {settings.shown(report)}")
+    print("".join(f"{line}\n" for line in lines), end="")
+    if study.samples.until is None and options.backend == "loky":
+        _keep(options, study.name, lines, [f"{name}  up to date" for name in outputs])
+        for name in outputs:
+            _keep(parser().parse_args(["why", name, "--study", options.study]), study.name, ["up to date"])
+        if "aggregate" in outputs:
+            _keep(parser().parse_args(["show", study.name]), study.name, _shown(settings.RUNS / study.name))
+
+
+def _keep(options: argparse.Namespace, run: str, output: Sequence[str], errors: Sequence[str] = ()) -> None:
+    keep_answer(options, output, errors, settings.RUNS / run, READ, registered_folders())
 
 
 def _planned(study: Study, targets: Sequence[str]) -> Iterator[str]:
@@ -64,6 +80,13 @@ def _planned(study: Study, targets: Sequence[str]) -> Iterator[str]:
 def show_run(options: argparse.Namespace) -> None:
     """Print the summary of a run."""
     folder = Path(options.run) if Path(options.run).is_dir() else settings.RUNS / options.run
+    lines = _shown(folder)
+    print("\n".join(lines))
+    keep_answer(options, lines, (), folder, (), registered_folders())
+
+
+def _shown(folder: Path) -> list[str]:
+    """Lines of the summary of a run."""
     outputs = {stage.name: output for stage in STAGES if (output := Output.open(folder / stage.name))}
     if "aggregate" not in outputs:
         raise InputError(f"{settings.shown(folder)}: no results; run: python -m pipeline run --study {folder.name}")
@@ -71,15 +94,18 @@ def show_run(options: argparse.Namespace) -> None:
         pd.DataFrame(outputs["aggregate"].read("distributions")),
         outputs["aggregate"].record["settings"],
     )
+    lines = []
     if warning := preload_warning(distributions, known_statistics["limits.over"]):
-        print(f"Warning: {warning}")
-    print("\n".join(summary(distributions, folder.name)))
+        lines.append(f"Warning: {warning}")
+    lines += summary(distributions, folder.name)
     if share := yield_estimate(distributions, known_statistics["limits.over"]):
-        print("\n".join(needed_sentences(share, known_statistics["metrics.confidence"])))
+        lines += needed_sentences(share, known_statistics["metrics.confidence"])
     status = outputs["aggregate"].read("units")["status"]
-    print(f"{len(status)} units, {np.count_nonzero(np.asarray(status) != 'ok')} with a remark in status")
-    for name, output in outputs.items():
-        print(f"{name}  {output.record['started']}  {output.record['seconds']:.1f} s")
+    lines.append(f"{len(status)} units, {np.count_nonzero(np.asarray(status) != 'ok')} with a remark in status")
+    lines += [
+        f"{name}  {output.record['started']}  {output.record['seconds']:.1f} s" for name, output in outputs.items()
+    ]
+    return lines
 
 
 def summary(distributions: pd.DataFrame, name: str) -> Iterator[str]:
@@ -106,8 +132,11 @@ def summary(distributions: pd.DataFrame, name: str) -> Iterator[str]:
 
 def reasons(options: argparse.Namespace) -> None:
     """Print why a stage would run."""
-    for reason in why(STAGES, known_size(load_study(options.study, settings.ROOT)), options.stage, settings.RUNS):
-        print(reason)
+    study = load_study(options.study, settings.ROOT)
+    sentences = why(STAGES, known_size(study), options.stage, settings.RUNS)
+    print("\n".join(sentences))
+    if study.samples.until is None:
+        _keep(options, study.name, sentences)
 
 
 def solve_unit(options: argparse.Namespace) -> None:

@@ -16,6 +16,7 @@ from pipeline.config.designs.flank_file import with_flank_file
 from pipeline.config.designs.geometry import geometry_problems
 from pipeline.config.files.messages import problems_of
 from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Mistake, nearest_name, shown_value
+from pipeline.config.files.text_file import READ
 from pipeline.config.notation import with_notation
 from pipeline.config.studies.cases import Case, case_problems
 from pipeline.config.studies.consistency import provenance_problems, study_problems, with_turn
@@ -283,6 +284,7 @@ def with_tuples(value: Any) -> Any:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file; InputError if it is none, or larger or deeper than settings are."""
+    READ.add(path)
     size = path.stat().st_size
     if size > LARGEST_FILE:
         allowed = f"settings have at most {LARGEST_FILE}; is it another file?"

@@ -18,6 +18,8 @@ LARGEST_VALUE = 1e12
 """Of any quantity in its standard unit; what is beyond was never measured, and its square may be no number."""
 _AT_ONCE = 1 << 20
 """Bytes that are read at once."""
+READ: set[Path] = set()
+"""Inputs that this process has read, designs and studies with the files that they name."""
 _GZIP = b"\x1f\x8b"
 _PACKED = {
     b"PK\x03\x04": "a ZIP archive",
@@ -41,6 +43,7 @@ def check_text(path: Path, name: str) -> str:
     InputError : an archive, by its content or its name; a damaged gzip; bytes that are no text; more than
         `LARGEST_TEXT` bytes, unpacked.
     """
+    READ.add(path)
     with path.open("rb") as file:
         beginning = file.read(8)
         packed = next((kind for magic, kind in _PACKED.items() if beginning.startswith(magic)), "")
