@@ -1,7 +1,9 @@
 """The errors that end a command, each said in full and without a traceback."""
 
+import importlib
 import re
 from collections.abc import Iterable
+from typing import Any
 
 LONGEST_WORD = 160
 """Characters of an echoed value or path, more than a path has: a longer one is cut in its middle."""
@@ -42,6 +44,15 @@ class ModelError(InputError, ValueError):
 
 class ChunkError(RuntimeError):
     """A body failed on a chunk; says stage, items and how to come back to it."""
+
+
+def import_extra(package: str, extra: str) -> Any:
+    """A package that only an extra of this one installs; raises InputError with the command where it is missing."""
+    try:
+        return importlib.import_module(package)
+    except ImportError:
+        remedy = f"python -m pip install 'cycloid-tolerance-study[{extra}]'"
+        raise InputError(f"{package} is not installed, which this command needs; {remedy}") from None
 
 
 def shortened(line: str) -> str:

@@ -1,6 +1,7 @@
 """Stage 4a: the elastic disk condensed to the patches of its contacts, once per crank angle, before any sample."""
 
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ from pipeline import assembly
 from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
+from pipeline.errors import InputError
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.reducer import Reducer
 from stages.tables.condensed import COMPLIANCE_FILE, UM_PER_MM, matrix_name
@@ -18,7 +20,7 @@ from stages.tables.keys import CONTACT, CRANK
 if TYPE_CHECKING:
     from pipeline.model.elastic.condensed_body import ElasticBody
 
-MESH_FILE = "mesh.npz"
+MESH_FILE, PARAVIEW_FILE = "mesh.npz", "mesh.vtu"
 SECTIONS = ("design.cycloid", "design.materials", "design.disk", "design.flank", "design.output", "reduce")
 
 CONTACTS = Table(
@@ -45,7 +47,9 @@ def _write_mesh(study: Study, disk: "ElasticBody", reducer: Reducer, folder: Pat
     patches = elastic.disk_patches(study, disk, reducer)
     pin = int(np.argmax(np.abs(reducer.disks[0].pins.arm)))
     displacement = UM_PER_MM * disk.nodal_displacement(patches, np.eye(len(patches))[pin])
-    write_vtk(folder / "mesh.vtu", disk.nodes, disk.triangles, {f"displacement_um_per_N_on_pin_{pin}": displacement})
+    fields = {f"displacement_um_per_N_on_pin_{pin}": displacement}
+    with suppress(InputError):  # without meshio there is no file for ParaView
+        write_vtk(folder / PARAVIEW_FILE, disk.nodes, disk.triangles, fields)
     np.savez(
         folder / MESH_FILE,
         nodes=disk.nodes,
@@ -119,8 +123,9 @@ def _run(job: Job) -> Tables:
         f"{disks.settings} mesh at {first_reducer.crank:.9g}",
         lambda folder: _write_mesh(study, disks.body(), first_reducer, folder),
     )
-    for name in (MESH_FILE, "mesh.vtu"):
-        job.path(name).write_bytes((drawn_disk / name).read_bytes())
+    for file in (drawn_disk / MESH_FILE, drawn_disk / PARAVIEW_FILE):
+        if file.exists():
+            job.path(file.name).write_bytes(file.read_bytes())
     np.savez(job.path(COMPLIANCE_FILE), **matrices)
     _draw_mesh(drawn_disk / MESH_FILE, job.path("mesh"))
     return {"contacts": _contact_rows(study, reducers, matrices)}

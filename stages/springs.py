@@ -1,7 +1,5 @@
 """Stage 3: the nonlinear springs: law of every contact at every crank angle, as coefficients and as tables."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 
@@ -10,7 +8,6 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.contact.line_laws.contact_law import declared, library
 from pipeline.model.units import UM_PER_MM
 from stages.tables.keys import CONTACT, CRANK
 
@@ -25,13 +22,6 @@ COEFFICIENT_COLUMNS = {
     "force_limit_N": ("force_limit", "N", "force beyond which the law goes on along its tangent"),
     "pressure_MPa": ("pressure", "MPa/N^0.5", "peak Hertz pressure over the square root of the force"),
 }
-FACTOR = "factor", ("1", "of the law's own form; 0 at a contact that does not follow it")
-FURTHER_COLUMNS = {
-    form: {f"{law.name}_{name}": texts for name, texts in (*form.COLUMNS.items(), FACTOR)}
-    for law in library().values()
-    if (form := law.further) is not None
-}
-"""Of each law of another form: the columns of its numbers and of its factor, with unit and meaning."""
 COEFFICIENTS = Table(
     "coefficients",
     "contact, crank",
@@ -39,7 +29,6 @@ COEFFICIENTS = Table(
         CONTACT,
         CRANK,
         *(Column(name, "float64", unit, meaning) for name, (_, unit, meaning) in COEFFICIENT_COLUMNS.items()),
-        *(Column(name, "float64", *texts) for form in FURTHER_COLUMNS.values() for name, texts in form.items()),
     ),
 )
 LAWS = Table(
@@ -60,24 +49,12 @@ LAWS = Table(
 def laws_of_columns(columns: dict[str, np.ndarray], crank_deg: float) -> ContactLaws:
     """The laws at one crank angle read back from the table of coefficients."""
     rows = columns["crank_deg"] == crank_deg
-    laws = ContactLaws(**{field: columns[name][rows] for name, (field, _, _) in COEFFICIENT_COLUMNS.items()})
-    for form, names in FURTHER_COLUMNS.items():
-        *numbers, factor = (columns[name][rows] for name in names)
-        if np.any(factor):
-            laws = replace(laws, further=form.of(*numbers).scaled(factor))
-    return laws
+    return ContactLaws(**{field: columns[name][rows] for name, (field, _, _) in COEFFICIENT_COLUMNS.items()})
 
 
 def _coefficients(laws: ContactLaws) -> dict[str, np.ndarray]:
     """Columns of the table of coefficients, a row per contact."""
-    columns = {name: getattr(laws, field) for name, (field, _, _) in COEFFICIENT_COLUMNS.items()}
-    term = declared(laws.further)
-    for form, names in FURTHER_COLUMNS.items():
-        values = np.zeros((len(names), len(laws)))
-        if term is not None and type(term) is form:
-            values = np.vstack([term.numbers, term.factor])
-        columns |= dict(zip(names, values, strict=True))
-    return columns
+    return {name: getattr(laws, field) for name, (field, _, _) in COEFFICIENT_COLUMNS.items()}
 
 
 def _curve(laws: ContactLaws, force: np.ndarray) -> dict[str, np.ndarray]:

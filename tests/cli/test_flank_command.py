@@ -1,5 +1,6 @@
 """``python -m pipeline flank`` from the outside: points, normals and layers against the textbooks."""
 
+import sys
 import tomllib
 from pathlib import Path
 
@@ -66,3 +67,10 @@ def test_too_few_or_too_many_points_are_refused(tmp_path, capsys, points):
     arguments = ["flank", "--design", "pham2017", "--out", str(tmp_path), "--points", points]
     assert cli.main(arguments) == 2
     assert f"--points = {points}; must be 8 to 100000" in capsys.readouterr().err
+
+
+def test_without_ezdxf_the_command_says_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "ezdxf", None)
+    assert cli.main(["flank", "--design", "pham2017", "--points", "8", "--out", str(tmp_path)]) == 2
+    assert "ezdxf is not installed" in (message := capsys.readouterr().err)
+    assert "'cycloid-tolerance-study[cad]'" in message

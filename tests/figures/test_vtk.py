@@ -1,10 +1,13 @@
 """VTK files hold the quadratic mesh and its fields, as ParaView reads them."""
 
+import sys
+
 import meshio
 import numpy as np
 import pytest
 from skfem import MeshTri
 
+from pipeline.errors import InputError
 from pipeline.figures.parts.vtk import write_vtk
 from pipeline.model.elastic.condensed_body import elastic_body
 
@@ -34,3 +37,9 @@ def test_file_read_back_holds_nodes_triangles_and_fields(tmp_path, suffix):
 def test_field_of_the_wrong_length_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"field pressure_MPa has shape \(2,\); must be \(3,\)"):
         write_vtk(tmp_path / "bad.vtu", np.array([0, 1, 1j]), np.zeros((0, 6), int), {"pressure_MPa": np.zeros(2)})
+
+
+def test_without_meshio_the_message_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "meshio", None)
+    with pytest.raises(InputError, match=r"meshio is not installed.*cycloid-tolerance-study\[vtk\]"):
+        write_vtk(tmp_path / "square.vtu", np.zeros(0, complex), np.zeros((0, 6), int), {})

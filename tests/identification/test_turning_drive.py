@@ -218,7 +218,7 @@ def test_sentence_and_page_say_what_the_residuals_hold(oval):
         (Record(), "adequate", ()),
         (Record(outside=lambda crank: 0.3 * np.cos(4 * crank + 0.3)), "not explained by the library", ()),
         (Record(encoder=(0.5, 0.3), turns=2, cycles=1), "identified", ("encoder_eccentricity",)),
-        (Record(friction=1.5), "identified", ("coulomb",)),
+        pytest.param(Record(friction=1.5), "identified", ("coulomb",), marks=pytest.mark.attack),
     ],
     ids=["nothing", "ripple outside", "encoder", "friction"],
 )

@@ -1,10 +1,7 @@
 """Force laws against their integrals, published formulas and limits."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from asperities import Asperities
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
@@ -23,7 +20,7 @@ from pipeline.model.contact.laws import (
     stiffened,
 )
 from pipeline.model.contact.line_laws import library as law_library
-from pipeline.model.contact.line_laws.contact_law import declared, law_of
+from pipeline.model.contact.line_laws.contact_law import law_of
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.contact.line_laws.palmgren import palmgren_laws
 
@@ -49,11 +46,6 @@ def palmgren(interfaces, resistance, length=1.0):
     return palmgren_laws(LineContact(np.array([0.8]), length, STRESS, STRESS), interfaces, resistance)
 
 
-def rough(laws, height, force):
-    """The contacts with asperities on them, or only those."""
-    return replace(laws, further=Asperities.of(*(np.full(len(laws), number) for number in (height, force))))
-
-
 LAWS = {
     "pin on a convex flank": pin_laws(0.2),
     "pin on a flat flank": pin_laws(0.8),
@@ -62,9 +54,7 @@ LAWS = {
     "roller between flats": roller_laws(),
     "palmgren on a mesh": palmgren(1, mesh_compliance(STRESS, 1.0, PIN_RADIUS, 0.3)),
     "palmgren roller": palmgren(2, 0.0, 2.6),
-    "rough pin": rough(pin_laws(0.8), 4e-4, 3.0),
 }
-ASPERITIES = rough(law_of("linear", np.inf).on_solid(FLAT, 1.0), 4e-4, 3.0)
 EACH_LAW = pytest.mark.parametrize("laws", LAWS.values(), ids=LAWS)
 
 
@@ -277,32 +267,15 @@ def test_laws_are_scaled_and_stiffened_by_their_meaning(laws):
     np.testing.assert_allclose(stiffer.energy(2.5 * force), 2.5 * laws.energy(force), rtol=1e-12)
 
 
-def test_a_term_of_another_form_stays_with_its_contacts():
-    groups = [LAWS["pin in a root"], ASPERITIES, LAWS["rough pin"]]
-    joined, force = concatenated(groups), np.array([[5.0, 60.0, 700.0]])
+def test_laws_joined_keep_their_contacts_and_add_up_in_series():
+    groups, force = [LAWS["pin in a root"], LAWS["palmgren on a mesh"]], np.array([[5.0, 60.0]])
+    joined = concatenated(groups)
     parts = [laws.deflection([f])[0] for laws, f in zip(groups, force[0], strict=True)]
     np.testing.assert_array_equal(joined.deflection(force)[0], parts)
-    np.testing.assert_array_equal(joined[[2, 0]].deflection(force[:, [2, 0]])[0], [parts[2], parts[0]])
-    plain, on_plain = LAWS["pin in a root"], ASPERITIES
-    np.testing.assert_allclose(
-        in_series(plain, on_plain).deflection([9.0]), plain.deflection([9.0]) + on_plain.deflection([9.0])
-    )
-    np.testing.assert_allclose(in_series(on_plain, on_plain).deflection([9.0]), 2 * on_plain.deflection([9.0]))
-    assert joined.content != concatenated([plain, on_plain, rough(pin_laws(0.8), 4e-4, 3.1)]).content
-
-
-def test_terms_of_two_forms_or_of_other_numbers_in_series_and_undeclared_ones_are_refused():
-    class Other(Asperities):
-        __slots__ = ()
-
-    rough_pin = LAWS["rough pin"]
-    other = replace(rough_pin, further=Other(*rough_pin.further))
-    with pytest.raises(ValueError, match="at most one further form, not 2"):
-        concatenated([rough_pin, other])
-    with pytest.raises(ValueError, match="no such term in series"):
-        in_series(rough_pin, rough(pin_laws(0.8), 4e-4, 3.1))
-    with pytest.raises(ValueError, match="no contact law declares Asperities; register one of the group cycloid"):
-        declared(rough_pin.further)
+    np.testing.assert_array_equal(joined[[1, 0]].deflection(force[:, ::-1])[0], parts[::-1])
+    twice = in_series(groups[0], groups[0])
+    np.testing.assert_allclose(twice.deflection([9.0]), 2 * groups[0].deflection([9.0]), rtol=1e-14)
+    assert joined.content != concatenated([groups[0], palmgren(2, 0.0, 2.6)]).content
 
 
 def test_laws_on_a_solid_body_are_the_compression_between_both_depths():

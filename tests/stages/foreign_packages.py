@@ -1,9 +1,5 @@
 """Modules that strangers might write: one effect, metric, law, distribution, ... of their own."""
 
-from pathlib import Path
-
-import asperities
-
 RUBBER = """
 from pipeline.model.effects import Effect, Parameter
 from pipeline.model.effects.elasticity.output_torsion import LinearSpring
@@ -38,23 +34,6 @@ LAW = ContactLaw(
     between_flats=lambda sides, radius, depth: linear(sides[0], 3e-5),
 )
 """
-ROUGH = (
-    Path(asperities.__file__).read_text()
-    + """
-from dataclasses import replace
-from pipeline.model.contact.line_laws import ContactLaw
-from pipeline.model.contact.line_laws.linear import linear_law
-def asperities(contact, force):
-    zero = np.zeros_like(contact.radius)
-    return replace(linear_law(np.inf).on_solid(contact, 1.0), further=Asperities.of(zero + 4e-4, zero + force))
-LAW = ContactLaw(
-    name="rough", title="asperities", source="Greenwood and Williamson, 1966", further=Asperities,
-    on_mesh=lambda contact, radius, patch: asperities(contact, 3.0),
-    on_solid=lambda contact, radius: asperities(contact, 3.0),
-    between_flats=lambda sides, radius, depth: asperities(sides[0], 5.0),
-)
-"""
-)
 ARCSINE = """
 from typing import Literal
 import numpy as np

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from foreign_packages import ARCSINE, DOGS, FOUR_LOBED, IDLE, LINEAR, PLAY, ROUGH, RUBBER, WINDUP
+from foreign_packages import ARCSINE, DOGS, FOUR_LOBED, IDLE, LINEAR, PLAY, RUBBER, WINDUP
 from scipy import stats
 from small_study import ROOT, run_study, small_study
 
@@ -59,16 +59,6 @@ from pipeline import settings
 settings.RUNS = Path(sys.argv[1])
 sys.exit(cli.main(["run", *sys.argv[3:], "--study", sys.argv[2], "--jobs", "1"]))
 """
-RUN_WITHOUT_COMPILING_AHEAD = (
-    """
-from pipeline.library import running
-running.solver_is_compiled = lambda: True
-"""
-    + RUN
-)
-"""What is compiled ahead is the solver of laws without a further term."""
-
-
 MEASURED = """
 import sys
 from pathlib import Path
@@ -217,27 +207,6 @@ def test_a_contact_law_of_another_package_is_known_and_told(folder: Path) -> Non
     assert "springs_of_hooke.py" not in source_hashes("stages.sample")
     springy = load_study(study, ROOT)
     assert law_fact(springy) == "linear springs (Hooke, 1678)"
-
-
-def test_a_contact_law_of_another_form_is_compiled_and_runs_in_a_study(folder: Path, runs: Path) -> None:
-    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 2")
-    study = folder / "asperous.toml"
-    study.write_text(text.replace("keep_contacts = [0]", 'keep_contacts = "all"').replace('"hertz"', '"rough"'))
-    install(folder, "roughness_of_flanks", ROUGH, "rough", CONTACT_LAWS)
-    process = in_a_process(RUN_WITHOUT_COMPILING_AHEAD, folder, runs, study, "hysteresis")
-    assert process.returncode == 0, process.stderr
-    status = pd.read_parquet(runs / "asperous" / "hysteresis" / "status.parquet")
-    assert set(status["status"]) == {"ok"}
-    contacts = pd.read_parquet(runs / "asperous" / "hysteresis" / "contacts.parquet")
-    pins = load_study(ROOT / "data/studies/quick.toml", ROOT).design.cycloid.pins
-    bend = np.where(contacts["contact"] < pins, 3.0, 5.0)  # [N]
-    loaded = contacts["force_N"] > 1
-    assert np.count_nonzero(loaded) > 100
-    local = 0.4 * np.log1p(contacts["force_N"] / bend)  # [um]
-    np.testing.assert_allclose(contacts["local_um"][loaded], local[loaded], rtol=1e-12)
-    coefficients = pd.read_parquet(runs / "asperous" / "springs" / "coefficients.parquet")
-    assert set(coefficients["rough_height_mm"]) == {4e-4}
-    assert set(coefficients["rough_force_N"]) == {3.0, 5.0}
 
 
 def test_a_distribution_of_another_package_is_checked_drawn_and_told(folder: Path, runs: Path) -> None:

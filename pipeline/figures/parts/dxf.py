@@ -3,9 +3,9 @@
 import io
 from collections.abc import Mapping
 
-import ezdxf
-from ezdxf import units
 from numpy.typing import NDArray
+
+from pipeline.errors import import_extra
 
 RELEASE = "R2010"
 COLOURS = (7, 1)
@@ -18,11 +18,16 @@ def outlines_dxf(outlines: Mapping[str, NDArray]) -> bytes:
     Parameters
     ----------
     outlines : layer -> corners (n_points,) complex [mm] in order, the first not repeated.
+
+    Raises
+    ------
+    InputError : ezdxf is not installed.
     """
+    ezdxf = import_extra("ezdxf", "cad")
     fixed, ezdxf.options.write_fixed_meta_data_for_testing = ezdxf.options.write_fixed_meta_data_for_testing, True
     try:  # equal outlines give equal bytes: neither time nor a random number is written
         document = ezdxf.new(RELEASE)
-        document.units = units.MM
+        document.units = ezdxf.units.MM
         for number, (layer, corners) in enumerate(outlines.items()):
             document.layers.add(layer, color=COLOURS[number % len(COLOURS)])
             points = list(zip(corners.real.tolist(), corners.imag.tolist(), strict=True))

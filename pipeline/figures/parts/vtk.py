@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import import_extra
+
 
 def write_vtk(
     path: Path, nodes: NDArray[np.complex128], triangles: NDArray[np.intp], point_data: Mapping[str, NDArray]
@@ -28,9 +30,10 @@ def write_vtk(
     ------
     ValueError
         A field does not hold one value a node.
+    InputError
+        meshio is not installed.
     """
-    import meshio  # slow to import, and few runs mesh
-
+    meshio = import_extra("meshio", "vtk")  # slow to import, and few runs mesh
     for name, field in point_data.items():
         if np.shape(field) != nodes.shape:
             raise ValueError(f"field {name} has shape {np.shape(field)}; must be {nodes.shape}, one value a node")

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector
-from pipeline.identification.fitting.problem import Model, Problem
+from pipeline.identification.fitting.problem import Model
+
+if TYPE_CHECKING:
+    from pipeline.identification.fitting.fitter import Fitter
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -32,33 +34,6 @@ BISECTIONS = 30
 """Halvings of the step to a bound: to 1e-9 of it."""
 
 
-class Predicting(Protocol):
-    """What a descent asks of whoever knows the problem (``fitting.Fitter``)."""
-
-    @property
-    def problem(self) -> Problem: ...
-
-    def penalty(self, vector: Vector) -> Real: ...
-
-    def centre(self, model: Model, vector: Vector) -> Real: ...
-
-    def centred(self, values: Real, weight: Real) -> Real: ...
-
-    def predict(
-        self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None, modes: bool = False
-    ) -> Prediction: ...
-
-    def jacobian(
-        self,
-        model: Model,
-        unknowns: Vector,
-        prediction: Prediction,
-        positions: Sequence[int],
-        weight: Real,
-        known_derivatives: tuple[Real, Real] | None,
-    ) -> tuple[Real, tuple[Real, Real]]: ...
-
-
 class Descent:
     """A fit on its way: unknowns, misfit and derivatives.
 
@@ -72,7 +47,7 @@ class Descent:
     penalty, centre : (n_unknowns,) inverse standard deviations by which the unknowns are held, and where.
     """
 
-    def __init__(self, fitter: Predicting, model: Model, fitted: Truth, start: Vector, base_fit: Fit | None):
+    def __init__(self, fitter: Fitter, model: Model, fitted: Truth, start: Vector, base_fit: Fit | None):
         self.fitter, self.model, self.fitted = fitter, model, fitted
         data = fitter.problem.data
         self.positions = np.unique(data.position[fitted]).tolist()

@@ -1,12 +1,12 @@
 """Force laws of single contacts: local deflection against force, and what they leave to the mesh.
 
 A law gives the local deflection delta [mm] of a closed contact under the force F [N]; the dead zone is
-the clearance, which the equilibrium adds. Every law of this package is
+the clearance, which the equilibrium adds. Every law is
 
     delta(F) = a F - c F ln(F) + k F^m     for F <= force_limit, the tangent beyond,
 
-so one record of numbers per contact (``ContactLaws``) serves the solver, the tables and the checks; a law of another
-form adds a term of its own (``further_term``). The laws themselves stand in ``line_laws``, one file each.
+so one record of numbers per contact (``ContactLaws``) serves the solver, the tables and the checks. The laws
+themselves are in ``line_laws``, one file each.
 
 Source: Johnson, Contact Mechanics (1985), ch. 4 and 5.6.
 """
@@ -16,7 +16,6 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.model.contact.further_term import FurtherTerm, joined_terms, terms_in_series
 from pipeline.model.geometry.cycloid_profile import Real
 
 SHARE_OF_LIMIT = 0.9
@@ -70,7 +69,6 @@ class ContactLaws:
     exponent : m [-]
     force_limit : largest force of the law proper [N]; the tangent continues it.
     pressure : peak Hertz pressure is ``pressure * sqrt(F)`` [MPa/sqrt(N)].
-    further : term of another form, which is added to the law proper; None: of no contact.
     """
 
     linear: Real
@@ -79,25 +77,21 @@ class ContactLaws:
     exponent: Real
     force_limit: Real
     pressure: Real
-    further: FurtherTerm | None = None
 
     def __len__(self) -> int:
         return len(self.linear)
 
     def __getitem__(self, index) -> "ContactLaws":
-        numbers = {name: np.atleast_1d(getattr(self, name)[index]) for name in NUMBERS}
-        return ContactLaws(**numbers, further=self.further.some(index) if self.further else None)
+        return ContactLaws(*(np.atleast_1d(getattr(self, name)[index]) for name in NUMBERS))
 
     @property
     def content(self) -> bytes:
         """All numbers of the laws: those of equal laws are equal."""
-        numbers = (*(getattr(self, name) for name in NUMBERS), *(self.further or ()))
-        return b"".join(part.tobytes() for part in numbers)
+        return b"".join(getattr(self, name).tobytes() for name in NUMBERS)
 
     def _proper_deflection(self, force: Real) -> Real:
         log = np.log(np.maximum(force, np.finfo(float).tiny))
-        deflection = force * (self.linear - self.logarithmic * log) + self.power * force**self.exponent
-        return deflection if self.further is None else deflection + self.further.deflection(force)
+        return force * (self.linear - self.logarithmic * log) + self.power * force**self.exponent
 
     def _proper_compliance(self, force: Real) -> Real:
         log = np.log(np.maximum(force, np.finfo(float).tiny))
@@ -106,8 +100,7 @@ class ContactLaws:
             self.power * self.exponent * np.maximum(force, np.finfo(float).tiny) ** (self.exponent - 1),
             0.0,
         )
-        compliance = self.linear - self.logarithmic * (1 + log) + powered
-        return compliance if self.further is None else compliance + self.further.compliance(force)
+        return self.linear - self.logarithmic * (1 + log) + powered
 
     def deflection(self, force: ArrayLike) -> Real:
         """Local deflection [mm] at ``force`` (..., n) [N], zero at and below zero force."""
@@ -158,8 +151,6 @@ class ContactLaws:
             0.5 * proper_force**2 * (self.linear - self.logarithmic * (log - 0.5))
             + self.power * proper_force**higher / higher
         )
-        if self.further is not None:
-            proper = proper + self.further.complementary_energy(proper_force)
         excess = force - proper_force
         at_limit, slope = self._proper_deflection(proper_force), self._proper_compliance(proper_force)
         return proper + excess * at_limit + 0.5 * excess**2 * slope
@@ -169,7 +160,7 @@ class ContactLaws:
         return self.pressure * np.sqrt(np.maximum(np.asarray(force, float), 0.0))
 
 
-NUMBERS = tuple(field.name for field in fields(ContactLaws) if field.name != "further")
+NUMBERS = tuple(field.name for field in fields(ContactLaws))
 """Of every contact in its law, one each."""
 
 
@@ -179,7 +170,7 @@ def in_series(laws: ContactLaws, second: ContactLaws) -> ContactLaws:
     Raises
     ------
     ValueError
-        If both have a power of the force and not the same, or a further term.
+        If both have a power of the force and not the same.
     """
     pair = (laws.power > 0) & (second.power > 0)
     if np.any(pair & (laws.exponent != second.exponent)):
@@ -191,14 +182,13 @@ def in_series(laws: ContactLaws, second: ContactLaws) -> ContactLaws:
         exponent=np.where(laws.power > 0, laws.exponent, second.exponent),
         force_limit=np.minimum(laws.force_limit, second.force_limit),
         pressure=np.maximum(laws.pressure, second.pressure),
-        further=terms_in_series(laws.further, second.further),
     )
 
 
 def scaled(laws: ContactLaws, factor: ArrayLike) -> ContactLaws:
     """Laws whose deflections are ``factor``, one or (n,), times those of others."""
     numbers = {name: factor * getattr(laws, name) for name in ("linear", "logarithmic", "power")}
-    return replace(laws, **numbers, further=laws.further.scaled(factor) if laws.further else None)
+    return replace(laws, **numbers)
 
 
 def stiffened(laws: ContactLaws, factor: Real) -> ContactLaws:
@@ -207,8 +197,6 @@ def stiffened(laws: ContactLaws, factor: Real) -> ContactLaws:
     At as many times the force they have the same deflection. A linear law is a stated stiffness, and is left as it is.
     """
     stated = (laws.logarithmic == 0) & (laws.power == 0)
-    if laws.further is not None:
-        stated &= laws.further.factor == 0
     return ContactLaws(
         linear=np.where(stated, laws.linear, (laws.linear + laws.logarithmic * np.log(factor)) / factor),
         logarithmic=laws.logarithmic / factor,
@@ -216,21 +204,12 @@ def stiffened(laws: ContactLaws, factor: Real) -> ContactLaws:
         exponent=laws.exponent + np.zeros_like(factor),
         force_limit=laws.force_limit * factor,
         pressure=laws.pressure * np.sqrt(factor),
-        further=laws.further.stiffened(factor) if laws.further else None,
     )
 
 
 def concatenated(laws: list[ContactLaws]) -> ContactLaws:
-    """The laws of several groups of contacts in one record, in the order given.
-
-    Raises
-    ------
-    ValueError
-        If they have further terms of two forms.
-    """
-    numbers = {name: np.concatenate([getattr(group, name) for group in laws]) for name in NUMBERS}
-    term = joined_terms([group.further for group in laws], [len(group) for group in laws])
-    return ContactLaws(**numbers, further=term)
+    """The laws of several groups of contacts in one record, in the order given."""
+    return ContactLaws(*(np.concatenate([getattr(group, name) for group in laws]) for name in NUMBERS))
 
 
 def no_laws() -> ContactLaws:

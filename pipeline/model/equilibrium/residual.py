@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.model.compiled import algebraic_part, merged_part
-from pipeline.model.contact.further_term import FurtherTerm, further
 from pipeline.model.equilibrium.blocks import count, deflections_of, moves, part_of
 from pipeline.model.equilibrium.return_mapping import resist
 from pipeline.model.geometry.cycloid_profile import Index, Real
@@ -62,7 +61,6 @@ class System(NamedTuple):
     exponent: Real
     limit: Real
     arm: Real  # (n_motions,) largest entry of contact_jacobian of a motion
-    further: FurtherTerm | None  # None is compiled away
     output: int  # motion on which the torque acts
     planar: bool  # whether bearings hold the disks' translations, which are the first motions
     bearings: int  # input bearings, one a disk
@@ -141,9 +139,6 @@ def law(system, i, force):
         powered = system.power[i] * inner_force ** (system.exponent[i] - 1.0)
         deflection += inner_force * powered
         slope += system.exponent[i] * powered
-    added_deflection, added_slope = further(system.further, i, inner_force)
-    deflection += added_deflection
-    slope += added_slope
     return deflection + (force - inner_force) * slope, slope
 
 
@@ -151,9 +146,7 @@ def law(system, i, force):
 def force_at_penetration(system, i, penetration):
     """Force of contact i alone, with law(F) + C_ii F = penetration, to a few per cent: a start for Newton."""
     self_compliance = system.self_compliance[i]
-    _, added_slope = further(system.further, i, 1.0)
-    stated = self_compliance + abs(system.linear[i]) + system.logarithmic[i] + system.power[i]
-    force = penetration / (stated + added_slope)
+    force = penetration / (self_compliance + abs(system.linear[i]) + system.logarithmic[i] + system.power[i])
     for _ in range(6):
         deflection, slope = law(system, i, force)
         force = max(
@@ -287,10 +280,6 @@ def _misfit_of_block(system, b, work):
             powered = power[i] * inner_force[j] ** (system.exponent[i] - 1.0)
             miss[j] += inner_force[j] * powered
             slope[j] += system.exponent[i] * powered
-    for j in range(n):
-        added_deflection, added_slope = further(system.further, active[j], inner_force[j])
-        miss[j] += added_deflection
-        slope[j] += added_slope
     largest, worst = 1e-300, 0.0
     for j in range(n):
         i = active[j]

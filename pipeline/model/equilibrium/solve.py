@@ -29,7 +29,6 @@ import numpy as np
 from pipeline.model.compiled import algebraic_part, borrowing_entry, compiled_before
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.contact.line_laws.contact_law import declared
 from pipeline.model.equilibrium.blocks import count, coupled_blocks, part_of
 from pipeline.model.equilibrium.newton import ACCEPTED, activate, converge, reset
 from pipeline.model.equilibrium.residual import Friction, System, workspace
@@ -217,7 +216,6 @@ def compile_solver() -> None:
     system = System(
         *(square, square, row, np.zeros((1, 2), np.int64), index, np.zeros((1, 1), np.bool_)),
         *(row, row, row, row, row, row),
-        further=None,
         output=0,
         planar=False,
         bearings=1,
@@ -250,7 +248,6 @@ def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, In
         np.array([np.any(jacobian[:, block_start:end], axis=1) for block_start, end in blocks.ranges]),
         *(ordered.linear, ordered.logarithmic, ordered.power, ordered.exponent, ordered.force_limit),
         np.max(np.abs(jacobian), axis=1),
-        declared(ordered.further),
         reducer.output_motion - eliminated,
         reducer.centred and not linear,
         reducer.n_disks,

@@ -26,19 +26,19 @@ def small_mesh(edges=48, edge=0.06, growth=0.35, largest=0.8, holes=5, radius=1.
     return perforated_mesh(disk, circle(holes, 5.2, 0.3), radius, edge, growth)
 
 
-def test_a_commercial_disk_is_well_shaped():
+@pytest.mark.parametrize(("holes", "phase"), [pytest.param(10, 0.0, marks=pytest.mark.attack), (11, 1.0)])
+def test_a_commercial_disk_is_well_shaped(holes, phase):
     disk = lobed_disk_mesh(flank_nodes(METAL, 48), METAL.lobes, 24.0, 0.35, 2.0)
-    for holes, phase in ((10, 0.0), (11, 1.0)):
-        mesh = perforated_mesh(disk, circle(holes, 45.0, phase), 7.205, 0.2, 0.35)
-        assert triangle_quality(mesh).min() > 0.5
-        for hole, centre in enumerate(circle(holes, 45.0, phase)):
-            facets = mesh.boundaries[hole_boundary(hole)]
-            corners = np.unique(mesh.facets[:, facets])
-            np.testing.assert_allclose(np.abs(mesh.p[0, corners] + 1j * mesh.p[1, corners] - centre), 7.205)
-            np.testing.assert_allclose(edge_lengths(mesh, facets), 0.2, rtol=0.01)
+    mesh = perforated_mesh(disk, circle(holes, 45.0, phase), 7.205, 0.2, 0.35)
+    assert triangle_quality(mesh).min() > 0.5
+    for hole, centre in enumerate(circle(holes, 45.0, phase)):
+        facets = mesh.boundaries[hole_boundary(hole)]
+        corners = np.unique(mesh.facets[:, facets])
+        np.testing.assert_allclose(np.abs(mesh.p[0, corners] + 1j * mesh.p[1, corners] - centre), 7.205)
+        np.testing.assert_allclose(edge_lengths(mesh, facets), 0.2, rtol=0.01)
 
 
-@settings(max_examples=8)
+@settings(max_examples=4)
 @given(
     pins=st.integers(9, 28),
     shortening=st.floats(0.3, 0.8),

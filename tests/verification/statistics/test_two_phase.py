@@ -55,7 +55,7 @@ def test_units_that_are_all_solved_are_plain_monte_carlo():
     assert ordered[high - 1] < quantile.ci_high < ordered[high + 1]
 
 
-@pytest.mark.parametrize("misjudged", [0.7, 1.5])
+@pytest.mark.parametrize("misjudged", [pytest.param(0.7, marks=pytest.mark.attack), 1.5])
 def test_share_of_a_thousandth_is_unbiased_covered_and_five_times_cheaper(misjudged):
     exact = 1e-3
     limit = SPREAD * stats.norm.isf(exact)

@@ -4,14 +4,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 
-from pipeline.model.contact.further_term import FurtherTerm
 from pipeline.model.contact.laws import ContactLaws, LineContact
 from pipeline.registry import CONTACT_LAWS
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactLaw:
-    """A law delta(F) = a F - c F ln F + k F^m, or of another form, of the contacts of pins, output pins and rollers.
+    """A law delta(F) = a F - c F ln F + k F^m of the contacts of pins, output pins and rollers.
 
     Attributes
     ----------
@@ -23,7 +22,6 @@ class ContactLaw:
         elsewhere, its own deflection counted down to the depth of a radius.
     between_flats : the two contacts of each roller, radius [mm] of the rollers and depth [mm] of the flats to laws: a
         roller of the first materials between flats of the second ones, both deflections in series.
-    further : of a law of another form, what declares it: its laws have a term of that; else None.
     of_stiffness : stiffness [N/mm] to the law, of one that is stated in a study and not derived; else None.
     steel_alone : whether the law was fitted to steel bodies and holds for no other material.
     """
@@ -34,7 +32,6 @@ class ContactLaw:
     on_mesh: Callable[[LineContact, float, float], ContactLaws]
     on_solid: Callable[[LineContact, float], ContactLaws]
     between_flats: Callable[[tuple[LineContact, LineContact], float, float], ContactLaws]
-    further: type[FurtherTerm] | None = None
     of_stiffness: Callable[[float], "ContactLaw"] | None = None
     steel_alone: bool = False
 
@@ -49,18 +46,3 @@ def law_of(name: str, stiffness: float | None) -> ContactLaw:
 def library() -> Mapping[str, ContactLaw]:
     """All laws by name: the files beside this one and what packages register."""
     return CONTACT_LAWS.declarations()
-
-
-def declared(term: FurtherTerm | None) -> FurtherTerm | None:
-    """A further term whose form some law of the library declares, or None.
-
-    Raises
-    ------
-    ValueError
-        If none does: no table has its numbers, and no other process would find the code that is compiled for it.
-    """
-    if term is not None and not any(law.further is type(term) for law in library().values()):
-        raise ValueError(
-            f"no contact law declares {type(term).__name__}; register one of the group {CONTACT_LAWS.group}"
-        )
-    return term
