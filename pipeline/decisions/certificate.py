@@ -20,7 +20,8 @@ from pipeline.decisions.bounds.box import Box
 from pipeline.decisions.bounds.play import Bound, play_bounds
 from pipeline.decisions.fresh_units import Solve
 from pipeline.decisions.lots.lot_yield import passed
-from pipeline.engine.store import write_atomic, write_json
+from pipeline.engine.frames import write_csv, write_tables
+from pipeline.engine.store import write_json
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
@@ -245,13 +246,11 @@ def _centred(values: Real, position: NDArray[np.intp]) -> Real:
     return values - (np.bincount(group, values) / np.bincount(group))[group]
 
 
-def write_certificate(unit: Certificate, folder: Path) -> None:
-    """Write the tables as CSV and Parquet, and the compensation table as JSON, into ``folder``."""
-    for table, rows in ((METRICS_TABLE, unit.metrics), (COMPENSATION, unit.compensation)):
-        write_atomic(folder / f"{table.name}.parquet", table.part({name: rows[name].to_numpy() for name in rows}).data)
-        write_atomic(folder / f"{table.name}.csv", rows.to_csv(index=False, float_format="%.8g").encode())
+def write_certificate(unit: Certificate, folder: Path) -> dict[str, pd.DataFrame]:
+    """Write the tables as CSV and Parquet, the compensation also as JSON, into ``folder``; their frames by name."""
+    frames = write_tables({METRICS_TABLE: unit.metrics, COMPENSATION: unit.compensation}, folder, as_csv=True)
     bounds = pd.DataFrame([vars(bound) for bound in unit.bounds], columns=["metric", "crank_deg", "quantity", "value"])
-    write_atomic(folder / "bounds.csv", bounds.to_csv(index=False, float_format="%.8g").encode())
+    write_csv(bounds, folder / "bounds.csv")
     median = np.median(unit.loops.angle, axis=0)
     write_json(
         folder / "compensation.json",
@@ -262,6 +261,7 @@ def write_certificate(unit: Certificate, folder: Path) -> None:
             "error_arcmin": {"rising": median[:, 0].tolist(), "falling": median[:, 1].tolist()},
         },
     )
+    return {**frames, "bounds": bounds}
 
 
 def limit_sentence(unit: Certificate) -> str:

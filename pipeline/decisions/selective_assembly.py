@@ -22,7 +22,7 @@ from pipeline.config.studies.study import Study
 from pipeline.decisions.fresh_units import BATCH, Solve
 from pipeline.decisions.lots.lot_yield import passed
 from pipeline.decisions.lots.measured_lot import MeasuredLot
-from pipeline.engine.store import write_atomic
+from pipeline.engine.frames import write_tables
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
@@ -203,8 +203,6 @@ def pair_rows(assembly: Assembly) -> pd.DataFrame:
     return frame.sort_values("margin", kind="stable").reset_index(drop=True)
 
 
-def write_pairs(assembly: Assembly, folder: Path) -> None:
-    """Write the table of pairs as CSV and Parquet into ``folder``."""
-    rows = pair_rows(assembly)
-    write_atomic(folder / "pairs.parquet", PAIRS.part({name: rows[name].to_numpy() for name in rows}).data)
-    write_atomic(folder / "pairs.csv", rows.to_csv(index=False, float_format="%.8g").encode())
+def write_pairs(assembly: Assembly, folder: Path) -> dict[str, pd.DataFrame]:
+    """Write the table of pairs as CSV and Parquet into ``folder``; its frame by its name."""
+    return write_tables({PAIRS: pair_rows(assembly)}, folder, as_csv=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.engine.store import write_atomic
+from pipeline.engine.frames import write_csv
 from pipeline.populations.comparison import TESTS, MetricComparison
 from pipeline.populations.single_units import SingleUnits
 from pipeline.populations.tolerance_shift import Closing
@@ -114,5 +114,5 @@ def write(
         "units": single_frame(single),
     }
     for name, frame in frames.items():
-        write_atomic(folder / f"{name}.csv", frame.to_csv(index=False, float_format="%.8g").encode())
+        write_csv(frame, folder / f"{name}.csv")
     return frames

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from pipeline import assembly
-from pipeline.cli.lots import _loops
 from pipeline.config import load_study
 from pipeline.config.reading import load_case
 from pipeline.decisions.bounds.play import ATTAINED, LEAST_FOUND
 from pipeline.decisions.certificate import certificate, compensated, measured_values
 from pipeline.errors import InputError
 from pipeline.library.decisions import loaded_units
+from pipeline.library.lots import whole_loops
 from pipeline.sampling import draw_with_parts
 from stages import hysteresis
 
@@ -55,7 +55,7 @@ def measured_file(tmp_path_factory) -> Path:
 def certified(measured_file):
     study = rigid_study()
     shared, case = shared_of(study), load_case(measured_file, study)
-    return certificate(study, case, partial(loaded_units, shared), partial(_loops, shared), 60)
+    return certificate(study, case, partial(loaded_units, shared), partial(whole_loops, shared), 60)
 
 
 def unit_like(measured_file, study, number: int):
@@ -90,7 +90,7 @@ def test_measured_dimensions_narrow_the_band(certified):
     study = certified.study
     shared = shared_of(study)
     nothing = load_case_of(study, "")
-    wide = certificate(study, nothing, partial(loaded_units, shared), partial(_loops, shared), 60)
+    wide = certificate(study, nothing, partial(loaded_units, shared), partial(whole_loops, shared), 60)
     name = "clearance_backlash_arcmin"
     widths = [(c.metrics.set_index("metric").high - c.metrics.set_index("metric").low)[name] for c in (wide, certified)]
     assert widths[1] < 0.85 * widths[0]
@@ -108,13 +108,13 @@ def load_case_of(study, text: str):
 def test_compensation_leaves_the_undeclared_effect_alone(measured_file, certified):
     """A generated unit has 0.2 N m of friction that the study does not declare: the table removes what it knows."""
     study = rigid_study(coulomb={"torque_Nm": 0.2})
-    loops = _loops(shared_of(study), unit_like(measured_file, study, 3))
+    loops = whole_loops(shared_of(study), unit_like(measured_file, study, 3))
     cranks, senses, torques = np.meshgrid(loops.crank_deg, [True, False], loops.torque, indexing="ij")
     rows = (cranks.ravel(), senses.ravel(), torques.ravel())
     position = np.repeat(np.arange(3), loops.angle[0, 0].size)
     result = compensated(certified, *rows, loops.angle[0].ravel(), position)
     assert result.after_arcmin < 0.35 * result.before_arcmin
-    without = _loops(shared_of(certified.study), unit_like(measured_file, certified.study, 3))
+    without = whole_loops(shared_of(certified.study), unit_like(measured_file, certified.study, 3))
     alone = compensated(certified, *rows, without.angle[0].ravel(), position)
     assert alone.after_arcmin < result.after_arcmin
 
@@ -125,8 +125,8 @@ def test_senses_agree_without_friction_and_differ_by_it_with_friction(measured_f
     assert loops.torque == pytest.approx(-loops.torque[::-1])
     assert loops.angle[:, :, 0] == pytest.approx(loops.angle[:, :, 1], abs=1e-9)
     study = rigid_study(coulomb={"torque_Nm": 0.5})
-    rubbing = _loops(shared_of(study), unit_like(measured_file, study, 3)).angle[0, 0]
-    frictionless = _loops(shared_of(rigid_study()), unit_like(measured_file, study, 3)).angle[0, 0, 0]
+    rubbing = whole_loops(shared_of(study), unit_like(measured_file, study, 3)).angle[0, 0]
+    frictionless = whole_loops(shared_of(rigid_study()), unit_like(measured_file, study, 3)).angle[0, 0, 0]
     loaded = np.flatnonzero(loops.torque > 3.0)[:-1]
     for sense, sign in ((0, -1), (1, 1)):  # rising torque turns the output less, falling torque more
         expected = np.interp(loops.torque[loaded] + sign * 0.5, loops.torque, frictionless)

@@ -20,8 +20,8 @@ from pipeline.decisions.lots.fitted_distribution import relative_bic
 from pipeline.decisions.lots.lot_yield import LotYield, lot_yield, study_of_lot
 from pipeline.decisions.lots.measured_lot import FEWEST_PARTS, MeasuredLot
 from pipeline.decisions.run_comparison import DIFFERENCES, ComparedRun, differences
-from pipeline.engine.store import write_atomic
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.frames import write_tables
+from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
 from pipeline.statistics import Estimate
 
@@ -241,17 +241,10 @@ def study_text(study: Study, fits: Sequence[DimensionFit], lot: str, name: str, 
     return f"# {study.name} with distributions fitted to the measured parts of {lot}.\n" + toml_of(content)
 
 
-def write_tables(study: Study, findings: Sequence[LotFindings], folder: Path) -> None:
-    """Write all tables as CSV and Parquet into ``folder``; differences of two lots where there are two."""
-    tables: list[tuple[Table, pd.DataFrame]] = [
-        (FITS, fit_rows(findings)),
-        (OUTLIERS, outlier_rows(findings)),
-        (YIELDS, yield_rows(findings)),
-        (COSTS, cost_rows(findings)),
-    ]
+def write(study: Study, findings: Sequence[LotFindings], folder: Path) -> dict[str, pd.DataFrame]:
+    """Write all tables as CSV and Parquet into ``folder``; their frames by name, of two lots also the differences."""
+    tables = {FITS: fit_rows(findings), OUTLIERS: outlier_rows(findings), YIELDS: yield_rows(findings)}
+    tables[COSTS] = cost_rows(findings)
     if len(findings) == 2:
-        tables.append((DIFFERENCES, lot_differences(study, findings)))
-    for table, rows in tables:
-        columns: Columns = {name: rows[name].to_numpy() for name in rows} if len(rows) else table.empty()
-        write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
-        write_atomic(folder / f"{table.name}.csv", rows.to_csv(index=False, float_format="%.8g").encode())
+        tables[DIFFERENCES] = lot_differences(study, findings)
+    return write_tables(tables, folder, as_csv=True)
