@@ -33,6 +33,8 @@ def parser() -> argparse.ArgumentParser:
 
     _studies(command)
     _decisions(command)
+    _parts(command)
+    _handover(command)
     _measured(command)
     _checks(command)
     return program
@@ -124,6 +126,8 @@ def _decisions(command: Commands) -> None:
     _study(bounding)
     _where(bounding)
 
+
+def _parts(command: Commands) -> None:
     judging = command("lots", "lots.judge_lots", "yield of a study made from measured parts, and what costs most of it")
     judging.add_argument(
         "--csv", required=True, type=Path, action="append", help="measured parts; twice: two lots side by side"
@@ -147,6 +151,8 @@ def _decisions(command: Commands) -> None:
     _study(certifying)
     _where(certifying)
 
+
+def _handover(command: Commands) -> None:
     handing = command("joints", "handover.write_joints", "backlash, stiffness, friction of a study for simulators")
     _study(handing)
     _where(handing)
