@@ -9,10 +9,11 @@ from stages.hysteresis import HYSTERESIS
 from stages.reduce import REDUCE
 from stages.report import report_of
 from stages.sample import SAMPLE
+from stages.scales import SCALES
 from stages.springs import SPRINGS
 from stages.tails import TAILS
 from stages.worst import WORST
 
-UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, WORST, FORMS, DRIVERS, TAILS, AGGREGATE)
+UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, WORST, FORMS, DRIVERS, TAILS, AGGREGATE, SCALES)
 REPORT = report_of(UPSTREAM)
 STAGES: tuple[Stage, ...] = (*UPSTREAM, REPORT)

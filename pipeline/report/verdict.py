@@ -16,6 +16,7 @@ from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import counted, interval, percent, percent_interval
 from pipeline.report.results import Cell, Results
 from pipeline.report.samples.known_yield import preload_warning
+from pipeline.report.single_changes import next_target
 
 
 @dataclass(frozen=True)
@@ -88,11 +89,12 @@ class Verdict:
         if not self.failures or not self.breaks[ALL_LIMITS].any():
             return ""
         study = self.frames.study
-        command = f"make allocate STUDY={study.name} YIELD=0.95"
+        target = next_target(self.results.estimate(ALL_LIMITS, "yield")[0])
+        command = f"make allocate STUDY={study.name} YIELD={target:g}"
         needs = "" if study.costs.of_dimensions else " First state under [costs] what tolerances cost."
         return (
-            f"To find the cheapest tolerances for a wanted yield, as 95 %, run: {command}.{needs} It writes the change "
-            "of each tolerance, its cost, and the yield of new load-solved units with its interval."
+            f"To find the cheapest tolerances for a yield of {percent(target)}, run: {command}.{needs} It changes all "
+            "priced tolerances together and checks the result on new load-solved units."
         )
 
     @property

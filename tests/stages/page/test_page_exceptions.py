@@ -158,7 +158,7 @@ def test_listed_cases_are_told_case_by_case_and_not_as_a_distribution(page_runs,
         tolerances=None,
         cycle={"crank_deg": [0.0, 90.0], "levels_per_branch": 4, "keep_contacts": "all"},
     )
-    run(STAGES, study, ["aggregate", "tails"], page_runs, Resources(1, 7))
+    run(STAGES, study, ["aggregate", "tails", "forms"], page_runs, Resources(1, 7))
     frames = frames_of(study, page_runs)
     text = written(frames)
     worst = frames.metrics.groupby("sample")["lost_motion_arcmin"].max()

@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from tiny_pages import written
+import pytest
+from tiny_pages import tiny_study, written
 
 from pipeline.config.studies.study import ALL_LIMITS, Limits
 from pipeline.figures.labels import METRICS
 from pipeline.report.explorer import explorer
 from pipeline.report.frames import Frames
+from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges, next_target
 from pipeline.statistics import pass_share
 
 
@@ -123,3 +125,58 @@ def test_the_explorer_holds_the_worst_units(frames, monkeypatch):
     assert set(frames.over_turn["peak_pressure_MPa"].nlargest(1).index) <= set(shown)
     without = replace(failing, study=frames.study.model_copy(update={"limits": Limits()}))
     assert explorer.explored_units(without).index.tolist() == [1, 2, 3, 4]
+
+
+def scaled(frames: Frames, curves: dict[str, list[float]], costs: bool = True) -> SingleChanges:
+    """Changes with a table of yields at scales 0.5 and 2, of a study at 80 %."""
+    rows = [
+        {"tolerance": name, "scale": scale, "metric": ALL_LIMITS, "value": value, "ci_low": value - 0.1,
+         "ci_high": min(value + 0.1, 1.0), "n": 12, "explained": 0.4}
+        for name, values in curves.items()
+        for scale, value in zip((0.5, 2.0), values, strict=True)
+    ]  # fmt: skip
+    law = {"law": "reciprocal", "cost": 1.0, "tolerance_um": 6.0}
+    data = {"costs": {"pin_radial": law, "pin_tangential": {**law, "cost": 9.0}}} if costs else {}
+    others = replace(frames, study=tiny_study("tiny", **data), tables={SCALED_YIELDS: pd.DataFrame(rows)})
+    return SingleChanges.of(others, (0.8, 0.75, 0.85))
+
+
+def test_the_cheapest_single_change_that_reaches_the_target_is_named_with_its_cost(frames):
+    changes = scaled(frames, {"pin_tangential": [0.95, 0.5], "pin_radial": [0.9, 0.7], "pin_radius": [0.8, 0.8]})
+    assert changes.target == 0.9
+    assert changes.best.tolerance == "pin_radial"  # at half of its limits, for 1; the other at 2/3, for 4.5
+    assert changes.best.scale == pytest.approx(0.5)
+    assert changes.best.cost == pytest.approx(1.0)
+    assert "tighten the radial pin position alone from −3 to 3 µm to −1.5 to 1.5 µm (0.5 times" in changes.sentence
+    assert "The cost rises by 1, as [costs] states it" in changes.sentence
+    assert "This is an estimate: a surrogate rescales 12 units" in changes.sentence
+
+
+def test_without_costs_the_least_scaling_is_named(frames):
+    changes = scaled(frames, {"pin_tangential": [0.95, 0.5], "pin_radial": [0.9, 0.7]}, costs=False)
+    assert changes.best.tolerance == "pin_tangential"
+    assert changes.best.scale == pytest.approx(1 - 0.5 * 0.1 / 0.15)
+    assert "The study states no cost of it" in changes.sentence
+
+
+def test_a_target_out_of_reach_of_every_single_change_is_said_so(frames):
+    changes = scaled(frames, {"pin_tangential": [0.85, 0.5], "pin_radial": [0.82, 0.7]})
+    assert changes.best is None
+    assert changes.nearest.tolerance == "pin_tangential"
+    assert changes.sentence.startswith("No single tolerance reaches a yield of 90.0 %. The most comes from this change")
+    assert "No tolerance, scaled alone" in scaled(frames, {"pin_radial": [0.8, 0.8]}).sentence
+    assert scaled(frames, {}).sentence == ""
+
+
+@pytest.mark.parametrize(("value", "target"), [(0.3, 0.9), (0.9, 0.95), (0.96, 0.99), (0.995, 0.999), (1.0, 0.999)])
+def test_the_target_is_the_next_usual_yield(value, target):
+    assert next_target(value) == target
+
+
+def test_a_surrogate_that_explains_little_is_said_so(frames):
+    changes = scaled(frames, {"pin_tangential": [0.95, 0.5]})
+    rows = changes.rows.assign(metric="peak_pressure_MPa")
+    poor = replace(changes, rows=pd.concat([changes.rows, rows]))
+    assert "It predicts the peak Hertz pressure poorly." in poor.sentence
+    good = replace(changes, rows=pd.concat([changes.rows, rows.assign(explained=0.6)]))
+    assert "poorly" not in good.sentence

@@ -13,6 +13,7 @@ from pipeline.report.frames import Frames
 from pipeline.report.results import Results
 from pipeline.report.samples.model_forms import FormResults
 from pipeline.report.sections.section import Page, Section
+from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges
 from pipeline.report.verdict import Verdict
 
 
@@ -20,20 +21,31 @@ def _values(page: Page) -> Mapping[str, object]:
     forms = FormResults(page.frames, page.results)
     return {
         "verdict": Verdict(page.frames, page.results),
+        "changes": SingleChanges.of(page.frames, page.results.estimate(ALL_LIMITS, "yield")),
         "as_stated": forms.yield_range(rescaled=False),
         "rescaled": forms.yield_range(rescaled=True),
     }
 
 
 def _drawings(frames: Frames) -> Iterator[Drawing]:
-    breaks = dict(Verdict(frames, Results(frames)).breaks)
+    results = Results(frames)
+    breaks = dict(Verdict(frames, results).breaks)
     failing = breaks.pop(ALL_LIMITS, np.zeros(0, bool))
     if failing.any():
+        changes = SingleChanges.of(frames, results.estimate(ALL_LIMITS, "yield"))
+        curves = changes.curves()
+        scaled = (
+            " Right: estimated yield against all limits if one tolerance alone is scaled, the five of the widest span; "
+            "the band is the interval of the first, the dotted line is the next target."
+        )
         yield Drawing(
             "failures",
-            "Limits that the failing units break",
-            f"Share of {len(failing):,} units; a unit that breaks two limits counts in both bars.",
-            partial(failures_figure, breaks),
+            "Limits that the failing units break, and the yield against the scale of each tolerance"
+            if curves
+            else "Limits that the failing units break",
+            f"{'Left: share' if curves else 'Share'} of {len(failing):,} units; a unit that breaks two limits counts "
+            f"in both bars.{scaled if curves else ''}",
+            partial(failures_figure, breaks, curves, changes.target),
         )
 
 
@@ -45,4 +57,5 @@ SECTION = Section(
     values=_values,
     applies=lambda frames: not frames.listed and len(frames.over_turn) > 0,
     drawings=_drawings,
+    tables=(SCALED_YIELDS,),
 )

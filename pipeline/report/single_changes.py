@@ -1,0 +1,179 @@
+"""Which one tolerance, scaled alone, brings the yield to a target: an estimate, from the table of scaled yields."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config.studies.study import ALL_LIMITS, Study
+from pipeline.decisions.allocation.priced import Priced
+from pipeline.figures.labels import LIMITED, PARAMETERS
+from pipeline.report.frames import Frames
+from pipeline.report.layout.wording import percent, percent_interval, plain
+
+SCALED_YIELDS = "scales/yields"
+TARGETS = (0.9, 0.95, 0.99, 0.999)
+"""Yields of which the first above that of a study is aimed at."""
+POORLY_EXPLAINED = 0.5
+"""Squared correlation below which the page says that the surrogate predicts a metric poorly."""
+
+
+def next_target(value: float) -> float:
+    """The first of `TARGETS` above a yield."""
+    return next((target for target in TARGETS if target > value), TARGETS[-1])
+
+
+@dataclass(frozen=True)
+class SingleChange:
+    """One tolerance scaled alone.
+
+    Attributes
+    ----------
+    scale : factor on its limits.
+    value, ci_low, ci_high : estimated yield against all limits there.
+    cost : of the tolerance there less what it costs now; NaN where no cost is stated.
+    """
+
+    tolerance: str
+    scale: float
+    value: float
+    ci_low: float
+    ci_high: float
+    cost: float
+
+
+@dataclass(frozen=True)
+class SingleChanges:
+    """How the yield against all limits follows the scale of each tolerance of a study.
+
+    Attributes
+    ----------
+    rows : the table of scaled yields.
+    stated : yield of the study with the ends of its interval.
+    """
+
+    study: Study
+    rows: pd.DataFrame
+    stated: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, frames: Frames, stated: tuple[float, float, float]) -> "SingleChanges":
+        """From the tables of a run; without rows where it has no such table."""
+        rows = frames.tables.get(SCALED_YIELDS, pd.DataFrame(columns=["tolerance", "scale", "metric"]))
+        return cls(frames.study, rows, stated)
+
+    @property
+    def target(self) -> float:
+        """The yield that is aimed at."""
+        return next_target(self.stated[0])
+
+    def curves(self, metric: str = ALL_LIMITS) -> Mapping[str, np.ndarray]:
+        """By tolerance scales, yields and the ends of their intervals (4, n), scale 1 among them; widest span first."""
+        rows, curves = self.rows[self.rows["metric"] == metric], {}
+        for name, part in rows.groupby("tolerance", sort=False):
+            points = part[["scale", "value", "ci_low", "ci_high"]].to_numpy(float)
+            here = (1.0, *self.stated) if metric == ALL_LIMITS else (1.0, np.nan, np.nan, np.nan)
+            points = np.vstack([points, here])[np.argsort([*points[:, 0], 1.0])]
+            curves[str(name)] = points[np.isfinite(points).all(axis=1)].T
+        return dict(sorted(curves.items(), key=lambda item: -np.ptp(item[1][1])))
+
+    @property
+    def best(self) -> SingleChange | None:
+        """The change that reaches the target for the least cost, or by the least scaling where costs are not stated."""
+        changes = [change for name in self.curves() if (change := self._reaching(name))]
+        priced_changes = [change for change in changes if np.isfinite(change.cost)]
+        if priced_changes:
+            return min(priced_changes, key=lambda change: change.cost)
+        return min(changes, key=lambda change: abs(np.log(change.scale)), default=None)
+
+    @property
+    def nearest(self) -> SingleChange | None:
+        """The change of the largest yield; None where no change improves it."""
+        points = [(curve[1].max(), name, curve) for name, curve in self.curves().items()]
+        if not points or max(points, key=lambda point: point[0])[0] <= self.stated[0]:
+            return None
+        _, name, curve = max(points, key=lambda point: point[0])
+        k = int(np.argmax(curve[1]))
+        scale, value, low, high = map(float, curve[:, k])
+        return SingleChange(name, scale, value, low, high, self._added_cost(name, scale))
+
+    def _reaching(self, name: str) -> SingleChange | None:
+        """The scale nearest to 1 at which the straight lines between the scales reach the target."""
+        scales, values, lows, highs = self.curves()[name]
+        crossings = []
+        for a, b in zip(range(len(scales) - 1), range(1, len(scales)), strict=True):
+            if (values[a] - self.target) * (values[b] - self.target) <= 0 and values[a] != values[b]:
+                share = (self.target - values[a]) / (values[b] - values[a])
+                crossings.append(float(scales[a] + share * (scales[b] - scales[a])))
+        if not crossings:
+            return None
+        scale = min(crossings, key=lambda crossing: abs(np.log(crossing)))
+        low, high = (float(np.interp(scale, scales, side)) for side in (lows, highs))
+        return SingleChange(name, scale, self.target, low, high, self._added_cost(name, scale))
+
+    def _added_cost(self, name: str, scale: float) -> float:
+        costs = self.study.costs.of_dimensions
+        if name not in costs:
+            return np.nan
+        low, high = getattr(self.study.tolerances, name).limits_um
+        price = Priced(name, high - low, costs[name], costs[name].count(name, self.study.design))
+        return float(price.at(np.array(scale)) - price.at(np.array(1.0)))
+
+    @property
+    def sentence(self) -> str:
+        """What to change first, what it costs and how sure that is; empty without an estimate."""
+        if not len(self.rows):
+            return ""
+        if self.best is not None:
+            return f"To reach a yield of {percent(self.target)}, {self._told(self.best)}. {self._sureness}"
+        if self.nearest is None:
+            return (
+                "No tolerance, scaled alone between a quarter and twice its limits, raises the yield noticeably. "
+                f"Change an allowance or a limit, or several tolerances together. {self._sureness}"
+            )
+        return (
+            f"No single tolerance reaches a yield of {percent(self.target)}. The most comes from this change: "
+            f"{self._told(self.nearest)}. {self._sureness}"
+        )
+
+    def _told(self, change: SingleChange) -> str:
+        stated, scaled = (" to ".join(plain(float(f"{end:.3g}")) for end in ends) for ends in self._ends(change))
+        verb = "tighten" if change.scale < 1 else "loosen"
+        cost = f" The cost rises by {change.cost:.3g}" if change.cost >= 0 else f" The cost falls by {-change.cost:.3g}"
+        cost = f"{cost}, as [costs] states it" if np.isfinite(change.cost) else " The study states no cost of it"
+        return (
+            f"{verb} the {PARAMETERS[change.tolerance]} alone from {stated} µm to {scaled} µm "
+            f"({change.scale:.3g} times its limits): estimated yield {percent(change.value)} "
+            f"(interval {percent_interval(change.ci_low, change.ci_high)}).{cost}"
+        )
+
+    def _ends(self, change: SingleChange) -> tuple[tuple[float, float], tuple[float, float]]:
+        low, high = getattr(self.study.tolerances, change.tolerance).limits_um
+        return (low, high), (change.scale * low, change.scale * high)
+
+    @property
+    def _sureness(self) -> str:
+        """What the estimate rests on."""
+        units, explained = int(self.rows["n"].max()), self.rows.groupby("metric")["explained"].first()
+        poor = [
+            LIMITED[name].inline for name, share in explained.items() if name in LIMITED and share < POORLY_EXPLAINED
+        ]
+        warning = f" It predicts the {' and the '.join(poor)} poorly." if poor else ""
+        return (
+            f"This is an estimate: a surrogate rescales {units:,} units without solving them again.{warning} "
+            "The interval leaves out the surrogate's error."
+        )
+
+    @property
+    def slider(self) -> Mapping[str, object]:
+        """What the page's script shows: by tolerance its limits, and yields with intervals by scale."""
+        tolerances = [
+            {
+                "title": PARAMETERS[name],
+                "limits": list(getattr(self.study.tolerances, name).limits_um),
+                "points": [[round(float(value), 4) for value in point] for point in curve.T],
+            }
+            for name, curve in self.curves().items()
+        ]
+        return {"tolerances": tolerances, "target": self.target} if tolerances else {}

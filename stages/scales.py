@@ -1,0 +1,118 @@
+"""Stage 5b: metrics of the first units at other scales of each tolerance, by a rough model fitted to their loops."""
+
+from functools import partial
+
+import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed
+
+from pipeline.config.studies.study import Study
+from pipeline.engine.stage import Job, Stage, Tables
+from pipeline.engine.table import Column, Columns, Table
+from pipeline.model.metrics import library
+from pipeline.populations.prediction import rough_metrics
+from pipeline.populations.scaled_tolerances import scaled_tolerances, scaled_yields, surrogate_values
+from pipeline.sampling import draw
+from pipeline.statistics import Estimate
+from stages.aggregate import OVER_ALL, over_turn
+from stages.hysteresis import prepare
+from stages.tables.keys import SAMPLE
+from stages.tables.turn import loop_metrics
+from stages.tables.whole_turn import WHOLE_TURN
+from stages.tails import springs
+
+UNIT_ANGLES = 16_000
+"""Units times loaded angles that are looked at: half a minute of processor time with nine tolerances."""
+TRIAL = 10
+"""Units whose contact forces give the springs of the rough model; a fit to all units then corrects its metrics."""
+BATCH = 64
+"""Units that are looked at together, whatever the chunks of the run: a bit of a product depends on their number."""
+
+SURROGATE = Table(
+    "surrogate",
+    "sample, tolerance, scale",
+    (
+        SAMPLE,
+        Column("tolerance", "label", "", "the tolerance that is scaled; empty: none"),
+        Column("scale", "float64", "1", "factor on its limits about nominal; its allowance stays"),
+        *(
+            Column(name, "float64", metric.unit, f"{metric.inline} over the turn as the limits count it, estimated")
+            for name, metric in library().items()
+        ),
+    ),
+)
+
+
+YIELDS = Table(
+    "yields",
+    "tolerance, scale, limit",
+    (
+        Column("tolerance", "label", "", "the tolerance that is scaled, all others as the study states them"),
+        Column("scale", "float64", "1", "factor on its limits about nominal; its allowance stays"),
+        Column("metric", "label", "", "column of metrics; all_limits: the yield against all limits together"),
+        Column("value", "float64", "1", "yield of the study plus the estimated difference of its first units"),
+        Column("ci_low", "float64", "1", "lower end of the confidence interval, without the error of the surrogate"),
+        Column("ci_high", "float64", "1", "upper end"),
+        Column("n", "int32", "1", "units of the difference"),
+        Column("explained", "float64", "1", "squared correlation with the load-solved metric; all_limits: the least"),
+    ),
+)
+
+
+def _run(job: Job) -> Tables:
+    study: Study = job.study
+    if not scaled_tolerances(study):
+        return {SURROGATE.name: SURROGATE.empty(), YIELDS.name: YIELDS.empty()}
+    surrogate = _surrogate(job, min(study.samples.rows, 1 + UNIT_ANGLES // len(study.cycle.crank_deg)))
+    units, distributions = (pd.DataFrame(job.read("aggregate", name)) for name in ("units", "distributions"))
+    solved = over_turn(units.iloc[int(study.samples.nominal_first) :], study.limits.over)
+    rows = [vars(row) for row in scaled_yields(study, pd.DataFrame(surrogate), solved, _stated(study, distributions))]
+    yields = {name: values.to_numpy() for name, values in pd.DataFrame(rows).items()} if rows else YIELDS.empty()
+    return {SURROGATE.name: surrogate, YIELDS.name: yields}
+
+
+def _surrogate(job: Job, stop: int) -> Columns:
+    """Metrics of the samples up to ``stop`` at every scale."""
+    study: Study = job.study
+    first = int(study.samples.nominal_first)
+    rough = partial(rough_metrics, study, springs(prepare(job), draw(study, first, min(first + TRIAL, stop))))
+    metrics = loop_metrics(study, job.read_items("hysteresis", "loops", 0, stop))
+    loaded = {name: metrics[name].reshape(stop, -1) for name in library()}
+    pilot = dict(rough(draw(study, 0, stop)))
+    parts = Parallel(job.jobs)(
+        delayed(surrogate_values)(study, start, min(start + BATCH, stop), rough, loaded, pilot)
+        for start in range(0, stop, BATCH)
+    )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _stated(study: Study, distributions: pd.DataFrame) -> dict[str, Estimate]:
+    """Yields of the whole study by metric, of the whole turn where that was searched."""
+    over = [study.limits.over, OVER_ALL, WHOLE_TURN]  # the last one there counts
+    yields = distributions[distributions["statistic"] == "yield"]
+    rows = pd.concat([yields[yields["over"] == name] for name in over])
+    values = zip(*(rows[name] for name in ("metric", "value", "ci_low", "ci_high", "n")), strict=True)
+    return {str(metric): Estimate(*numbers) for metric, *numbers in values}
+
+
+SCALES = Stage(
+    name="scales",
+    reads=("springs", "reduce", "hysteresis", "aggregate"),
+    sections=(
+        "samples",
+        "tolerances",
+        "design",
+        "clearance",
+        "springs",
+        "reduce",
+        "cycle.crank_deg",
+        "cycle.curve_crank_deg",
+        "cycle.levels_per_branch",
+        "cycle.torque_fraction",
+        "metrics",
+        "limits",
+    ),
+    tables=(SURROGATE, YIELDS),
+    module="stages.scales",
+    run=_run,
+)

@@ -1,0 +1,116 @@
+"""The yield against the scale of each tolerance: exact for known changes, near the load-solved units of a real run."""
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.config import Study, load_design, parse_study
+from pipeline.config.studies.study import ALL_LIMITS
+from pipeline.engine.cache import Cache
+from pipeline.engine.runner import Resources, run
+from pipeline.engine.stage import Job
+from pipeline.library.decisions import loaded_units
+from pipeline.populations.scaled_tolerances import AS_STATED, SCALES, scaled_tolerances, scaled_yields
+from pipeline.sampling import draw
+from pipeline.statistics import Estimate
+from stages import hysteresis
+from stages.chain import STAGES
+
+ROOT = Path(__file__).parents[2]
+COUNT = 120
+METRIC = "peak_pressure_MPa"
+
+
+def coarse_study(**changes: object) -> Study:
+    data = tomllib.loads((ROOT / "data/studies/quick.toml").read_text(encoding="utf-8"))
+    data["samples"] |= {"count": COUNT}
+    data["cycle"] = {"crank_deg": [0.0, 90.0], "rigid_angles": 7, "curve_angles": 1, "levels_per_branch": 2}
+    data["reduce"] |= {"flank_edges_per_lobe": 12, "patch_half_width_mm": 0.3, "growth": 1.0, "largest_edge_mm": 3.0}
+    data |= changes
+    return parse_study(data, "coarse", "coarse.toml", lambda design: load_design(design, ROOT))
+
+
+@pytest.fixture(scope="module")
+def finished(new_runs):
+    folder, study = new_runs(), coarse_study()
+    return study, folder, run(STAGES, study, ["scales"], folder, Resources(2, 60))
+
+
+def test_estimates_are_near_load_solved_units_at_twice_the_limits(finished):
+    study, folder, outputs = finished
+    shared = hysteresis.prepare(Job(study, 1, folder, outputs, Cache(folder / ".cache", "")))
+    rows = pd.DataFrame(outputs["scales"].read("yields")).set_index(["tolerance", "scale", "metric"])
+    surrogate = pd.DataFrame(outputs["scales"].read("surrogate")).set_index(["tolerance", "scale"])
+    stated = pd.DataFrame(outputs["aggregate"].read("units")).set_index("sample")
+    wide = study.tolerances.pin_tangential.scaled(2.0)
+    solved = study.model_copy(update={"tolerances": study.tolerances.model_copy(update={"pin_tangential": wide})})
+    _, values = loaded_units(replace(shared, study=solved), draw(solved, 1, COUNT + 1))
+    moved, here = (
+        surrogate.loc[key].set_index("sample").loc[1:] for key in (("pin_tangential", 2.0), (AS_STATED, 1.0))
+    )
+    change = moved[METRIC] - here[METRIC]
+    true_change = values[METRIC] - stated.loc[1:, f"{METRIC}_worst"].to_numpy()
+    assert np.corrcoef(change, true_change)[0, 1] > 0.8
+    estimate, truth = rows.loc[("pin_tangential", 2.0, METRIC)], np.mean(values[METRIC] <= 4000.0)
+    assert truth < 0.9  # so that the change is there to be found
+    assert estimate["value"] == pytest.approx(truth, abs=0.06)
+    assert estimate["ci_low"] <= truth <= estimate["ci_high"]
+    assert estimate["n"] == COUNT
+    assert 0.5 < estimate["explained"] < 1
+
+
+def test_every_tolerance_that_varies_has_all_scales(finished):
+    study, _, outputs = finished
+    rows = pd.DataFrame(outputs["scales"].read("yields"))
+    of_all = rows[rows["metric"] == ALL_LIMITS]
+    assert set(map(tuple, of_all[["tolerance", "scale"]].to_numpy())) == {
+        (name, scale) for name in scaled_tolerances(study) for scale in SCALES
+    }
+    assert "pin_tangential" in scaled_tolerances(study)
+
+
+def surrogate(values: dict[tuple[str, float], list[float]]) -> pd.DataFrame:
+    parts = [
+        pd.DataFrame({"sample": np.arange(1, len(rows) + 1), "tolerance": name, "scale": scale, METRIC: rows})
+        for (name, scale), rows in values.items()
+    ]
+    return pd.concat(parts)
+
+
+def test_a_yield_moves_by_the_units_that_cross_the_limit():
+    study = coarse_study(limits={METRIC: 10.0})
+    solved = pd.DataFrame({METRIC: [8.0, 9.0, 11.0, 12.0]}, index=[1, 2, 3, 4])
+    rows = surrogate({(AS_STATED, 1.0): [7.0, 8.0, 10.0, 11.0], ("pin_radial", 2.0): [9.5, 10.5, 9.5, 13.0]})
+    stated = {METRIC: Estimate(0.6, 0.5, 0.7, 1000), ALL_LIMITS: Estimate(0.6, 0.5, 0.7, 1000)}
+    for row in scaled_yields(study, rows, solved, stated):  # units at 10.5, 11.5, 10.5 and 14: none passes, two did
+        assert (row.tolerance, row.scale, row.n) == ("pin_radial", 2.0, 4)
+        assert row.value == pytest.approx(0.1)
+        assert row.ci_low <= 0.1 <= row.ci_high
+        assert row.ci_high - row.ci_low > 0.2  # wider than the interval of the study
+        assert row.explained == pytest.approx(1.0)
+
+
+def test_a_scale_that_moves_no_unit_over_the_limit_keeps_yield_and_interval():
+    study = coarse_study(limits={METRIC: 10.0})
+    solved = pd.DataFrame({METRIC: [8.0, 9.0, 11.0]}, index=[1, 2, 3])
+    rows = surrogate({(AS_STATED, 1.0): [1.0, 2.0, 3.0], ("pin_radial", 0.5): [1.1, 2.1, 3.1]})
+    (row,) = scaled_yields(study, rows, solved, {METRIC: Estimate(0.6, 0.5, 0.7, 1000)})
+    assert (row.value, row.ci_low, row.ci_high) == pytest.approx((0.6, 0.5, 0.7))
+
+
+def test_units_without_a_value_at_the_scale_are_left_out():
+    study = coarse_study(limits={METRIC: 10.0})
+    solved = pd.DataFrame({METRIC: [8.0, 9.0, 11.0, np.nan]}, index=[1, 2, 3, 4])
+    rows = surrogate({(AS_STATED, 1.0): [1.0, 2.0, 3.0, 4.0], ("pin_radial", 0.5): [1.0, np.nan, 1.0, 4.0]})
+    (row,) = scaled_yields(study, rows, solved, {METRIC: Estimate(0.4, 0.3, 0.5, 1000)})
+    assert row.n == 2
+    assert row.value == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize("limits", [{}, {"transmission_error_arcsec": 1.0}])
+def test_without_a_limit_on_a_loop_nothing_is_scaled(limits):
+    assert scaled_tolerances(coarse_study(limits=limits)) == []
