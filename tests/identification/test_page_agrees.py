@@ -69,7 +69,9 @@ def test_numbers_of_the_verdict_are_those_of_the_residuals_that_the_figures_show
 def test_sentence_and_cards_say_the_same(answer):
     verdict, page, _ = answer
     errors = verdict["held_out_errors"]
-    cards = re.findall(r'<p class="big">([^ ]+) <small>arcmin</small></p><p class="line">([^ ]+) noise floors', page)
+    cards = re.findall(
+        r'<p class="big">([^ ]+) <small>arcmin</small></p><p class="line">([^ ]+) × measurement noise', page
+    )
     assert len(cards) == len(errors) == len(STAGE_TITLES) + 1
     for (arcmin, floors), error in zip(cards, errors.values(), strict=True):
         assert number(arcmin) == pytest.approx(error["rms_arcmin"], rel=5.1e-3)

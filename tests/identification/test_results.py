@@ -293,7 +293,7 @@ def test_the_page_says_which_prediction_is_ahead() -> None:
     assert error is identification.carried
     assert dict(others) == errors
     identification.carried = None
-    assert comparison_sentence(identification).endswith("by a factor of 1.25 in noise floors.")
+    assert comparison_sentence(identification).endswith("by a factor of 1.25 in multiples of the noise.")
     assert other_errors(identification) == errors
 
 

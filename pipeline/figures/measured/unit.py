@@ -26,6 +26,8 @@ ACROSS = 3
 """Panels side by side."""
 EXTREME = 4.0
 """Percent of the residuals at each end that the scale does not follow: there the angle jumps through the play."""
+ZOOMED = 0.12
+"""Share of the largest torque that the small panels of the loops show."""
 ROOM = 2.0
 """Reach of the scale beyond the others."""
 
@@ -52,19 +54,8 @@ def loops_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]]
         position_rows = cells[cells["crank_deg"] == crank]
         cycles = list(dict.fromkeys(position_rows["cycle"]))
         cycle_rows = position_rows[position_rows["cycle"] == cycles[min(1, len(cycles) - 1)]]
-        middle = cycle_rows["angle_arcmin"].mean()
-        for stage, (label, colour, line) in models.items():
-            shown_angle = cycle_rows[f"{stage}_arcmin"] - middle
-            axes.plot(cycle_rows["torque_Nm"], shown_angle, color=colour, linestyle=line, linewidth=1.2, label=label)
-        axes.plot(
-            cycle_rows["torque_Nm"],
-            cycle_rows["angle_arcmin"] - middle,
-            ".",
-            color=INK,
-            markersize=3.5,
-            label="measured",
-            zorder=1,
-        )
+        _draw_loop(axes, cycle_rows, models)
+        _draw_zoom(axes, cycle_rows, models)
         axes.set_title(f"Crank at {crank:g}°, cycle {cycle_rows['cycle'].iloc[0]}")
         axes.set_xlabel("torque (N m)")
     for axes in panels[len(cranks) :]:
@@ -72,6 +63,29 @@ def loops_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]]
     panels[0].set_ylabel("angle (arcmin)")
     legend_below(figure, panels[0])
     return figure
+
+
+def _draw_loop(axes: Axes, rows: pd.DataFrame, models: Mapping[str, tuple[str, str, str]]) -> None:
+    """The cells of one cycle and what the models predict of them, about their mean angle."""
+    torque, middle = rows["torque_Nm"], rows["angle_arcmin"].mean()
+    for stage, (label, colour, line) in models.items():
+        axes.plot(torque, rows[f"{stage}_arcmin"] - middle, color=colour, linestyle=line, linewidth=1.2, label=label)
+    axes.plot(torque, rows["angle_arcmin"] - middle, ".", color=INK, markersize=3.5, label="measured", zorder=1)
+
+
+def _draw_zoom(axes: Axes, rows: pd.DataFrame, models: Mapping[str, tuple[str, str, str]]) -> None:
+    """The loop about zero torque, where the models differ most, in the corner that no loop passes through."""
+    reach = ZOOMED * float(rows["torque_Nm"].abs().max())
+    near = rows[rows["torque_Nm"].abs() <= reach]
+    if near.empty:
+        return
+    zoom = axes.inset_axes((0.02, 0.62, 0.36, 0.36))
+    _draw_loop(zoom, rows, models)
+    angles = near[["angle_arcmin", *(f"{stage}_arcmin" for stage in models)]].to_numpy() - rows["angle_arcmin"].mean()
+    low, high = np.nanmin(angles), np.nanmax(angles)
+    room = 0.1 * max(high - low, 1e-9)
+    zoom.set(xlim=(-reach, reach), ylim=(low - room, high + room), xticks=[0.0], yticks=[])
+    zoom.tick_params(labelsize=7)
 
 
 @styled

@@ -71,7 +71,7 @@ def sentence(description: Description) -> str:
     basis = "in sample" if description.in_sample else "on held-out data"
     errors = (
         f"Root mean square {basis}: {spring.rms_arcmin:.3g} arcmin by a spring alone, {model.rms_arcmin:.3g} arcmin "
-        f"({model.to_noise:.3g} noise floors) with play, friction and softening."
+        f"({model.to_noise:.3g} × measurement noise) with play, friction and softening."
     )
     named_numbers = [number for number in description.numbers if number.named]
     doubts = "".join(f" {doubt}" for doubt in implausible_numbers(description))

@@ -13,6 +13,7 @@ from pipeline.figures.samples.bounds import bounds_figure
 from pipeline.report.layout.pictures import Picture, drawn_picture
 from pipeline.report.layout.rendering import rendered
 from pipeline.report.layout.wording import number, percent, percent_interval
+from pipeline.report.unit.numbers import capitalised
 
 TEMPLATE = "decisions/bounds.html"
 LARGEST_GAP = 0.1
@@ -27,6 +28,7 @@ def write_bounds_page(bound_findings: BoundFindings, folder: Path) -> None:
     page = rendered(
         TEMPLATE,
         study=bound_findings.study,
+        sentence=bounds_sentence(tables[BOUNDS], tables[STACKS]),
         bounds=[_bound(row) for row in tables[BOUNDS].to_dict("records")],
         stacks=[_stack(row) for row in tables[STACKS].to_dict("records")],
         cranks=sorted(set(tables[CONTRIBUTIONS]["crank_deg"])),
@@ -37,6 +39,24 @@ def write_bounds_page(bound_findings: BoundFindings, folder: Path) -> None:
         pictures={"bounds": _picture(tables[BOUNDS], tables[STACKS], folder)},
     )
     write_atomic(folder / "report.html", page.encode())
+
+
+def bounds_sentence(bounds: pd.DataFrame, stacks: pd.DataFrame) -> str:
+    """The worst case of every metric at any crank angle, and how far single drawn units come.
+
+    Parameters
+    ----------
+    bounds, stacks : rows of `BOUNDS` and `STACKS`.
+    """
+    parts = []
+    for name, rows in bounds.groupby("metric", sort=False):
+        metric = METRICS[str(name)]
+        extreme, side = (pd.Series.min, "at least") if metric.smaller_is_worse else (pd.Series.max, "at most")
+        far = stacks[(stacks["metric"] == name) & (stacks["statistic"] == "far")]["full"]
+        unit = "" if metric.unit == "1" else f" {metric.unit}"
+        drawn = f"; 99.73 % of drawn units have {side} {number(extreme(far), metric)}{unit}" if len(far) else ""
+        parts.append(f"{metric.inline} {number(extreme(rows['value']), metric)}{unit}{drawn}")
+    return f"Worst case with every error anywhere within its limits: {'. '.join(capitalised(part) for part in parts)}."
 
 
 def _picture(bounds: pd.DataFrame, stacks: pd.DataFrame, folder: Path) -> Picture:

@@ -54,10 +54,10 @@ def structure_facts(identification: Identification) -> list[tuple[str, str]]:
 def comparison_sentence(identification: Identification) -> str:
     """Whether the model beats the best of the baselines, by itself and with what is expected to come again."""
     if not identification.baselines:
-        return "In sample each of them goes through all cells: none is compared."
+        return "Every baseline interpolates the data here, so no comparison is made."
     title, best = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
     comparison, ratio = _rank_beside(identification.errors["after"], best)
-    sentence = f"The model is {comparison} the best of them, {title}, by a factor of {ratio} in noise floors"
+    sentence = f"The model is {comparison} the best of them, {title}, by a factor of {ratio} in multiples of the noise"
     if identification.carried is None:
         return f"{sentence}."
     comparison, ratio = _rank_beside(identification.carried, best)
@@ -88,10 +88,13 @@ def tolerances_sentence(identification: Identification) -> str:
 def data_sentence(identification: Identification) -> str:
     """Which cells the errors are of, and which model each fold chose."""
     if identification.folds.in_sample:
-        return "In sample: the fit has seen these data, nothing is held out."
+        return "These data were used for the fit; none were left to test it."
     names = [title_of(name) if name else "nothing added" for name in identification.folds.models]
-    chosen = f" With effects, each fold took: {'; '.join(names)}." if any(identification.folds.models) else ""
-    return f"On data that the fit had not seen.{chosen}"
+    if not any(identification.folds.models):
+        return "On data that were not used for the fit."
+    same = len(set(names)) == 1
+    chosen = f"all {len(names)} chose {names[0]}" if same else f"they chose {'; '.join(names)}"
+    return f"On data that were not used for the fit. Of the cross-validation folds, {chosen}."
 
 
 def rows_facts(identification: Identification | FaultyUnit) -> list[tuple[str, str]]:

@@ -50,8 +50,8 @@ STAGE_TITLES = {"declared": "As declared", "recalibrated": "Refitted"}
 CAPTIONS = {
     "loops": (
         "Loops",
-        "Dots: cells, averages of neighbouring rows of a branch. Lines: the models, each by a fit that has not seen "
-        "the held-out cells. The offset of the angle is removed.",
+        "Dots: cells, averages of neighbouring rows of a branch. Lines: the models, each by a fit without "
+        "the held-out cells. The offset of the angle is removed. Small panels: the loop about zero torque.",
     ),
     "torque": (
         "Residual over torque",

@@ -29,7 +29,7 @@ OTHER_TITLES = {
 
 def headline(title: str, error: AngleError) -> tuple[str, str, str, str]:
     """The error of one of the models as the page shows it first: title, value, unit and a note."""
-    return title, digits(error.rms_arcmin), "arcmin", f"{digits(error.to_noise)} noise floors"
+    return title, digits(error.rms_arcmin), "arcmin", f"{digits(error.to_noise)} × measurement noise"
 
 
 def error_row(title: str, error: AngleError, by_crank: bool = True) -> dict[str, Any]:

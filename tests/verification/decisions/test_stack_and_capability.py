@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import norm, truncnorm
 
@@ -10,6 +11,8 @@ from pipeline.config import load_study
 from pipeline.decisions.bounds.box import Box
 from pipeline.decisions.bounds.capability import capability
 from pipeline.decisions.bounds.linear import stack
+from pipeline.figures.labels import METRICS
+from pipeline.report.decisions.bounds import bounds_sentence
 
 ROOT = Path(__file__).parent.parent.parent.parent
 
@@ -45,3 +48,21 @@ def test_capability_of_normal_values_is_their_yield_and_of_others_is_not():
     assert not capability(
         "lost_motion_arcmin", np.exp(2 * values), float(np.exp(2 * norm.ppf(0.98))), 0.95
     ).is_normal_plausible
+
+
+def test_the_page_opens_with_the_worst_case_of_each_metric_at_any_angle():
+    bounds = pd.DataFrame(
+        [
+            ("clearance_backlash_arcmin", 0.0, 3.0),
+            ("clearance_backlash_arcmin", 90.0, 3.2),
+            ("torsional_rigidity_Nm_per_arcmin", 0.0, 4.5),
+            ("torsional_rigidity_Nm_per_arcmin", 90.0, 4.4),
+        ],
+        columns=["metric", "crank_deg", "value"],
+    )
+    rows = [("clearance_backlash_arcmin", *row) for row in (("far", 2.5), ("far", 2.4), ("std", 9.0))]
+    text = bounds_sentence(bounds, pd.DataFrame(rows, columns=["metric", "statistic", "full"]))
+    backlash, rigidity = (METRICS[name] for name in ("clearance_backlash_arcmin", "torsional_rigidity_Nm_per_arcmin"))
+    worst, far = (f"{backlash.text(value)} arcmin" for value in (3.2, 2.5))
+    assert f"Clearance backlash {worst}; 99.73 % of drawn units have at most {far}." in text
+    assert text.endswith(f"Torsional rigidity {rigidity.text(4.4)} N m/arcmin.")

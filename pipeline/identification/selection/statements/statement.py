@@ -167,10 +167,12 @@ def _sentence(
 
 
 def _number(p: FittedParameter) -> str:
-    unit = f" {p.unit}" if p.unit != "1" else ""
+    effect = candidates().get(p.effect)
+    meanings = {parameter.name: parameter.meaning for parameter in effect.parameters} if effect else {}
+    size = f"{meanings.get(p.name, p.name)} {p.value:.3g}{f' {p.unit}' if p.unit != '1' else ''}"
     if np.isnan(p.ci_low):
-        return f"{p.name} = {p.value:.3g}{unit}, no interval"
-    return f"{p.name} = {p.value:.3g}{unit}, {CONFIDENCE:.0%} interval {p.ci_low:.3g} to {p.ci_high:.3g}"
+        return f"{size}, no interval"
+    return f"{size}, {100 * CONFIDENCE:g} % interval {p.ci_low:.3g} to {p.ci_high:.3g}"
 
 
 def _advice(verdict: Verdict, selection: Selection) -> str:
