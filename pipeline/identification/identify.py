@@ -14,6 +14,7 @@ from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Problem, candidates
+from pipeline.identification.fitting.stations import stations_of
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.reading import read_measurement
 from pipeline.identification.measurement.unit_file import UnitFile
@@ -113,7 +114,8 @@ def identify_measured(measurement: Measurement, condensed: Condensed) -> Identif
         return FaultyUnit(measurement, Verdict(FAULT), fault_statement(measurement.fatal))
     cranks = measurement.rows.cranks
     trained = measurement.training_cells if unit.settings.held_out.train else np.ones(len(measurement.cells), bool)
-    fitter = Fitter(build_problem(measurement, condensed(unit.study, measurement.drive_cranks.tolist()), trained))
+    compliances = condensed(unit.study, stations_of(measurement).cranks.tolist())
+    fitter = Fitter(build_problem(measurement, compliances, trained))
     data = fitter.problem.data
     selector = Selector(fitter, trained)
     selection = selector.select(trained)

@@ -50,6 +50,7 @@ class LinearFitter(Fitter):
             SimpleNamespace(
                 data=data,
                 modes=modes,
+                stations=[range(k, k + 1) for k in range(len(modes))],
                 n_modes=n_modes,
                 scale_spread=np.array(scale_spread, float),
                 scale_range=SCALE_REACH * np.array([[-1.0], [1.0]]) * np.ones(len(scale_spread)),

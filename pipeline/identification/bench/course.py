@@ -15,6 +15,31 @@ Whole = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
+class CrankMotion:
+    """How the crank turns within a loop whose output is locked: phi = start - ratio x twist.
+
+    Attributes
+    ----------
+    stations : (n_stations,) ascending crank angles at which the drive is known [rad].
+    ratio : turns of the crank per turn of the output, with its sign.
+    cells : (n_cells,) crank angle at each cell as measured [rad]; its mean places the model's.
+    at_input : whether the torque read is that of the motor times the ratio, which does the work on what varies over the
+        crank angle; else that at the output.
+    """
+
+    stations: Real
+    ratio: float
+    cells: Real
+    at_input: bool
+
+    @cached_property
+    def shares(self) -> Real:
+        """Weights (n_cells, n_stations) of a line between the two stations next to each cell's crank angle."""
+        steps = np.eye(len(self.stations))
+        return np.column_stack([np.interp(self.cells, self.stations, row) for row in steps])
+
+
+@dataclass(frozen=True)
 class Course:
     """What one position was put through, and where it was read.
 
@@ -30,6 +55,7 @@ class Course:
     encoder_place : [rad] of the encoder at this position.
     sliding : (n_cells,) sense in which the output slides all along, 1 or -1, where the crank turns; None where the
         torques decide.
+    crank : how the crank turns within the loop; None where it is held.
     """
 
     torque: Real
@@ -40,6 +66,7 @@ class Course:
     encoder_turns: float
     encoder_place: float
     sliding: Whole | None = None
+    crank: CrankMotion | None = None
 
     def without_states(self) -> Course:
         """The course with all its legs in the drive's first state."""

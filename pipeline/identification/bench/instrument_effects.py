@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.identification.bench.simulator import NMM_PER_NM, Instrument
+from pipeline.identification.bench.load_path import NMM_PER_NM, Instrument
 from pipeline.model.effects import Parameter
 from pipeline.model.effects.effect import CRANKS, LOOPS, TIME, TORQUES, EffectDescription
 from pipeline.model.load_history.friction.output_path import Ripple

@@ -13,13 +13,14 @@ from pipeline.config.designs.plausible_range import LAWS, plausible_range
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
-from pipeline.identification.bench.course import Course
+from pipeline.identification.bench.course import Course, CrankMotion
 from pipeline.identification.bench.simulator import BEYOND, Forward
 from pipeline.identification.fitting.cell_torques import within_cells
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.offered import offered
 from pipeline.identification.fitting.problem import PriorModes, Problem, first_states
 from pipeline.identification.fitting.scaled_drives import drives_of
+from pipeline.identification.fitting.stations import Stations, stations_of
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
@@ -39,6 +40,8 @@ MEASURED_UM = 0.3
 """Standard uncertainty of a measured dimension, its part common to all pins and its own part alike."""
 POPULATION = 192
 """Units drawn from the study's distributions where the dimensions are not measured."""
+WAYS, STILL_ALONE = frozenset({LOOPS, RATE, STILL}), frozenset({STILL})
+"""Needs of effects that a crank which turns under a held torque, or within a loop, does not meet."""
 RESOLUTION = 0.2
 """Share of the noise floor below which a mode of the tolerances is left out."""
 
@@ -65,29 +68,32 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
 
     Parameters
     ----------
-    compliances : per position (n_contacts, n_contacts) [mm/N].
+    compliances : per station (``stations_of``) (n_contacts, n_contacts) [mm/N].
     visible : (n_cells,) training cells, all by default: of the others nothing enters noise, bounds, modes and what is
         tested.
     """
     unit, rows = measurement.unit, measurement.rows
     study = unit.study
-    if isinstance(measurement, TurningMeasurement):
-        _refuse_paths(unit)
+    moves = unit.settings.crank.moves != "fixed"
+    if isinstance(measurement, TurningMeasurement) or moves:
+        _refuse_paths(unit, STILL_ALONE if moves else WAYS)
     states, conditions = _states(measurement)
     visible_cells = np.ones(len(measurement.cells), bool) if visible is None else visible
-    courses = [_course(measurement, states, position, visible_cells) for position in range(len(rows.cranks))]
+    stations = stations_of(measurement)
+    courses = [_course(measurement, states, stations, position, visible_cells) for position in range(len(rows.cranks))]
+    at_stations = [conditions[p] for p, numbers in enumerate(stations.of_position) for _ in numbers]
     keys = refitted(study.design)
     measured, population_errors = unit.dimensions, _population(study, unit.dimensions)
     usual = None if measured is None else one_unit(study, usual_beside(study, measured))
     sampled = _usual(population_errors) if usual is None else draw(usual, 0, 1)
-    drives = drives_of(study, keys, sampled, measurement.drive_cranks, compliances, conditions)
+    drives = drives_of(study, keys, sampled, stations.cranks, compliances, at_stations)
     rated = study.design.cycloid.rated_torque_Nm
     nmm = assembly.NMM_PER_NM * rated
     reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))
     stateless = Forward([course.without_states() for course in courses], nmm, reach)
     ranges = np.array([plausible_range(study.design, key).log for key in keys] + [LAWS.log] * 2).T
     by_state = Forward(courses, nmm, reach)
-    nominal = first_states([drives((1.0,) * ranges.shape[1], position) for position in range(len(rows.cranks))])
+    nominal = first_states([drives((1.0,) * ranges.shape[1], station) for station in range(len(stations.cranks))])
     errors = assembly.errors(population_errors)
     errors = _measured(errors) if measured else errors
     population = [drive.with_errors(errors).gap for drive in nominal]
@@ -106,13 +112,14 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
             trained_on=trained_on,
             forward=stateless,
             forward_by_state=by_state,
+            stations=stations.of_position,
             drives=drives,
             calibrated=keys,
             scale_range=ranges,
             modes=modes,
             influences=influences,
             compliances=tuple(compliances),
-            conditions=tuple(conditions),
+            conditions=tuple(at_stations),
             offered=offered(measurement, training),
             rated_torque=rated,
             usual=sampled,
@@ -127,13 +134,13 @@ def _combined(population: Errors, amounts: Real) -> Errors:
     return Errors(**{name: np.tensordot(amounts, v - v.mean(axis=0), axes=1) for name, v in vars(population).items()})
 
 
-def _refuse_paths(unit: UnitFile) -> None:
-    """Refuse a turning drive whose declared effects depend on the way of the torque."""
-    names = [name for name in unit.study.design.effects if library()[name].needs & {LOOPS, RATE, STILL}]
+def _refuse_paths(unit: UnitFile, paths: frozenset[str]) -> None:
+    """Refuse a drive whose declared effects need a way of the torque that its crank does not leave."""
+    names = [name for name in unit.study.design.effects if library()[name].needs & paths]
     if names:
         raise InputError(
-            f"{unit.name}/unit.toml: design: effects.{', effects.'.join(names)} depend on the way of the torque, which "
-            "a turning crank wipes out; leave them out of the design"
+            f"{unit.name}/unit.toml: design: effects.{', effects.'.join(names)} depend on the way of the torque at a "
+            "crank that stands still, and this one turns; leave them out of the design"
         )
 
 
@@ -186,7 +193,9 @@ def _reach(courses: Sequence[Course], trained: NDArray[np.int64]) -> float:
     return top if np.max(tops) <= BEYOND * top else float(np.max(tops))
 
 
-def _course(measurement: Measurement, states: Sequence[NDArray[np.int64]], position: int, visible: Truth) -> Course:
+def _course(
+    measurement: Measurement, states: Sequence[NDArray[np.int64]], stations: Stations, position: int, visible: Truth
+) -> Course:
     unit, cells, turns = measurement.unit, measurement.cells, measurement.history
     of_position = cells.position == position
     crank, lobes = np.radians(measurement.drive_cranks[position]), unit.study.design.cycloid.lobes
@@ -204,6 +213,21 @@ def _course(measurement: Measurement, states: Sequence[NDArray[np.int64]], posit
         encoder_turns=float(lobes) if at_input else 1.0,
         encoder_place=float(crank if at_input else -crank / lobes),
         sliding=cells.direction[of_position] if isinstance(measurement, TurningMeasurement) else None,
+        crank=_crank_motion(measurement, stations, position),
+    )
+
+
+def _crank_motion(measurement: Measurement, stations: Stations, position: int) -> CrankMotion | None:
+    """How the crank turns within the loops of a position; None where it is held."""
+    settings = measurement.unit.settings.crank
+    if settings.moves == "fixed":
+        return None
+    numbers = stations.of_position[position]
+    return CrankMotion(
+        stations=np.radians(stations.cranks[numbers.start : numbers.stop]),
+        ratio=float(settings.ratio or 0.0),
+        cells=stations.measured[measurement.cells.position == position],
+        at_input=settings.torque_at == "input",
     )
 
 

@@ -10,7 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.measurement.turning.motion import TURN_DEG
-from pipeline.model.effects.effect import CRANKS, CYCLES, FLANGE, LOOPS, RATE, SENSES, STILL, TEMPERATURE, TIME, TORQUES
+from pipeline.model.effects.effect import (
+    CRANKS,
+    CYCLES,
+    FLANGE,
+    LOOPS,
+    MOVES,
+    RATE,
+    SENSES,
+    STILL,
+    TEMPERATURE,
+    TIME,
+    TORQUES,
+)
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -25,6 +37,7 @@ SHORTFALLS: Mapping[str, str] = {
     RATE: "neither a change of the torque's rate nor a dwell: see rayleigh",
     FLANGE: "no angle of the flange beside that of the lever: see pin_circle_error",
     STILL: "the locked output lets the crank turn by more than half a pitch of the pins: see load_friction",
+    MOVES: "the crank stands still in each loop, whose zero is free",
 }
 """Of loops at a standing crank."""
 SLID = "while the crank turns all that slides has slid: it shows in loops at a standing crank alone"
@@ -35,6 +48,7 @@ TURNING_SHORTFALLS: Mapping[str, str] = {
     SENSES: "the crank turns in one sense alone",
     STILL: "the crank turns, and all pins slide on: see load_friction",
     TORQUES: "a single torque is held",
+    MOVES: "it is read from loops against a locked output",
 }
 """Of a turning crank."""
 

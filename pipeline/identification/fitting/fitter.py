@@ -13,11 +13,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.bench.simulator import Forward, Instrument
+from pipeline.identification.bench.load_path import Instrument
+from pipeline.identification.bench.simulator import Drives, Forward
 from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector, mapped
 from pipeline.identification.fitting.problem import Model, Problem, first_states
-from pipeline.model.load_history.drive import Drive
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -38,7 +38,7 @@ class Fitter:
 
     def __init__(self, problem: Problem):
         self.problem = problem
-        self.positions = range(len(problem.modes))
+        self.positions = range(len(problem.stations))
 
     def start(self, model: Model, shares: Real | None = None) -> Vector:
         """No scale, no tolerance, parameters at ``shares``; scales are held to their plausible ranges."""
@@ -52,18 +52,20 @@ class Fitter:
 
     def drives(
         self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None
-    ) -> tuple[Mapping[int, Drive], Instrument]:
-        """Drives by position, of some or all, and instrument at the unknowns."""
+    ) -> tuple[Mapping[int, Drives], Instrument]:
+        """Drives of all stations by position, of some or all positions, and instrument at the unknowns."""
         problem, scales = self.problem, tuple(np.exp(unknowns.scales))
         numbers = self.positions if positions is None else positions
-        declared = [problem.drives(scales, position) for position in numbers]
+        stations = [station for position in numbers for station in problem.stations[position]]
+        declared = [problem.drives(scales, station) for station in stations]
         shifted = [
-            drive.shifted(unknowns.modes @ problem.modes[position]) if problem.n_modes else drive
-            for position, drive in zip(numbers, declared if model.by_state else first_states(declared), strict=True)
+            drive.shifted(unknowns.modes @ problem.modes[station]) if problem.n_modes else drive
+            for station, drive in zip(stations, declared if model.by_state else first_states(declared), strict=True)
         ]
-        conditions = [problem.conditions[position] for position in numbers]
+        conditions = [problem.conditions[station] for station in stations]
         put, instrument = model.put(shifted, conditions, mapped(self.bounds(model), unknowns.shares).tolist())
-        return dict(zip(numbers, put, strict=True)), instrument
+        by_station = dict(zip(stations, put, strict=True))
+        return {number: tuple(by_station[k] for k in problem.stations[number]) for number in numbers}, instrument
 
     def predict(
         self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None, modes: bool = False
@@ -81,8 +83,9 @@ class Fitter:
             angle[of_position], carried_torque[of_position] = reading.angle, reading.carried
             sound = sound and reading.sound and bool(np.all(np.isfinite(reading.angle)))
             if modes and problem.n_modes:
+                modes_of_stations = tuple(problem.modes[station] for station in problem.stations[position])
                 influence[of_position] = forward.influence(
-                    drives[position], position, reading.carried, problem.modes[position]
+                    drives[position], position, reading.carried, modes_of_stations
                 )
         return Prediction(angle, influence, carried_torque, sound)
 
@@ -93,7 +96,7 @@ class Fitter:
     def _change(
         self,
         model: Model,
-        base: tuple[Mapping[int, Drive], Instrument],
+        base: tuple[Mapping[int, Drives], Instrument],
         moved_unknowns: Vector,
         prediction: Prediction,
         positions: Sequence[int],

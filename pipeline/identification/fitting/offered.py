@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pipeline.identification.fitting.data import FEWEST_CRANKS
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
-from pipeline.model.effects.effect import CRANKS, CYCLES, LOOPS, RATE, SENSES, STILL, TEMPERATURE, TIME, TORQUES
+from pipeline.model.effects.effect import CRANKS, CYCLES, LOOPS, MOVES, RATE, SENSES, STILL, TEMPERATURE, TIME, TORQUES
 from pipeline.model.load_history.load_cycle import ARCMIN
 
 Real = NDArray[np.float64]
@@ -50,6 +50,8 @@ def _of_loops(measurement: Measurement, training: Truth) -> set[str]:
     gear, cells, settings = measurement.unit.study.design.cycloid, measurement.cells, measurement.unit.settings
     position, angle = cells.position[training], cells.angle_mean[training]
     lobe_turns = max(np.ptp(angle[position == p]) for p in np.unique(position)) * gear.lobes / ARCMIN
+    if settings.crank.moves != "fixed":
+        return {LOOPS, SENSES, TORQUES, *([MOVES] if measurement.known_cranks else [])}
     still = settings.locked == "input" or lobe_turns < np.pi / gear.pins
     return {LOOPS, SENSES, TORQUES, *([STILL] if still else [])}
 

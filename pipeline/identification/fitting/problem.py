@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from scipy.linalg import svd
 
 from pipeline.identification.bench.instrument_effects import InstrumentEffect, instrument_effects
-from pipeline.identification.bench.simulator import SECONDS_AN_HOUR, Forward, Instrument
+from pipeline.identification.bench.load_path import Instrument
+from pipeline.identification.bench.simulator import SECONDS_AN_HOUR, Forward
 from pipeline.identification.fitting.data import FEWEST_CRANKS, Data, TurningData
 from pipeline.model.effects import Conditions, Effect, library
-from pipeline.model.effects.effect import CRANKS, CYCLES, TEMPERATURE, TIME
+from pipeline.model.effects.effect import CRANKS, CYCLES, MOVES, TEMPERATURE, TIME
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
@@ -44,14 +45,16 @@ class Problem:
     trained_on : the same problem of other training cells.
     forward : predictions on their courses, all legs in a drive's first state.
     forward_by_state : predictions with every cycle in its own state.
-    drives : of the declared unit at scale factors (n_scales,) and the number of a position.
+    stations : per position, the numbers of its drives: one, or where the crank turns within the loop those of the crank
+        angles that it goes through.
+    drives : of the declared unit at scale factors (n_scales,) and the number of a station.
     calibrated : keys of the design's calibrated numbers, whose scales come first.
     scale_range : (2, n_scales) logarithms of the factors between which each scale is plausible; scales after those of
         the calibrated numbers are of the force laws of pins and output.
-    modes : patterns of gaps of the unmeasured tolerances per position (n_modes, n_contacts) [mm], of unit variance.
-    influences : per position d angle / d gap along the frictionless curve (n_nodes, n_contacts) [rad/mm].
-    compliances : per position, of the disks between the contacts as condensed (n_contacts, n_contacts) [mm/N].
-    conditions : of the states of the drives.
+    modes : patterns of gaps of the unmeasured tolerances per station (n_modes, n_contacts) [mm], of unit variance.
+    influences : per station d angle / d gap along the frictionless curve (n_nodes, n_contacts) [rad/mm].
+    compliances : per station, of the disks between the contacts as condensed (n_contacts, n_contacts) [mm/N].
+    conditions : per station, of the states of its drive.
     offered : what the data have of what effects need (``effects.effect``).
     rated_torque : [N m]
     usual : dimensions of the unit without any mode [um], one sample.
@@ -63,6 +66,7 @@ class Problem:
     trained_on: Callable[[NDArray[np.bool_]], Problem]
     forward: Forward
     forward_by_state: Forward
+    stations: tuple[range, ...]
     drives: Callable[[tuple[float, ...], int], Drive]
     calibrated: tuple[str, ...]
     scale_range: Real
@@ -110,7 +114,7 @@ class Problem:
     @cached_property
     def nominal(self) -> tuple[Drive, ...]:
         """Declared drives."""
-        return tuple(self.drives((1.0,) * len(self.scale_spread), position) for position in range(len(self.modes)))
+        return tuple(self.drives((1.0,) * len(self.scale_spread), station) for station in range(len(self.modes)))
 
     @property
     def scale_spread(self) -> Real:
@@ -172,7 +176,8 @@ class Problem:
         if cells is not None and len(np.unique(self.data.position[cells])) < FEWEST_CRANKS:
             offered_names.discard(CRANKS)
         reasons = [self.data.shortfalls[need] for need in sorted(candidate.needs - offered_names)]
-        if isinstance(candidate, InstrumentEffect) and candidate.common_offset and not self.data.common_offset:
+        one_zero = self.data.common_offset or MOVES in self.offered
+        if isinstance(candidate, InstrumentEffect) and candidate.common_offset and not one_zero:
             reasons.append("every position has its own zero of the angle")
         return "; ".join(reasons)
 
@@ -284,7 +289,7 @@ class PriorModes:
         Parameters
         ----------
         gaps : per position (n_units, n_contacts) [mm], the same units at every position.
-        influences : per position d angle / d gap at the nodes of the backbone (n_nodes, n_contacts) [rad/mm].
+        influences : per station d angle / d gap at the nodes of the backbone (n_nodes, n_contacts) [rad/mm].
         """
         centred = tuple(of_units - of_units.mean(axis=0) for of_units in gaps)
         curves = np.concatenate([unit @ effect.T for unit, effect in zip(centred, influences, strict=True)], axis=1)

@@ -239,9 +239,7 @@ def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
     problems += _held_out_problems(parts)
     problems += _turning_problems(parts)
     problems += _crank_problems(parts)
-    if design is not None and parts.get("crank", CrankSection()).moves != "fixed":
-        advice = "a model of a design is fitted with the crank held; of a drive with [generic] the crank turns"
-        problems.append(Mistake("crank.moves", parts["crank"].moves, advice))
+    problems += _crank_of_design_problems(parts, design)
     problems += _output_problems(design)
     if problems or lines:
         lines += _table_problems(files, path.parent)
@@ -419,6 +417,20 @@ def _crank_problems(parts: Mapping[str, Any]) -> list[Mistake]:
         ),
     )
     return [Mistake(key, value, allowed) for wrong, key, value, allowed in refused if wrong]
+
+
+def _crank_of_design_problems(parts: Mapping[str, Any], design: Design | None) -> list[Mistake]:
+    """The crank of a design turns by its own ratio, and in loops against a locked output alone."""
+    crank = parts.get("crank", CrankSection())
+    if design is None or crank.moves == "fixed":
+        return []
+    lobes = float(design.cycloid.lobes)
+    problems = []
+    if crank.ratio and crank.ratio != -lobes:
+        problems.append(Mistake("crank.ratio", crank.ratio, f"the design has {lobes:g} lobes; give {-lobes:g}"))
+    if parts.get("locked") != "output":
+        problems.append(Mistake("crank.moves", crank.moves, 'with a design it asks for locked = "output"'))
+    return problems
 
 
 def _held_out_problems(parts: Mapping[str, Any]) -> list[Mistake]:

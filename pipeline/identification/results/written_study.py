@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
-from pipeline.identification.bench.simulator import Instrument
+from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Model
 from pipeline.identification.fitting.scaled_drives import softness
+from pipeline.identification.fitting.stations import stations_of
 from pipeline.identification.identify import Identification
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
@@ -70,10 +71,13 @@ def written_study(identification: Identification, path: Path, fit: Fit) -> Writt
     bench = Instrument()
     for effect, values in fit.model.split(fit.values.tolist()):
         bench = effect.apply(bench, values) if isinstance(effect, InstrumentEffect) else bench
-    for position, compliance in enumerate(problem.compliances):
-        crank = float(identification.measurement.drive_cranks[position])
-        drive = drive_of(study, crank, factor * compliance, assembly.errors(sample), clearance)
-        angle[problem.data.position == position] = problem.forward.read(drive, position, bench).angle
+    cranks = stations_of(identification.measurement).cranks
+    for position, stations in enumerate(problem.stations):
+        drives = tuple(
+            drive_of(study, float(cranks[k]), factor * problem.compliances[k], assembly.errors(sample), clearance)
+            for k in stations
+        )
+        angle[problem.data.position == position] = problem.forward.read(drives, position, bench).angle
     fitter = Fitter(problem)
     declared = fitter.predict(Model(), fitter.start(Model())).angle
     curves = [

@@ -17,6 +17,9 @@ varies, a crank that stays within half a pitch of the pins, a rate of the torque
 LOOPS, SENSES, TORQUES = "loops", "senses", "torques"
 """The same: a torque that turns back at a standing crank, both senses of motion, several torques. Loops have all."""
 
+MOVES = "moves"
+"""The same: a crank of known angle that turns within the loops, the output locked."""
+
 FLANGE = "flange"
 """The same: the angle of the reducer's flange beside that of the lever, which no reading has so far. Without it a play
 behind the flange is not told from one of the gaps, and a study alone can have it."""

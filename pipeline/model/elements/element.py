@@ -6,9 +6,9 @@ A drive is a reducer with errors in its gaps and a list of elements:
   depends on the path of the torque and which therefore has a state;
 * in parallel with the output or at its contacts, as friction: ``Friction`` (elastic-slip elements, whose memory is the
   anchors of their sliders);
-* on the elastic parts: ``ElasticModulus``;
-* on the angle of the crank: an ``AngleError``.
+* on the elastic parts: ``ElasticModulus``.
 
+What depends on the crank angle is an element, or a gap, of the drive at each crank angle that its crank goes through.
 What acts on the gaps changes the numbers of the drive that the gaps are computed from: ``Drive.moved`` and
 ``Drive.shifted``. Study, fit, comparison of two measurements and blind units use ``Drive.elements`` by place and name
 no single class, so a new effect is one file with its element and its ``EFFECT``.
@@ -93,22 +93,6 @@ class Hysteresis(Element, ABC):
     def twist(self, path: Path) -> Real:
         """Rotation [rad] (n,) along a path from rest."""
         return self.advance(self.start(), path)[0]
-
-
-class AngleError(Element, ABC):
-    """On the angle of the crank: an error of the output's angle that depends on where the crank stands.
-
-    A crank that is held adds a constant, which no loop contains. Where the crank turns within a loop, the angle read is
-    larger by ``error`` and, by virtual work, the torque carried is that read times 1 + ratio x ``slope``.
-    """
-
-    @abstractmethod
-    def error(self, crank_angle: Real) -> Real:
-        """Error of the output's angle [rad] at angles of the crank [rad] of any shape."""
-
-    @abstractmethod
-    def slope(self, crank_angle: Real) -> Real:
-        """Derivative of ``error`` by the angle of the crank [rad/rad]."""
 
 
 def same(first: Any, second: Any) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws, stiffened
-from pipeline.model.elements import AngleError, ElasticModulus, Element, Friction, Hysteresis, Spring
+from pipeline.model.elements import ElasticModulus, Element, Friction, Hysteresis, Spring
 from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria, solve
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
@@ -101,11 +101,6 @@ class Drive:
     def hystereses(self) -> tuple[Hysteresis, ...]:
         """Elements in series with the output that have a memory."""
         return tuple(element for element in self.elements if isinstance(element, Hysteresis))
-
-    @cached_property
-    def angle_errors(self) -> tuple[AngleError, ...]:
-        """Elements on the angle of the crank."""
-        return tuple(element for element in self.elements if isinstance(element, AngleError))
 
     @cached_property
     def frictions(self) -> tuple[Friction, ...]:

@@ -13,11 +13,12 @@ the motor times i, which does the work dV along phi, is
 for a pure angle error T (1 + i dte/dphi). Friction on the output acts beside it: the curve takes the place of a
 ``Backbone`` in ``output_path``, with all memory kept along the path.
 
-A drive that is preloaded stores energy without torque, which varies over the crank angle and is not in W: it is
-refused.
+A drive that is preloaded stores an energy V0 without torque. W begins with -V0, so that the motor feels V0 fall and
+rise over the crank angle: at no torque of the output its own is -dV0/dphi.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +26,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.backbone import Backbone
+from pipeline.model.load_history.drive import Drive
 
 STEPS, CLOSE = 50, 1e-13
 """Newton steps to a root at most, and change of the angle [rad] that ends them."""
@@ -41,27 +43,33 @@ class CurvesOverCrank:
     crank : (n_cranks,) ascending [rad].
     torque : (n_nodes,) ascending [N mm], none of them 0, as many of either sense.
     angle : (n_cranks, n_nodes) of the output [rad].
+    stored : (n_cranks, 2) energy without torque, at its limits from below and from above [N mm]; 0 without preload.
     period : after which the curves repeat [rad]: a turn of the crank where no error belongs to a single pin, lobe or
         hole, else a turn of the output; 0 where they are known between the first and the last crank angle alone.
+    held_beyond : whether the first and the last curve hold beyond their crank angles, instead of a refusal: a fit
+        passes through sizes that turn the crank further than it was measured.
     """
 
     crank: Real
     torque: Real
     angle: Real
+    stored: Real | float = 0.0
     period: float = 0.0
+    held_beyond: bool = False
 
     @classmethod
-    def of(cls, backbones: list[Backbone], crank: Real, period: float = 0.0, state: int = 0) -> "CurvesOverCrank":
-        """Of the curves of drives at crank angles (n_cranks,) [rad].
+    def of(
+        cls, drives: Sequence[Drive], backbones: Sequence[Backbone], crank: Real, state: int = 0, beyond: bool = False
+    ) -> "CurvesOverCrank":
+        """The curves of drives in one of their states, known between crank angles (n_cranks,) [rad].
 
-        Raises
-        ------
-        ValueError : one of them is preloaded.
+        ``beyond`` : see ``held_beyond``.
         """
-        if any(np.all(np.any(curve.limits.force[state] > 0, axis=-1)) for curve in backbones):
-            raise ValueError("a preloaded drive stores energy without torque, whose work on the crank is not known")
-        angles = np.array([curve.angle[state] for curve in backbones])
-        return cls(np.asarray(crank, float), backbones[0].torque, angles, period)
+        pairs = list(zip(drives, backbones, strict=True))
+        torque = drives[0].stiffening(state) * backbones[0].torque
+        angles = np.array([curve.angle[state] + drive.twist(torque) for drive, curve in pairs])
+        stored = np.array([stored_energy(drive, curve, state) for drive, curve in pairs])
+        return cls(np.asarray(crank, float), torque, angles, stored, held_beyond=beyond)
 
     @cached_property
     def spline(self) -> CubicSpline:
@@ -98,27 +106,45 @@ class CurvesOverCrank:
         """
         delta, nodes = self.spline(self._placed(np.array([start])))[0], np.arange(len(self.torque))
         for _ in range(STEPS):
-            crank = self._placed(start - ratio * delta)
-            excess = self.spline(crank)[nodes, nodes] - delta
-            step = excess / (1 + ratio * self.spline(crank, 1)[nodes, nodes])
+            crank = start - ratio * delta
+            excess = self.spline(self._placed(crank))[nodes, nodes] - delta
+            step = excess / (1 + ratio * self._slopes(crank)[nodes, nodes])
             delta = delta + step
             if np.max(np.abs(step)) < CLOSE:
                 break
         crank = start - ratio * delta
-        slopes = self.spline(self._placed(crank), 1)
-        work = np.array([self._integral(slopes[k], int(k)) for k in nodes])
+        work = self._integrals(self._slopes(crank)) - self._slopes_of_stored(crank)
         motor = self.torque + ratio * work
         if np.any(np.diff(motor) <= 0) or np.any(np.diff(delta) < 0):
             raise ValueError("the drive varies so much over the crank angle that it jumps; smaller torques do not")
         return LockedCurve(motor, delta, self.torque, crank)
 
-    def _integral(self, values: Real, node: int) -> float:
-        """Integral of values (n_nodes,) over the torque from none to a node, cubic on its side of the play."""
+    def _slopes(self, crank: Real) -> Real:
+        """Derivatives (n, n_nodes) of the curves at crank angles (n,), none beyond those known."""
+        placed_crank = self._placed(crank)
+        slopes = self.spline(placed_crank, 1)
+        if not self.period:
+            slopes[placed_crank != crank] = 0.0
+        return slopes
+
+    def _slopes_of_stored(self, crank: Real) -> Real:
+        """Derivative (n_nodes,) of the energy without torque, at the crank angle of each node and on its side."""
+        if not np.any(self.stored):
+            return np.zeros(len(crank))
+        side = np.repeat([0, 1], len(crank) // 2)
+        by_side = replace(self, angle=np.broadcast_to(self.stored, (len(self.crank), 2)))
+        return by_side._slopes(crank)[np.arange(len(crank)), side]
+
+    def _integrals(self, values: Real) -> Real:
+        """Integral (n_nodes,) from no torque to each node of its row of values (n_nodes, n_nodes)."""
         middle = len(self.torque) // 2
-        side = slice(middle, None) if node >= middle else slice(None, middle)
-        torque, inner = self.torque[side], self.torque[middle if node >= middle else middle - 1]
-        first = values[middle if node >= middle else middle - 1] * inner  # from none to the first node
-        return float(PchipInterpolator(torque, values[side]).integrate(inner, self.torque[node]) + first)
+        work = np.empty(len(self.torque))
+        for side, first in ((slice(None, middle), middle - 1), (slice(middle, None), middle)):
+            torque, rows = self.torque[side], values[side, side]
+            antiderivative = PchipInterpolator(torque, rows, axis=1).antiderivative()
+            from_first = np.diagonal(antiderivative(torque)) - antiderivative(self.torque[first])
+            work[side] = from_first + values[side, first] * self.torque[first]  # from none to the first node
+        return work
 
     def _spline(self, chosen: slice) -> CubicSpline:
         crank, angle = self.crank[chosen], self.angle[chosen]
@@ -135,10 +161,26 @@ class CurvesOverCrank:
         """
         if self.period:
             return self.crank[0] + np.mod(crank - self.crank[0], self.period)
+        if self.held_beyond:
+            return np.clip(crank, self.crank[0], self.crank[-1])
         if np.min(crank) < self.crank[0] or np.max(crank) > self.crank[-1]:
             known = np.degrees([np.min(crank), np.max(crank), self.crank[0], self.crank[-1]])
             raise ValueError("the crank turns from {:.1f} to {:.1f} deg; known is {:.1f} to {:.1f}".format(*known))
         return crank
+
+
+def stored_energy(drive: Drive, curve: Backbone, state: int) -> Real:
+    """Elastic energy (2,) [N mm] of a drive in one of its states at the limits of no torque from below and from above.
+
+    Of each contact F d(F) less the integral of d over F, of the bodies f C f / 2, of a bearing F d / (n + 1).
+    """
+    force = curve.limits.force[state][::-1]
+    law = drive.laws
+    contacts = np.sum(force * law.deflection(force) - law.energy(force), axis=-1)
+    bodies = 0.5 * np.sum((force @ drive.compliance) * force, axis=-1)
+    thrust = drive.reducer.thrust(force[None])[0]
+    bearings = np.sum(thrust * drive.bearing.depth(thrust), axis=-1) / (1 + drive.bearing.exponent)
+    return np.asarray(drive.stiffening(state) * (contacts + bodies + bearings))
 
 
 @dataclass(frozen=True)

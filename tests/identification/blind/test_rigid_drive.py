@@ -88,12 +88,14 @@ VALUES = {
     "directional_load_friction": (0.2, 0.08),
     "eccentricity_error": (4.0,),
     "encoder_eccentricity": (60.0, -90.0),
+    "flank_runout": (12.0, -9.0),
     "flank_wear": (6.0,),
     "load_friction": (0.15,),
     "output_torsion": (0.02,),
     "ovality_2": (4.0, 3.0),
     "ovality_3": (4.0, -3.0),
     "pin_circle_error": (5.0,),
+    "pin_circle_runout": (12.0, 9.0),
     "pin_radius_error": (-3.0,),
     "preload": (9.0,),
     "presliding": (1.0, 0.8),
@@ -215,7 +217,7 @@ def test_both_simulators_turn_the_crank_of_a_locked_output_alike():
     loose = assembly.bearing_clearance(study.design, dimensions.bearing_clearance)
     cranks = start + np.radians(np.linspace(-4.0, 2.0, 9))
     models = [drive_of(study, crank, None, assembly.errors(dimensions), loose) for crank in np.degrees(cranks)]
-    curves = CurvesOverCrank.of([backbone(model, torque_levels(24, 1.0)) for model in models], cranks)
+    curves = CurvesOverCrank.of(models, [backbone(model, torque_levels(24, 1.0)) for model in models], cranks)
     locked = curves.locked(start, -gear.lobes)
     nodes, most = np.arange(7), 2 * NMM_PER_NM * gear.rated_torque_Nm
     motor, output = locked_torques(

@@ -12,7 +12,7 @@ from drives import RATED, small_drive
 from drives_with_effects import LIBRARY, put
 from reducers import ARCMIN
 
-from pipeline.identification.bench import simulator
+from pipeline.identification.bench import load_path, simulator
 from pipeline.identification.bench.course import Course
 from pipeline.model.effects import Conditions
 from pipeline.model.elements import Path, Spring, same
@@ -62,7 +62,8 @@ def loops(name, beside):
     course = Course(1e-3 * TURNS, LEG[response.branch], np.zeros(3, np.int64), points, np.zeros(len(torque)), 1.0, 0.0)
     with pytest.MonkeyPatch.context() as finer:
         finer.setattr(simulator, "LEVELS", 110)
-        finer.setattr(simulator, "PATH_LEVELS", 22)
+        finer.setattr(load_path, "LEVELS", 110)
+        finer.setattr(load_path, "PATH_LEVELS", 22)
         reading = simulator.Forward([course], RATED).read(drive, 0, simulator.Instrument())
     assert reading.sound
     return response, reading.angle / ARCMIN

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from drives import RATED, history, small_drive
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.load_history.backbone import backbone, torque_levels
@@ -20,7 +21,7 @@ def curves(error=0.0, softer=0.0, order=1.0, period=2 * np.pi, count=48, play=0.
     crank = np.arange(count) / count * period
     wave = np.cos(order * crank)[:, None]
     angle = SOFT * TORQUE * (1 + softer * wave) + 0.5 * play * np.sign(TORQUE) + error * wave
-    return CurvesOverCrank(crank, TORQUE, angle, period)
+    return CurvesOverCrank(crank, TORQUE, angle, period=period)
 
 
 def test_a_sinusoidal_angle_error_alone_has_a_closed_form_with_its_factor_of_the_torque():
@@ -98,13 +99,35 @@ def test_a_reducer_reaches_the_gaps_of_the_crank_angle_that_it_turns_to():
     """Curves of the reducer itself: the locked angle is that of the crank held where the locked drive has come to."""
     cranks = 0.4 + np.linspace(-0.2, 0.2, 9)
     shares = torque_levels(8, 1.0)
-    solved = [backbone(small_drive(crank=crank, seed=3), shares) for crank in cranks]
-    case = CurvesOverCrank.of(solved, cranks)
+    drives = [small_drive(crank=crank, seed=3) for crank in cranks]
+    case = CurvesOverCrank.of(drives, [backbone(drive, shares) for drive in drives], cranks)
     locked = case.locked(0.4, -9.0)
     last = backbone(small_drive(crank=float(locked.crank[-1]), seed=3), shares)
     assert abs(locked.crank[-1] - 0.4) > 1e-3
     assert last.angle[0, -1] == pytest.approx(locked.angle[-1], abs=2 * case.error + 1e-10)
     assert locked.carried[-1] == pytest.approx(RATED)
-    tight = [backbone(small_drive(crank=crank, seed=3, play=-4e-3), shares) for crank in cranks[:2]]
-    with pytest.raises(ValueError, match="preloaded"):
-        CurvesOverCrank.of(tight, cranks[:2])
+
+
+def test_the_motor_of_a_preloaded_drive_feels_its_energy_over_the_crank_angle():
+    """The torque is the derivative of all that is stored, found from the poses of one crank angle after the other."""
+    cranks, shares = 0.4 + np.linspace(-0.25, 0.25, 21), torque_levels(12, 1.0)
+    drives = [small_drive(crank=crank, seed=3, play=-4e-3) for crank in cranks]
+    solved = [backbone(drive, shares) for drive in drives]
+    case = CurvesOverCrank.of(drives, solved, cranks)
+    assert np.ptp(case.stored) > 1e-3 * np.mean(case.stored) > 0
+    node = len(case.torque) // 2 + 8
+    stored = [case.stored[k, 1] + stored_with(solved[k], node) for k in range(len(cranks))]
+    angle = CubicSpline(cranks, case.angle[:, node])
+    work = CubicSpline(cranks, stored)(0.4, 1) - case.torque[node] * angle(0.4, 1)  # dV/dphi at the angle that is held
+    start = 0.4 - 9.0 * angle(0.4)
+    locked = case.locked(float(start), -9.0)
+    assert locked.crank[node] == pytest.approx(0.4, abs=1e-9)
+    assert locked.torque[node] == pytest.approx(case.torque[node] + 9.0 * work, rel=5e-4)
+    assert abs(locked.torque[node] / case.torque[node] - 1) > 0.004
+
+
+def stored_with(curve, node):
+    """Energy that the torque adds from its limit to a node: T a less the integral of a over T."""
+    middle = len(curve.torque) // 2
+    torque, angle = curve.torque[middle : node + 1], curve.angle[0, middle : node + 1]
+    return float(PchipInterpolator(angle, torque).integrate(angle[0], angle[-1]))

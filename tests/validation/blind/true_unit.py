@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.config.studies.study import Study
-from pipeline.identification.bench.simulator import Instrument
+from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.fitting.scaled_drives import scaled_design
 from pipeline.model.effects.elasticity.creep import KelvinVoigt

@@ -68,6 +68,16 @@ def _oval(order: int) -> Callable[[Sequence[float]], Changed]:
     return effect
 
 
+def _pins_off_axis(values: Sequence[float]) -> Changed:
+    centre = MM_PER_UM * complex(*values)
+    return lambda drive, cycle, warmer: replace(drive, pin_centres=drive.pin_centres + centre)
+
+
+def _flank_off_bore(values: Sequence[float]) -> Changed:
+    centre = MM_PER_UM * complex(*values)
+    return lambda drive, cycle, warmer: replace(drive, flank=replace(drive.flank, centre=drive.flank.centre + centre))
+
+
 def _worn(values: Sequence[float]) -> Changed:
     """Of the two flanks of every lobe, those that a rotation of the depth's sign presses."""
 
@@ -117,12 +127,14 @@ EFFECTS: Mapping[str, Effect] = {
         train=lambda values: {"drive_friction": values[0], "backdrive_friction": values[1]}
     ),
     "eccentricity_error": Effect(_eccentric),
+    "flank_runout": Effect(_flank_off_bore),
     "flank_wear": Effect(_worn),
     "load_friction": Effect(train=lambda values: {"load_friction": values[0]}),
     "output_torsion": Effect(train=lambda values: {"twist": RAD_PER_ARCMIN / NMM_PER_NM * values[0]}),
     "ovality_2": Effect(_oval(2)),
     "ovality_3": Effect(_oval(3)),
     "pin_circle_error": Effect(lambda values: lambda drive, cycle, warmer: _pins_moved(drive, MM_PER_UM * values[0])),
+    "pin_circle_runout": Effect(_pins_off_axis),
     "pin_radius_error": Effect(_everywhere(lambda values, cycle: values[0])),
     "preload": Effect(_everywhere(lambda values, cycle: values[0])),
     "presliding": Effect(

@@ -1,0 +1,224 @@
+"""The way of a drive through the torques of a position: elastic curve, friction, ripple, and memory in series."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.bench.course import Course, slid_torque
+from pipeline.model.elements import merged_path, polyline
+from pipeline.model.load_history.backbone import NO_LOAD, Backbone
+from pipeline.model.load_history.cell_means import means, means_along
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.friction.incremental import solve_path
+from pipeline.model.load_history.friction.output_path import Ripple, output_path
+from pipeline.model.units import NMM_PER_NM
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Torques = tuple[Real, Real]
+"""Torques at the turns (n_turns,) and within the cells (n_cells, n_edges) [N mm]."""
+
+LEVELS = 22
+"""Nodes of the backbone in each sense of the torque."""
+PATH_LEVELS = 11
+"""The same where friction at the contacts is followed step by step, which costs a hundred times as much."""
+REPEATED = 0.01
+"""Share of the range of torque within which two turns are the same: friction then repeats its last loop."""
+UNSOUND = 1e-3
+"""Relative residual of an equilibrium that is none."""
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """The bench as it reads: torque (1 + gain) T + zero, angle with drift and the eccentricity of its encoder.
+
+    Attributes
+    ----------
+    torque_zero : [N m]
+    torque_gain : [-]
+    drift : [arcmin/h]
+    encoder : amplitudes (cosine, sine) of the encoder's eccentricity [arcmin].
+    ripple : torque of the motor, locked to its angle.
+    """
+
+    torque_zero: float = 0.0
+    torque_gain: float = 0.0
+    drift: float = 0.0
+    encoder: tuple[float, float] = (0.0, 0.0)
+    ripple: Ripple = field(default_factory=Ripple)
+
+    def true_torque(self, read: Real) -> Real:
+        """Torque [N mm] that is read as ``read`` [N m]."""
+        return NMM_PER_NM * (read - self.torque_zero) / (1 + self.torque_gain)
+
+
+@dataclass(frozen=True)
+class LoadPath:
+    """What a position went through.
+
+    Attributes
+    ----------
+    angle : (n_cells,) of the output [rad].
+    slope : (n_cells,) d angle / d torque [rad/(N mm)].
+    carried : (n_cells,) torque behind friction [N mm]: that of the elastic curve's nodes.
+    at_turns : (n_turns,) the same at the turns.
+    """
+
+    angle: Real
+    slope: Real
+    carried: Real
+    at_turns: Real
+
+
+class ElasticCurve(NamedTuple):
+    """What a drive turns by without friction and without memory, in one state.
+
+    Attributes
+    ----------
+    torque : (n_nodes,) ascending, as the bench reads it without friction [N mm].
+    angle : (n_nodes,) of the turning end [rad].
+    carried : (n_nodes,) torque in the reducer [N mm]; the same, but where the motor is read and its crank turns.
+    """
+
+    torque: Real
+    angle: Real
+    carried: Real
+
+    def torque_carried(self, torque: Real) -> Real:
+        """Torque in the reducer [N mm] at torques of any shape behind friction, within the curve."""
+        return torque if self.carried is self.torque else np.interp(torque, self.torque, self.carried)
+
+
+class Elastic:
+    """Elastic curves of a drive whose crank is held, one for each of its states."""
+
+    def __init__(self, drive: Drive, curve: Backbone):
+        self.drive, self.curve = drive, curve
+
+    def at(self, state: int) -> ElasticCurve:
+        """The curve of a state."""
+        nodes = self.drive.stiffening(state) * self.curve.torque
+        return ElasticCurve(nodes, self.curve.angle[state] + self.drive.twist(nodes), nodes)
+
+
+def load_path(
+    drive: Drive, course: Course, curve: Backbone, elastic: Elastic, ripple: Ripple, torques: Torques
+) -> tuple[LoadPath, bool]:
+    """The way through torques, without what springs with memory add; and whether every equilibrium was found."""
+    if course.sliding is not None:
+        return _slid(drive, course, curve, *torques), True
+    if len(drive.sliders.acting) or ripple.amplitude:
+        return _along(drive, course, curve, elastic, ripple, torques)
+    return _unhindered(course, elastic, torques), True
+
+
+def _along(
+    drive: Drive, course: Course, curve: Backbone, elastic: Elastic, ripple: Ripple, torques: Torques
+) -> tuple[LoadPath, bool]:
+    """The way with friction; whether it is sound."""
+    (torque, edges), nodes, sound = torques, curve.torque, True
+    mean, slope, at_turns = np.empty((2, len(edges))), np.empty((2, len(edges))), torque.copy()
+    path = LoadPath(mean[0], slope[0], mean[1], at_turns)
+    repeated_torque = np.arange(len(torque) - 1)
+    if drive.sliders.at_contacts and (drive.lean or course.crank):
+        return path, False  # not solved together
+    if drive.sliders.at_contacts:
+        repeated_torque = _repeats(torque)
+        loads = np.sign(nodes) * np.maximum(np.abs(nodes), NO_LOAD * drive.rated_torque)  # ends of play carry none
+        steps, turns = _steps(torque[: repeated_torque.max() + 2], loads[:: LEVELS // PATH_LEVELS])
+    for state in course.states:
+        stiffer = drive.stiffening(state)
+        if drive.sliders.at_contacts:
+            seeds = (nodes, curve.states.motion[state], curve.states.force[state])
+            motions, _, worst = solve_path(drive.at_drawing_modulus(state), state, steps / stiffer, seeds)
+            output_angle = motions[:, drive.reducer.output_motion] + drive.twist(steps)
+            corners, sound = np.array([steps, output_angle, steps]), sound and worst <= UNSOUND
+        else:
+            leaning, of_state = 1 + drive.lean, elastic.at(state)
+            sliders = drive.sliders.of_scaled_load(leaning)
+            corners, turns = output_path(torque, leaning * of_state.torque, of_state.angle, sliders, ripple)
+            corners[2] /= leaning
+        followed = course.state == state
+        ends = np.column_stack([turns[repeated_torque], turns[repeated_torque + 1], course.sense])
+        at_turns[1:][followed] = corners[2, ends[followed, 1]]
+        at_turns[:-1][followed] = corners[2, ends[followed, 0]]
+        means_along(edges, course.leg, corners, ends, followed, mean, slope)
+    return path, sound
+
+
+def _unhindered(course: Course, elastic: Elastic, torques: Torques) -> LoadPath:
+    """The way without friction: the elastic curve, wherever it is."""
+    torque, edges = torques
+    angle, slope = np.empty(len(edges)), np.empty(len(edges))
+    state_of = course.state[course.leg]
+    for state in course.states:
+        cells = state_of == state if len(course.states) > 1 else slice(None)
+        of_state = elastic.at(state)
+        angle[cells], slope[cells] = means(edges[cells], of_state.torque, of_state.angle)
+    return LoadPath(angle, slope, mean_torque(edges), torque)
+
+
+def mean_torque(edges: Real) -> Real:
+    """Mean (n_cells,) of torques within cells (n_cells, n_edges), as many rows between any two."""
+    return np.asarray((0.5 * (edges[:, 1:] + edges[:, :-1])).mean(axis=1))
+
+
+def remembered(drive: Drive, course: Course, elastic: ElasticCurve, path: LoadPath, torques: Torques) -> Real:
+    """Rotation (n_cells,) [rad] of the elements with memory, along cells and the turns between them.
+
+    Each element goes along all of the position; ``elastic`` is the curve of the first state.
+    """
+    torque, edges = torques
+    along, points = merged_path(
+        (elastic.torque_carried(path.at_turns), torque),
+        (elastic.torque_carried(path.carried), mean_torque(edges)),
+        course.leg,
+        course.time,
+        polyline(elastic.carried, elastic.angle),
+    )
+    return np.asarray(sum(element.twist(along) for element in drive.hystereses))[points]
+
+
+def _slid(drive: Drive, course: Course, curve: Backbone, torque: Real, edges: Real) -> LoadPath:
+    """The way of an output that slides all along in one sense at each cell: see ``slid_torque``."""
+    assert course.sliding is not None
+    angle, slope, carried_torque = np.empty((3, len(edges)))
+    state_of, leaning = course.state[course.leg], 1 + drive.lean
+    for state in np.unique(state_of):
+        cells = state_of == state
+        nodes = leaning * drive.stiffening(state) * curve.torque
+        elastic_angle = curve.angle[state] + drive.twist(nodes / leaning)
+        edges_carried, share = slid_torque(edges[cells], course.sliding[cells], drive.sliders.of_scaled_load(leaning))
+        angle[cells], rise = means(edges_carried, nodes, elastic_angle)
+        slope[cells] = rise * share
+        carried_torque[cells] = mean_torque(edges_carried) / leaning
+    return LoadPath(angle, slope, carried_torque, torque)
+
+
+def _steps(torque: Real, nodes: Real) -> tuple[Real, Whole]:
+    """Torques from turn to turn over the nodes, and the step at which each turn stands."""
+    parts, starts, count = [torque[:1]], [0], 1
+    for start, end in zip(torque[:-1], torque[1:], strict=True):
+        interval = nodes[(nodes > min(start, end)) & (nodes < max(start, end))]
+        parts.append(np.append(interval if end > start else interval[::-1], end))
+        count += len(parts[-1])
+        starts.append(count - 1)
+    return np.concatenate(parts), np.array(starts)
+
+
+def _repeats(torque: Real) -> Whole:
+    """For each leg the earlier one that it repeats, turns before it included, or itself (n_legs,)."""
+    close = REPEATED * np.ptp(torque)
+    repeated_torque = np.arange(len(torque) - 1)
+    for leg in range(3, len(repeated_torque)):
+        repeated = np.all(np.abs(torque[leg - 1 : leg + 1] - torque[leg - 3 : leg - 1]) <= close)
+        ends = np.sign(torque[leg + 1] - torque[leg]) * (torque[leg + 1] - torque[leg - 1])
+        if repeated and ends <= close:
+            repeated_torque[leg] = repeated_torque[leg - 2]
+        else:
+            repeated_torque[: leg + 1] = np.arange(leg + 1)  # its history must be followed
+    return repeated_torque

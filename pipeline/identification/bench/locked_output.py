@@ -1,0 +1,109 @@
+"""What a bench reads at the motor of a drive whose output is locked: its crank turns within the loop.
+
+Everything that depends on the crank angle is that of the angle reached (``load_history.turning_crank``), and a torque
+read at the motor does the work on it. Elements with memory add their twist m, by which the crank turns on: the curve
+then is that which starts at phi_0 - ratio m. Where phi_0 lies follows from the crank angles measured at the cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.bench.course import Course
+from pipeline.identification.bench.load_path import Elastic, ElasticCurve, LoadPath, Torques, load_path, remembered
+from pipeline.model.load_history.backbone import Backbone
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.friction.output_path import Ripple
+from pipeline.model.load_history.turning_crank import CurvesOverCrank
+
+Real = NDArray[np.float64]
+
+ROUNDS, PLACED = 12, 1e-9
+"""Rounds to the crank angle at which the output is locked at most, and the change of it [rad] that ends them."""
+
+
+class ElasticOverCrank(Elastic):
+    """Elastic curves of a drive with its output locked, the crank at ``start`` [rad] without any twist."""
+
+    def __init__(self, drives: Sequence[Drive], course: Course, curves: Sequence[Backbone]):
+        super().__init__(drives[0], curves[0])
+        self.course, self.start = course, 0.0
+        assert course.crank is not None
+        self.motion = course.crank
+        self.by_state = {
+            state: CurvesOverCrank.of(drives, curves, self.motion.stations, state, beyond=True)
+            for state in {0, *course.states}
+        }
+
+    def at(self, state: int) -> ElasticCurve:
+        """The curve of a state."""
+        return self.from_start(state, self.start)
+
+    def from_start(self, state: int, start: float) -> ElasticCurve:
+        """The curve of a state from another crank angle without twist [rad]."""
+        locked = self.by_state[state].locked(start, self.motion.ratio)
+        torque = locked.torque if self.motion.at_input else locked.carried
+        return ElasticCurve(torque, locked.angle, locked.carried)
+
+    def turned_by_memory(self, torque: Real, twist: Real) -> Real:
+        """What the angle (n_cells,) [rad] changes by, at torques behind friction, as a twist turns the crank on.
+
+        By the curves from three starts over the range of the twist, and a parabola between them.
+        """
+        state = self.course.state[self.course.leg]
+        reach = np.array([0.0, 0.5, 1.0]) * np.ptp(twist) + np.min(twist)
+        share = (twist - reach[1]) / (reach[2] - reach[1]) if np.ptp(twist) > 0 else np.zeros(len(twist))
+        change = np.zeros(len(torque))
+        for number in np.unique(state):
+            cells = state == number
+            low, middle, high, held = (
+                np.interp(torque[cells], curve.torque, curve.angle)
+                for curve in (
+                    *(self.from_start(int(number), self.start - self.motion.ratio * m) for m in reach),
+                    self.at(int(number)),
+                )
+            )
+            x = share[cells]
+            change[cells] = middle + 0.5 * (high - low) * x + 0.5 * (high - 2 * middle + low) * x**2 - held
+        return change
+
+
+def locked_path(
+    drives: Sequence[Drive], course: Course, curves: Sequence[Backbone], ripple: Ripple, torques: Torques
+) -> tuple[LoadPath, Real, float, bool]:
+    """The way with the output locked.
+
+    Parameters
+    ----------
+    drives, curves : at the stations of the course.
+
+    Returns
+    -------
+    The way, its ``carried`` the torque in the reducer; the angle (n_cells,) with what elements with memory add [rad];
+    the crank angle without twist [rad]; and whether all is sound: equilibria found, no jump, and the crank between
+    the stations.
+    """
+    unknown = np.full(len(course.leg), np.nan)
+    nothing = LoadPath(unknown, unknown, unknown, np.full(len(course.torque), np.nan))
+    try:
+        elastic = ElasticOverCrank(drives, course, curves)
+        motion, place = elastic.motion, float(np.mean(elastic.motion.cells))
+        elastic.start = place
+        for _ in range(ROUNDS):
+            path, sound = load_path(drives[0], course, curves[0], elastic, ripple, torques)
+            angle = path.angle
+            if drives[0].hystereses and sound:
+                twist = remembered(drives[0], course, elastic.at(0), path, torques)
+                angle = angle + twist + elastic.turned_by_memory(path.carried, twist)
+            before, elastic.start = elastic.start, place + motion.ratio * float(np.mean(angle))
+            if not abs(elastic.start - before) > PLACED:
+                break
+    except ValueError:
+        return nothing, nothing.angle, 0.0, False
+    crank = elastic.start - motion.ratio * angle
+    known = motion.stations[0] <= np.min(crank) and np.max(crank) <= motion.stations[-1]
+    carried = elastic.at(0).torque_carried(path.carried)
+    return LoadPath(path.angle, path.slope, carried, path.at_turns), angle, elastic.start, bool(sound and known)

@@ -1,0 +1,91 @@
+"""Crank angles at which the model of a unit stands: one a position, or those that a crank goes through in its loops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.identification.fitting.measured_loops import crank_loops
+from pipeline.identification.measurement.measurement import Measurement
+
+Real = NDArray[np.float64]
+
+STATIONS_A_PITCH = 5
+"""Stations while the crank turns from one pin to the next, after which an ideal drive repeats."""
+FEWEST_STATIONS = 6
+"""Stations of a position at least: a cubic and its error take as many."""
+MARGIN = 0.4
+"""Share of the turn of the crank that stations reach beyond what was measured, on either side."""
+FOLLOWS = 0.05
+"""Share of the turn of the crank by which a column of it may differ from what the angle that is read says."""
+
+
+@dataclass(frozen=True)
+class Stations:
+    """Where drives are made.
+
+    Attributes
+    ----------
+    cranks : (n_stations,) [deg].
+    of_position : their numbers, by position.
+    measured : (n_cells,) crank angle at each cell [rad], or of its position where the crank is held.
+    """
+
+    cranks: Real
+    of_position: tuple[range, ...]
+    measured: Real
+
+
+def stations_of(measurement: Measurement) -> Stations:
+    """The stations of a measurement.
+
+    Raises
+    ------
+    InputError : a column of the crank angle does not follow the angle that is read.
+    """
+    positions = measurement.cells.position
+    if measurement.unit.settings.crank.moves == "fixed":
+        cranks = measurement.drive_cranks
+        single = tuple(range(number, number + 1) for number in range(len(cranks)))
+        return Stations(cranks, single, np.radians(cranks)[positions])
+    crank = measured_cranks(measurement)
+    step = 360.0 / measurement.unit.study.design.cycloid.pins / STATIONS_A_PITCH
+    parts: list[Real] = []
+    ranges = []
+    for number in range(len(measurement.drive_cranks)):
+        turned = np.degrees(crank[positions == number])
+        reach = MARGIN * np.ptp(turned)
+        first, last = np.min(turned) - reach, np.max(turned) + reach
+        count = max(FEWEST_STATIONS, int(np.ceil((last - first) / step)) + 1)
+        start = sum(map(len, parts))
+        parts.append(np.linspace(first, last, count))
+        ranges.append(range(start, start + count))
+    return Stations(np.concatenate(parts), tuple(ranges), crank)
+
+
+def measured_cranks(measurement: Measurement) -> Real:
+    """Crank angle at each cell (n_cells,) [rad] where the crank turns within the loops of a locked output.
+
+    Raises
+    ------
+    InputError : a column of it does not follow the angle that is read.
+    """
+    loops = crank_loops(measurement)
+    settings = measurement.unit.settings.crank
+    if settings.moves == "follows_angle":
+        start = np.radians(measurement.drive_cranks)[loops.position] if not measurement.known_cranks else loops.crank
+        return np.asarray(start + loops.turned * (loops.angle - loops.start))
+    turned = -loops.ratio * np.pi / 10800 * (loops.angle - loops.start)
+    for number in np.unique(loops.position):
+        of_position = loops.position == number
+        off = np.ptp((loops.crank - turned)[of_position])
+        if off > FOLLOWS * np.ptp(turned[of_position]):
+            raise InputError(
+                f'{measurement.unit.name}/unit.toml: crank.column = "{settings.column}"; with a design and a locked '
+                f"output it must be the angle that is read times {-loops.ratio:g}; it differs by up to "
+                f"{np.degrees(off):.3g} deg at position {number}"
+            )
+    return loops.crank

@@ -1,0 +1,141 @@
+"""Fits of a design whose crank turns within the loops of a locked output, against the held crank and closed forms."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from locked_unit import write_locked_unit
+from measured_bench import ROOT
+from synthetic_unit import exactly_known
+
+from pipeline.errors import InputError
+from pipeline.identification.bench import locked_output
+from pipeline.identification.bench.load_path import Instrument
+from pipeline.identification.bench.simulator import Forward
+from pipeline.identification.fitting.build import build_problem
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import unmapped
+from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.fitting.stations import stations_of
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.model.effects.elasticity.creep import KelvinVoigt
+from tests.validation.blind.catalogue import no_compliance
+
+RUNOUT = (60.0, -30.0)  # [um]
+TWO_CRANKS = (15.0, 2475.0)
+
+
+def problem_of(folder: Path):
+    unit = load_measured_unit(folder, ROOT)
+    measurement = Measurement.read(unit)
+    return build_problem(measurement, no_compliance(unit.study, stations_of(measurement).cranks.tolist()))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A unit with a run-out of the pin circle, at two positions a quarter of an output turn from each other."""
+    path = tmp_path_factory.mktemp("locked") / "unit"
+    return write_locked_unit(path, {"pin_circle_runout": RUNOUT}, noise=0.1, cranks=TWO_CRANKS, per_branch=40)
+
+
+@pytest.fixture(scope="module")
+def problem(folder):
+    return exactly_known(problem_of(folder))
+
+
+def test_where_nothing_depends_on_the_crank_the_reading_is_that_of_the_crank_that_is_held(problem):
+    """The same drive at every station, with friction, a spring and creep in series."""
+    drive = problem.nominal[0].with_elements(KelvinVoigt(2e-7, 40.0))
+    course = problem.forward.courses[0]
+    course = replace(course, time=np.arange(len(course.leg), dtype=float))
+    moving, held = Forward([course], problem.rated_torque * 1e3), Forward([replace(course, crank=None)], 1.0)
+    held.shares = moving.shares * problem.rated_torque * 1e3 / drive.rated_torque
+    moving.shares = held.shares
+    stations = (drive,) * len(course.crank.stations)
+    turning, reference = (
+        forward.read(given, 0, Instrument()) for forward, given in ((moving, stations), (held, drive))
+    )
+    assert turning.sound
+    np.testing.assert_allclose(turning.angle, reference.angle, atol=1e-10)
+    np.testing.assert_allclose(turning.carried, reference.carried, rtol=1e-12, atol=1e-9)
+
+
+def test_a_whole_turn_of_the_output_changes_nothing(problem, folder):
+    unit = load_measured_unit(folder, ROOT)
+    turned = Measurement.read(unit)
+    turned.rows.cranks[:] = turned.rows.cranks + 360.0 * unit.study.design.cycloid.lobes
+    again = exactly_known(build_problem(turned, no_compliance(unit.study, stations_of(turned).cranks.tolist())))
+    angles = [Fitter(p).predict(Model(), Fitter(p).start(Model())).angle for p in (problem, again)]
+    np.testing.assert_allclose(angles[1], angles[0], atol=1e-6)
+
+
+def test_two_simulators_read_the_same_loops_with_a_run_out_and_no_other(problem):
+    """Model and second simulator share no code; the model is linear in the pose, which is worth a part in fifty."""
+    fitter, model = Fitter(problem), Model((candidates()["pin_circle_runout"],))
+    left = {}
+    for values in (RUNOUT, (0.0, 0.0), (60.0, 30.0)):
+        unknowns = fitter.start(model, unmapped(fitter.bounds(model), values))
+        angle = fitter.predict(model, unknowns).angle
+        residual = problem.data.angle - angle
+        for group in problem.data.spans:
+            residual[group] -= residual[group].mean()
+        left[values] = np.sqrt(np.mean(residual**2))
+    assert left[RUNOUT] < 0.02 * problem.span
+    assert min(left[0.0, 0.0], left[60.0, 30.0]) > 3 * left[RUNOUT]
+
+
+def test_the_size_of_a_run_out_is_found_again(problem):
+    fitter, model = Fitter(problem), Model((candidates()["pin_circle_runout"],))
+    every = np.ones(len(problem.data), bool)
+    fit = fitter.fit(model, every, fitter.start(model))
+    assert fit.sound
+    np.testing.assert_allclose(fit.values, RUNOUT, atol=5.0)
+
+
+def test_derivatives_of_gaps_are_those_of_readings(problem):
+    """A wider circle of the pins, to first order and by another reading."""
+    drives, course = problem.nominal[: len(problem.stations[0])], problem.forward.courses[0]
+    wider = tuple(drive.moved(pin_radial=np.array(1e-3)) for drive in drives)
+    reading, moved = (problem.forward.read(given, 0, Instrument()) for given in (drives, wider))
+    change = moved.angle - reading.angle
+    derived = problem.forward.change(drives, wider, 0, reading.carried)
+    change, derived = change - change.mean(), derived - derived.mean()
+    assert np.std(change) > 0.05
+    assert np.median(np.abs(derived - change)) < 0.05 * np.std(change)
+    assert len(course.crank.cells) == len(change)
+
+
+def test_memory_turns_the_crank_on(problem):
+    """A twist m in series starts the curve at phi_0 - i m: exact by one start for each cell."""
+    course = problem.forward.courses[0]
+    drives = problem.nominal[: len(problem.stations[0])]
+    curves = [problem.forward.backbone(drive) for drive in drives]
+    elastic = locked_output.ElasticOverCrank(drives, course, curves)
+    elastic.start = float(np.mean(course.crank.cells))
+    torque = np.linspace(-15e3, 15e3, len(course.leg))
+    twist = 1e-3 * np.sin(np.arange(len(torque)))
+    found = elastic.turned_by_memory(torque, twist)
+    for k in (3, 20, 41):
+        curve = elastic.from_start(0, elastic.start + 13.0 * twist[k])
+        held = elastic.at(0)
+        exact = np.interp(torque[k], curve.torque, curve.angle) - np.interp(torque[k], held.torque, held.angle)
+        assert found[k] == pytest.approx(exact, abs=0.02 * np.max(np.abs(found)))
+    assert np.max(np.abs(found)) > 1e-6
+
+
+def test_effects_of_a_turning_crank_are_offered_and_those_of_a_standing_one_are_not(problem, folder):
+    assert not problem.why_not(candidates()["crank_compliance_2"]).count("stands still")
+    positions = "fewer than 3 crank positions of known angle to fit"
+    assert problem.why_not(candidates()["pin_circle_runout"]) == positions
+    assert "half a pitch" in problem.why_not(candidates()["contact_friction"])
+    text = (folder / "unit.toml").read_text()
+    wrong = text.replace("ratio = -13.0", "ratio = 13.0")
+    other = folder.parent / "other"
+    other.mkdir()
+    for file in folder.iterdir():
+        (other / file.name).write_bytes(file.read_bytes())
+    (other / "unit.toml").write_text(wrong)
+    with pytest.raises(InputError, match=r"crank.ratio = 13.0; the design has 13 lobes; give -13"):
+        load_measured_unit(other, ROOT)
