@@ -4,6 +4,7 @@ from itertools import chain, combinations
 
 import numpy as np
 import pytest
+from scipy.stats import sobol_indices
 
 from pipeline.config.studies.study import FEWEST_BASE_SAMPLES
 from pipeline.statistics.variance_indices import variance_indices
@@ -78,6 +79,18 @@ def test_indices_of_closed_forms(case):
     np.testing.assert_allclose(estimate.first_order.value, first_indices, atol=0.04)
     np.testing.assert_allclose(estimate.total.value, total, atol=0.04)
     assert estimate.n == 20_000
+
+
+@pytest.mark.parametrize("case", ["ishigami, single inputs", "g-function, groups"])
+def test_values_are_those_of_scipy(case):
+    """SciPy has the same two estimators; ours adds groups of rows without a value, sums, and intervals of both."""
+    function, _, groups, inputs = CASES[case]
+    base, second_base, mixed = pick_freeze(function, groups, inputs, 1024, np.random.default_rng(5))
+    estimate = variance_indices(base, second_base, mixed, 0.95)
+    answers = {"f_A": base[None], "f_B": second_base[None], "f_AB": mixed[:, None]}
+    reference = sobol_indices(func=answers, n=len(base))
+    np.testing.assert_allclose(estimate.first_order.value[:-1], reference.first_order, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(estimate.total.value[:-1], reference.total_order, rtol=1e-12)
 
 
 def test_intervals_cover_and_estimates_are_unbiased():
