@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from pipeline.checks.leastsquares import Fitted, fitted
 from pipeline.checks.response import METRICS, Condensed, condensed, metrics_of, solved, with_numbers
@@ -18,6 +19,7 @@ from pipeline.config.files.keys import with_value
 from pipeline.config.files.section import nearest_name, number_at
 from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.consistency import number_keys
+from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.model.geometry.cycloid_profile import Real
 
@@ -191,30 +193,30 @@ def of_targets(study: Study, metrics: Real, targets: Sequence[Target]) -> Real:
 
 def write(calibration: Calibration, targets: Sequence[Target], source: str, folder: Path) -> None:
     """Write the numbers, their correlation, each target (CSV) and the fitted design (TOML) into ``folder``."""
-    folder.mkdir(parents=True, exist_ok=True)
-    fit = calibration.fit
-    with (folder / "fit.csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["key", "value", "ci_low", "ci_high", "lower", "upper", "degrees_of_freedom"])
-        for k, parameter in enumerate(calibration.parameters):
-            ends = ["" if np.isnan(end) else f"{end:.6g}" for end in (fit.low[k], fit.high[k])]
-            table.writerow([parameter.key, f"{fit.value[k]:.6g}", *ends, parameter.lower, parameter.upper, fit.freedom])
-    keys = [parameter.key for parameter in calibration.parameters]
-    with (folder / "correlation.csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["key", *keys])
-        table.writerows(
-            [key, *(f"{value:.4f}" for value in row)] for key, row in zip(keys, fit.correlation, strict=True)
-        )
-    with (folder / "targets.csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["case", "metric", "published", "computed", "relative_error", "fitted"])
+    fit, keys = calibration.fit, [parameter.key for parameter in calibration.parameters]
+    numbers = pd.DataFrame({"key": keys, "value": fit.value, "ci_low": fit.low, "ci_high": fit.high})
+    for name in ("value", "ci_low", "ci_high"):
+        numbers[name] = ["" if np.isnan(value) else f"{value:.6g}" for value in numbers[name]]
+    numbers["lower"] = [parameter.lower for parameter in calibration.parameters]
+    numbers["upper"] = [parameter.upper for parameter in calibration.parameters]
+    numbers["degrees_of_freedom"] = fit.freedom
+    correlation = pd.DataFrame(fit.correlation, columns=keys).map("{:.4f}".format)
+    correlation.insert(0, "key", keys)
+    rows = [
+        (target.case, target.metric, target.value, f"{value:.6g}", _relative_error(value, target, counted), counted)
         for target, value, counted in zip(
             targets, computed(calibration.study, calibration.disk, targets), calibration.used, strict=True
-        ):
-            error = f"{value / target.value - 1:.6f}" if counted else ""
-            table.writerow([target.case, target.metric, target.value, f"{value:.6g}", error, counted])
-    (folder / "design.toml").write_text(_design_file(calibration, source), encoding="utf-8")
+        )
+    ]
+    names = ["case", "metric", "published", "computed", "relative_error", "fitted"]
+    frames = {"fit": numbers, "correlation": correlation, "targets": pd.DataFrame(rows, columns=names)}
+    for name, frame in frames.items():
+        write_atomic(folder / f"{name}.csv", frame.to_csv(index=False).encode())
+    write_atomic(folder / "design.toml", _design_file(calibration, source).encode())
+
+
+def _relative_error(value: float, target: Target, counted: bool) -> str:
+    return f"{value / target.value - 1:.6f}" if counted else ""
 
 
 def _design_file(calibration: Calibration, source: str) -> str:
