@@ -15,6 +15,7 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.errors import InputError
+from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.metrics import library
 from pipeline.model.units import UM_PER_MM
 from pipeline.mounting import drive_of
@@ -125,7 +126,7 @@ class _Body:
             drives = TurnDrives.of(study, self.drives.phases, self.drives.blocks)
             for k in range(RIGIDITY_ANGLES):
                 step = k * drives.pitches // RIGIDITY_ANGLES * drives.phases + k % drives.phases
-                yield lambda units, step=step: drives.solved(step, units)[2]
+                yield partial(_metrics_of_step, drives, step)
         for crank, compliance in self.at_angles.items():
             yield partial(_metrics_at, study, crank, compliance, cycle)
 
@@ -163,7 +164,11 @@ def _full_compliance(study: Study, disks: DiskMatrices, crank: float) -> Real:
     return full
 
 
-def _metrics_at(study: Study, crank: float, compliance: Real, cycle: object, units: Units) -> Real:
+def _metrics_of_step(drives: TurnDrives, step: int, units: Units) -> Real:
+    return drives.solved(step, units)[2]
+
+
+def _metrics_at(study: Study, crank: float, compliance: Real, cycle: LoadCycle, units: Units) -> Real:
     drive = drive_of(study, crank, compliance, units.errors, units.clearance, modulus=units.modulus)
     return solved_metrics(study, drive, cycle)[1]
 
@@ -276,21 +281,20 @@ def _estimates(study: Study, own: Mapping[str, Real], other: Mapping[str, Real])
         a, b = own[name][both], other[name][both]
         if not len(b) or np.ptp(b) == 0:
             continue
-        told, of_own = distribution(b, confidence), distribution(a, confidence)
+        told, before = distribution(b, confidence), distribution(a, confidence)
         ends = {"mean": mean_difference(a, b, confidence, True), **order_differences(a, b, confidence, True, seed)}
         for statistic in DIFFERENCES:
-            yield _row(
-                name, statistic, told[statistic], told[statistic].value - of_own[statistic].value, ends[statistic]
-            )
+            change = told[statistic].value - before[statistic].value
+            yield _row(name, statistic, told[statistic], change, ends[statistic])
     kept = [study.limits.kept(metrics) for metrics in (own, other)]
     for name in kept[0]:
         limited = study.limits.limited(name, own)
         both = np.all([np.isfinite(own[metric]) & np.isfinite(other[metric]) for metric in limited], axis=0)
         if both.any():
-            a, b = (passes[name][both] for passes in kept)
-            difference = float(b.mean() - a.mean())
-            ends_of_share = share_difference(a, b, confidence, True) if other is not own else (0.0, 0.0)
-            yield _row(name, "yield", pass_share(b, confidence), difference, ends_of_share)
+            of_own, of_form = (passes[name][both] for passes in kept)
+            difference = float(of_form.mean() - of_own.mean())
+            ends_of_share = share_difference(of_own, of_form, confidence, True) if other is not own else (0.0, 0.0)
+            yield _row(name, "yield", pass_share(of_form, confidence), difference, ends_of_share)
 
 
 def _row(

@@ -22,6 +22,7 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import NMM_PER_NM
 from pipeline.mounting import drive_of
 from pipeline.populations.turn_drives import HOUSING_ERRORS, TurnDrives, Units
+from pipeline.populations.turn_residuals import Correlation
 
 Real = NDArray[np.float64]
 
@@ -262,10 +263,12 @@ class Ranking:
     Attributes
     ----------
     slopes : metric -> (1 + n_features + 2 WAVES,), of 1, the features and the `waves`.
+    correlations : metric -> correlation of what the ranking misses at two pitches of a unit.
     """
 
     springs: Springs
     slopes: Mapping[str, Real]
+    correlations: Mapping[str, Correlation]
 
     def predicted(self, gaps: SeparateGaps) -> dict[str, Real]:
         """Metrics (n, n_pitches) of units."""

@@ -1,7 +1,8 @@
 """Each unit's worst over a turn of the output, by a guided search; some units solved at every pitch tell how well.
 
 A rough model ranks every pitch of a unit for each metric, the most promising are load-solved, and each solution serves
-all metrics. What the search misses is seen on units that are solved at every pitch and beside the worst of these.
+all metrics. What the rough model misses at them corrects the ranking of the others, in a few rounds. What the search
+misses is seen on units that are solved at every pitch and beside the worst of these.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pipeline import assembly
 from pipeline.model.metrics import library
 from pipeline.populations.turn_drives import TurnDrives, Units
 from pipeline.populations.turn_ranking import Ranking, SeparateGaps, Springs, fitted_slopes, place_compliance, waves
+from pipeline.populations.turn_residuals import fitted_correlation, upper_bounds
 
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -23,14 +25,19 @@ Index = NDArray[np.intp]
 TRAINING_UNITS, TRAINING_PITCHES = 60, 150
 """Units that are solved at each of some pitches, drawn for each, for the slopes of the ranking."""
 PROMISING = {
-    "clearance_backlash_arcmin": 6,
-    "lost_motion_arcmin": 16,
-    "torsional_rigidity_Nm_per_arcmin": 24,
-    "peak_pressure_MPa": 32,
+    "clearance_backlash_arcmin": (3, 1),
+    "lost_motion_arcmin": (6, 2),
+    "torsional_rigidity_Nm_per_arcmin": (10, 6),
+    "peak_pressure_MPa": (14, 4),
 }
-"""Pitches of a unit that are solved for a metric: the largest misses are below 1.4 % so, 0 to 0.02 % in the median."""
-PROMISING_OTHERWISE = 20
+"""Pitches of a unit that are solved for a metric at first, and in each further round."""
+PROMISING_OTHERWISE = 8, 0
 """Likewise of a metric that is not named."""
+ROUNDS = 4
+"""Further rounds, each ranked anew by what the ranking missed at the pitches solved so far."""
+CANDIDATES = 150
+"""Pitches of a unit among which those of further rounds are chosen, of each metric the best ranked: the worst of 3,000
+was always among them."""
 RANKED_AT_ONCE = 50
 """Units whose features at all pitches are held together: 250 MB at 6,320 pitches."""
 MANY_PINS = 60
@@ -110,7 +117,11 @@ def trained(drives: TurnDrives, units: Units, seed: np.random.SeedSequence) -> R
     )
     pairs = np.stack(metrics, axis=1).reshape(-1, len(library()))
     slopes = fitted_slopes(features.reshape(len(pairs), -1), dict(zip(library(), pairs.T, strict=True)))
-    return Ranking(springs, slopes)
+    cycloid, correlations = drives.study.design.cycloid, {}
+    for name, slope in slopes.items():
+        missed = np.stack(metrics, axis=1)[:, :, list(library()).index(name)] - (features @ slope[1:] + slope[0])
+        correlations[name] = fitted_correlation(cycloid.pins, cycloid.lobes, pitches, missed)
+    return Ranking(springs, slopes, correlations)
 
 
 def _top_states(drives: TurnDrives) -> list[int]:
@@ -123,17 +134,17 @@ def _top_states(drives: TurnDrives) -> list[int]:
 def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
     """The worst of units as found at their most promising pitches."""
     best = _Best(len(units))
-    pairs = [np.zeros((0, 2), np.intp)]
-    for start in range(0, len(units), RANKED_AT_ONCE):
-        rows = np.arange(start, min(start + RANKED_AT_ONCE, len(units)))
-        predicted = ranking.predicted(SeparateGaps.of(drives, units.some(rows)))
-        for name, values in predicted.items():
-            count = min(PROMISING.get(name, PROMISING_OTHERWISE), drives.pitches)
-            bad = values if library()[name].smaller_is_worse else -values
-            pitches = np.argpartition(bad, count - 1, axis=1)[:, :count]
-            pairs.append(np.stack([pitches.ravel(), np.repeat(rows, count)], axis=1))
-    promising = np.unique(np.concatenate(pairs), axis=0)
-    _solve_pairs(drives, units, np.column_stack([promising[:, 0] * drives.phases, promising[:, 1]]), best)
+    if ranking.slopes:
+        blocks = [np.arange(k, min(k + RANKED_AT_ONCE, len(units))) for k in range(0, len(units), RANKED_AT_ONCE)]
+        pools = [_Pool.of(drives, ranking, units, rows) for rows in blocks]
+        for further in range(ROUNDS + 1):
+            chosen = [pool.promising(ranking) if further else pool.first() for pool in pools]
+            parts = np.split(
+                _solve_pairs(drives, units, np.concatenate([pairs * [drives.phases, 1] for pairs in chosen]), best),
+                np.cumsum([len(pairs) for pairs in chosen])[:-1],
+            )
+            for pool, pairs, values in zip(pools, chosen, parts, strict=True):
+                pool.take(pairs, values)
     if drives.phases > 1:
         ranked = [name in ranking.slopes for name in library()]
         offsets, climbed = _offsets(drives), BEST_CLIMBED
@@ -141,6 +152,90 @@ def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
             offsets, climbed = [offsets[0], offsets[-1]], 1
         _solve_beside(drives, units, _steps(best.step[:, ranked, :climbed]), offsets, best)
     return best.worst()
+
+
+@dataclass(frozen=True)
+class _Pool:
+    """The best ranked pitches of some units, and what is known of them.
+
+    Attributes
+    ----------
+    rows : (n,) numbers of the units.
+    pitches : (n, n_pitches) ascending, -1 where there are fewer.
+    predicted, solved : (n_metrics, n, n_pitches) the ranking's metrics and true ones, larger ones being worse; missing
+        where not solved.
+    names : metrics that are ranked.
+    """
+
+    rows: Index
+    pitches: NDArray[np.int32]
+    predicted: NDArray[np.float32]
+    solved: NDArray[np.float32]
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, drives: TurnDrives, ranking: Ranking, units: Units, rows: Index) -> _Pool:
+        """The best ranked pitches of each metric."""
+        ranked = ranking.predicted(SeparateGaps.of(drives, units.some(rows)))
+        count = min(CANDIDATES, drives.pitches)
+        bad = np.stack([_sign(name) * values for name, values in ranked.items()])
+        best = np.sort(np.concatenate(np.argpartition(-bad, count - 1, axis=2)[:, :, :count], axis=1), axis=1)
+        repeated = np.zeros(best.shape, bool)
+        repeated[:, 1:] = best[:, 1:] == best[:, :-1]
+        columns = np.argsort(repeated, axis=1, kind="stable")[:, : int((~repeated).sum(axis=1).max())]
+        best, repeated = np.take_along_axis(best, columns, axis=1), np.take_along_axis(repeated, columns, axis=1)
+        predicted = np.take_along_axis(bad, best[None], axis=2).astype(np.float32)
+        pitches = np.where(repeated, -1, best).astype(np.int32)
+        return cls(rows, pitches, predicted, np.full(predicted.shape, np.nan, np.float32), tuple(ranked))
+
+    def first(self) -> Index:
+        """Pairs (n_pairs, 2) of a pitch and a unit: of each metric the best ranked."""
+        return self._pairs(self.predicted.astype(float), 0)
+
+    def promising(self, ranking: Ranking) -> Index:
+        """Likewise of those that are not solved yet, by the ranking and what it missed at the solved ones."""
+        known = np.isfinite(self.solved).any(axis=0)
+        width = max(1, int(known.sum(axis=1).max()))
+        columns = np.argsort(~known, axis=1, kind="stable")[:, :width]
+        pitches = np.where(np.take_along_axis(known, columns, axis=1), np.take_along_axis(self.pitches, columns, 1), -1)
+        scores = np.full(self.predicted.shape, -np.inf)
+        for k, name in enumerate(self.names):
+            if PROMISING.get(name, PROMISING_OTHERWISE)[1] == 0:
+                continue
+            missed = np.take_along_axis(self.solved[k] - self.predicted[k], columns, axis=1)
+            count = min(CANDIDATES, self.pitches.shape[1])
+            best = np.argpartition(-np.where(self.pitches < 0, -np.inf, self.predicted[k]), count - 1, axis=1)[
+                :, :count
+            ]
+            others, predicted = (np.take_along_axis(values, best, 1) for values in (self.pitches, self.predicted[k]))
+            bounds = upper_bounds(ranking.correlations[name], pitches, missed, np.abs(others), predicted)
+            np.put_along_axis(scores[k], best, np.stack(list(bounds)), axis=1)
+        return self._pairs(np.where(known, -np.inf, scores), 1)
+
+    def _pairs(self, scores: Real, further: int) -> Index:
+        """Pairs of the largest scores (n_metrics, n, n_pitches): so many of each metric."""
+        scores = np.where(self.pitches < 0, -np.inf, scores)
+        chosen = np.zeros(self.pitches.shape, bool)
+        for name, of_metric in zip(self.names, scores, strict=True):
+            count = min(PROMISING.get(name, PROMISING_OTHERWISE)[further], of_metric.shape[1])
+            if count == 0:
+                continue
+            best = np.argpartition(-of_metric, count - 1, axis=1)[:, :count]
+            np.put_along_axis(chosen, best, np.take_along_axis(of_metric, best, axis=1) > -np.inf, axis=1)
+        unit, column = np.nonzero(chosen)
+        return np.stack([self.pitches[unit, column], self.rows[unit]], axis=1).astype(np.intp)
+
+    def take(self, pairs: Index, values: Real) -> None:
+        """Note the metrics (n_pairs, n_metrics of the library) of pairs."""
+        unit = pairs[:, 1] - self.rows[0]
+        column = np.argmax(self.pitches[unit] == pairs[:, :1], axis=1)
+        for k, name in enumerate(self.names):
+            self.solved[k, unit, column] = _sign(name) * values[:, list(library()).index(name)]
+
+
+def _sign(name: str) -> float:
+    """By which a metric is multiplied so that larger values are worse."""
+    return -1.0 if library()[name].smaller_is_worse else 1.0
 
 
 def _steps(steps: Index) -> Index:
@@ -161,10 +256,12 @@ def _solve_beside(drives: TurnDrives, units: Units, steps: Index, offsets: Seque
     _solve_pairs(drives, units, np.unique(pairs.reshape(-1, 2), axis=0), best)
 
 
-def _solve_pairs(drives: TurnDrives, units: Units, pairs: Index, best: _Best) -> None:
-    """Solve pairs (n_pairs, 2) of a step and a unit."""
+def _solve_pairs(drives: TurnDrives, units: Units, pairs: Index, best: _Best) -> Real:
+    """Metrics (n_pairs, n_metrics) of pairs (n_pairs, 2) of a step and a unit."""
     steps, rows = pairs.T
-    best.take(steps, rows, drives.metrics_at(steps, rows, units))
+    values = drives.metrics_at(steps, rows, units)
+    best.take(steps, rows, values)
+    return values
 
 
 def audit(drives: TurnDrives, units: Units) -> Worst:

@@ -16,6 +16,7 @@ from pipeline.model.elastic.condensed_body import ElasticBody
 from pipeline.model.metrics import library
 from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks, turned_blocks
 from pipeline.populations.turn_ranking import SeparateGaps
+from pipeline.populations.turn_residuals import Correlation, fitted_correlation, upper_bounds
 from pipeline.sampling import draw
 from pipeline.statistics.audited import audited_distribution, audited_share
 from stages.chain import STAGES
@@ -110,6 +111,25 @@ def test_drives_whose_cranks_turn_by_other_ratios_or_know_their_angle_do_not_rep
         study = study.model_copy(update={"design": study.design.model_copy(update={"effects": effects})})
         n_contacts = len(assembly.reducer(study.design, 0.0).contacts)
         assert not TurnDrives.of(study, 1, [np.zeros((1, n_contacts, n_contacts))]).repeats
+
+
+def test_misses_of_the_ranking_are_known_from_those_of_other_pitches() -> None:
+    """A process of known lengths: they are found again, and bounds are met by a share of a normal distribution."""
+    pins, lobes, rng = 14, 13, np.random.default_rng(2)
+    every = np.arange(pins * lobes)
+    true = Correlation.of(pins, lobes, 2.0, 10.0, 0.02)
+    matrix = true.between(every[:, None], every) + 0.02 * np.eye(len(every))
+    missed = 3.0 + rng.normal(size=(60, len(every))) @ np.linalg.cholesky(matrix).T
+    training = np.sort(rng.choice(every, 90, replace=False))
+    found = fitted_correlation(pins, lobes, training, missed[:, training])
+    np.testing.assert_allclose(found.around, true.around)
+    np.testing.assert_allclose(found.along, true.along)
+    others = np.setdiff1d(every, training)
+    solved = np.where(np.arange(90) < 80, np.broadcast_to(training, (60, 90)), -1)
+    apart = np.broadcast_to(others, (60, len(others)))
+    bounds = np.stack(list(upper_bounds(found, solved, missed[:, training], apart, np.zeros(apart.shape))))
+    assert 0.8 < np.mean(missed[:, others] < bounds) < 0.97  # one standard deviation or more: 84 % of normal values
+    assert np.std(missed[:, others] - bounds) < 0.6 * np.std(missed[:, others])
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,117 @@
+"""What the ranking of pitches misses at a pitch, from what it misses at the solved pitches of the same unit.
+
+The miss of a unit varies slowly: after a turn of the crank the same pins stand about the eccentric and meet the next
+lobes, and a pitch on they stand one place farther. It is taken for a Gaussian process with a mean of each unit and a
+correlation that falls with the distance of two pitches around the crank, and with that in turns of the crank.
+
+Source
+------
+Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), sec. 2.2, 4.2 and 5.4; upper confidence bound:
+Srinivas et al., IEEE Trans. Inf. Theory 58 (2012) 3250.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+PITCH_LENGTHS = (0.7, 1.2, 2.0, 3.5, 6.0)
+"""Distances around the crank [pitches] of which that of the largest likelihood is taken."""
+TURN_LENGTHS = (0.5, 3.0, 10.0, 30.0, 100.0)
+"""Likewise distances in turns of the crank."""
+NOISES = (0.02, 0.1, 0.5, 2.0)
+"""Likewise of the part that no other pitch shows, over the variance of the rest."""
+
+WINDINGS = 8
+"""Of the crank on both sides: at four pins and the longest length the next one adds 1e-4."""
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Correlation of the misses at two pitches.
+
+    Attributes
+    ----------
+    around : (n_pins,) by the difference of their places around the crank.
+    along : (n_pitches,) by the difference of their numbers.
+    noise : variance of the part that no other pitch shows, over that of the rest.
+    """
+
+    around: Real
+    along: Real
+    noise: float
+
+    @classmethod
+    def of(cls, pins: int, lobes: int, pitch_length: float, turn_length: float, noise: float) -> Correlation:
+        """Matern's of the order 3/2 around the crank, summed over its windings, exponential along the turns."""
+        places, steps = np.arange(pins), np.arange(pins * lobes)
+        windings = pins * np.arange(-WINDINGS, WINDINGS + 1)
+        scaled = np.sqrt(3) * np.abs(np.add.outer(places, windings)) / pitch_length
+        around = np.sum((1 + scaled) * np.exp(-scaled), axis=1)
+        turns = np.minimum(steps, pins * lobes - steps) / pins
+        return cls(around / around[0], np.exp(-turns / turn_length), noise)
+
+    def between(self, first: Index, second: Index) -> Real:
+        """Correlations of pitches that broadcast against each other, without the noise."""
+        pins = len(self.around)
+        return self.along[np.abs(first - second)] * self.around[np.abs(first % pins - second % pins)]
+
+
+def fitted_correlation(pins: int, lobes: int, pitches: Index, missed: Real) -> Correlation:
+    """The correlation of the largest likelihood.
+
+    Parameters
+    ----------
+    missed : (n_units, n_pitches) true metric less the ranking's at ``pitches``; units with a missing one are left out.
+    """
+    rows = missed[np.isfinite(missed).all(axis=1)]
+    rows = rows - rows.mean(axis=1, keepdims=True) if len(rows) else np.zeros((1, len(pitches)))
+    rows = rows / max(float(rows.std()), np.finfo(float).tiny)
+    choices = [Correlation.of(pins, lobes, *lengths) for lengths in product(PITCH_LENGTHS, TURN_LENGTHS, NOISES)]
+    return max(choices, key=lambda choice: _log_likelihood(choice, pitches, rows))
+
+
+def _log_likelihood(choice: Correlation, pitches: Index, rows: Real) -> float:
+    """Of rows (n_units, n_pitches), their variance at its best; but for a constant."""
+    matrix = choice.between(pitches[:, None], pitches) + choice.noise * np.eye(len(pitches))
+    factor = np.linalg.cholesky(matrix)
+    half = np.linalg.solve(factor, rows.T)
+    variance = max(float(np.mean(half**2)), np.finfo(float).tiny)
+    return float(-rows.size * np.log(variance) / 2 - len(rows) * np.sum(np.log(np.diag(factor))))
+
+
+def upper_bounds(
+    correlation: Correlation, solved: Index, missed: Real, others: Index, predicted: Real
+) -> Iterator[Real]:
+    """For each unit the upper confidence bound (n_others,) of a metric at other pitches, larger ones being worse.
+
+    Parameters
+    ----------
+    solved : (n_units, n_solved) solved pitches of each unit; negative ones fill up a row.
+    missed : (n_units, n_solved) true metric less the ranking's there; those that are missing count for nothing.
+    others, predicted : (n_units, n_others) pitches, and the ranking's metric there.
+
+    Notes
+    -----
+    One standard deviation above the mean; its correlation is that with the nearest solved pitch alone, which is no
+    smaller than the process' own and needs no further system.
+    """
+    for k in range(len(solved)):
+        known = (solved[k] >= 0) & np.isfinite(missed[k])
+        if not known.any():
+            yield predicted[k]
+            continue
+        pitches, values = solved[k][known], missed[k][known]
+        mean, variance = float(values.mean()), float(values.var())
+        matrix = correlation.between(pitches[:, None], pitches) + correlation.noise * np.eye(len(pitches))
+        weights = np.linalg.solve(matrix, values - mean)
+        shared = correlation.between(others[k][:, None], pitches)
+        unknown = 1 - np.max(shared, axis=1) ** 2 / (1 + correlation.noise)
+        yield predicted[k] + mean + shared @ weights + np.sqrt(unknown * variance)
