@@ -44,15 +44,15 @@ class Shared:
     audited: NDArray[np.intp]
 
 
-def drives_of(study: Study, disks: DiskMatrices) -> TurnDrives:
-    """The drives of a study over the turn of its output; ``disks`` of that study."""
+def drives_of(study: Study, disks: DiskMatrices, phases: int = PHASES) -> TurnDrives:
+    """The drives of a study over the turn of its output, at so many phases of a pitch where they cost nothing."""
     pins = study.design.cycloid.pins
     if study.reduce.disk == "rigid":
         n_contacts = len(assembly.reducer(study.design, 0.0).contacts)
-        return TurnDrives.of(study, PHASES, [np.zeros((1, n_contacts, n_contacts))] * PHASES)
+        return TurnDrives.of(study, phases, [np.zeros((1, n_contacts, n_contacts))] * phases)
     if symmetric(study):
-        cranks = [360.0 * phase / (pins * PHASES) for phase in range(PHASES)]
-        return TurnDrives.of(study, PHASES, [turned_blocks(study, disks.body(), crank) for crank in cranks])
+        cranks = [360.0 * phase / (pins * phases) for phase in range(phases)]
+        return TurnDrives.of(study, phases, [turned_blocks(study, disks.body(), crank) for crank in cranks])
     blocks = full_blocks(study, 0.0, lambda crank: [matrix / UM_PER_MM for matrix in disks.at(crank)])
     return TurnDrives.of(study, 1, [blocks])
 

@@ -1,6 +1,8 @@
 """The command of one unit over a turn of the output: transmission error without and under load, and its orders."""
 
 import argparse
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -8,6 +10,8 @@ import pandas as pd
 from pipeline import settings
 from pipeline.cli.arguments import check_sample
 from pipeline.config import Study, load_study
+from pipeline.engine.cache import Cache
+from pipeline.engine.stage import Job
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
@@ -15,14 +19,13 @@ from pipeline.figures.loads.turn import output_turn_figure
 from pipeline.figures.style import save
 from pipeline.library.running import known_size
 from pipeline.model.turn.orders import orders
-from pipeline.populations.output_turn import OutputTurn, free_error, loaded_error
-from pipeline.populations.turn_drives import symmetric
-from pipeline.sampling import draw
+from pipeline.populations.output_turn import PHASES, OutputTurn, free_error, loaded_error
+from pipeline.sampling import Errors, draw
+from stages.reduce import DiskMatrices
 from stages.tables.keys import CRANK
 from stages.tables.transmission import SENSE, SENSES, TORQUE
+from stages.worst import drives_of
 
-ASYMMETRIC = "a torque: holes, several disks and rigid ones are not condensed for all lobes"
-"""Said of reducers whose disk does not repeat from lobe to lobe."""
 SHOWN = 6
 """Strongest orders that are printed."""
 ERROR = Table(
@@ -57,8 +60,9 @@ def turn_unit(options: argparse.Namespace) -> None:
     check_sample(study, options.sample)
     unit = draw(study, options.sample, options.sample + 1)
     held_torque = study.metrics.rigidity_percent[1] / 100 * study.design.cycloid.rated_torque_Nm
-    curves, reasons = {}, [] if symmetric(study) else [ASYMMETRIC]
-    for torque, error_of in ((0.0, free_error), *([(held_torque, loaded_error)] if symmetric(study) else [])):
+    curves: dict[float, OutputTurn] = {}
+    reasons: list[str] = []
+    for torque, error_of in ((0.0, free_error), (held_torque, _loaded_error)):
         try:
             curves[torque] = error_of(study, unit)
         except ArithmeticError as error:
@@ -80,6 +84,12 @@ def turn_unit(options: argparse.Namespace) -> None:
     _say(study, curves)
     print(*(f"not known at {reason}" for reason in reasons), sep="\n", end="\n" if reasons else "")
     print(f"tables and figure turn-{options.sample}: {settings.shown(folder)}")
+
+
+def _loaded_error(study: Study, unit: Errors) -> OutputTurn:
+    with tempfile.TemporaryDirectory() as folder:
+        disks = DiskMatrices(Job(study, 1, Path(folder), {}, Cache(Path(folder), "")))
+        return loaded_error(drives_of(study, disks, PHASES), unit)
 
 
 def _error_rows(curves: dict[float, OutputTurn]) -> pd.DataFrame:

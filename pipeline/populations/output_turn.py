@@ -1,12 +1,10 @@
 """One unit over a turn of the output: as many crank turns as the disk has lobes, each pin against each lobe.
 
-The pins' pattern about the eccentric repeats with every pitch of the pins. In the disk's frame it is then the same
-turned by a lobe, and so is a disk of equal sectors: what it gives way between pins at any such crank angle is known
-from one condensation. Only a slide does not turn with the pattern; it is condensed at all lobes together with it.
+Under load the disks are those of ``turn_drives``: condensed once for each phase of a pitch where they repeat from lobe
+to lobe, else once for each pitch between two equal directions of the eccentric in the disk.
 """
 
 from dataclasses import dataclass
-from functools import cache
 from math import gcd
 
 import numpy as np
@@ -14,19 +12,16 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.config.studies.study import Study
-from pipeline.elastic import disk_patches, elastic_disk
-from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.elastic.condensed_body import ElasticBody
 from pipeline.model.geometry.clearance import Errors as ModelErrors
 from pipeline.model.geometry.clearance import after_turns
 from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.drawn_flank import deviation_table
-from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.response import respond
 from pipeline.model.turn.held_torque import bearing_force, held_forces
 from pipeline.model.units import ARCMIN
 from pipeline.mounting import drive_of
+from pipeline.populations.turn_drives import TurnDrives, Units
 from pipeline.sampling import Errors
 
 Real = NDArray[np.float64]
@@ -67,12 +62,12 @@ def rigid_cranks(study: Study) -> Real:
     return 2 * np.pi * np.arange(per_turn * cycloid.lobes) / per_turn
 
 
-def loaded_steps(study: Study) -> NDArray[np.intp]:
-    """Steps of a pitch over ``PHASES`` at which the unit is loaded, evenly over the output turn, all phases alike."""
+def loaded_steps(study: Study, phases: int = PHASES) -> NDArray[np.intp]:
+    """Steps of a pitch over its ``phases`` at which the unit is loaded, evenly over the output turn, phases alike."""
     cycloid = study.design.cycloid
-    steps = cycloid.pins * cycloid.lobes * PHASES
-    widest = max(1, cycloid.pins * PHASES // LOADED_PER_TURN)
-    stride = next(k for k in range(widest, 0, -1) if steps % k == 0 and gcd(k, PHASES) == 1)
+    steps = cycloid.pins * cycloid.lobes * phases
+    widest = max(1, cycloid.pins * phases // LOADED_PER_TURN)
+    stride = next(k for k in range(widest, 0, -1) if steps % k == 0 and gcd(k, phases) == 1)
     return np.arange(0, steps, stride)
 
 
@@ -135,79 +130,25 @@ def _mounted(study: Study, unit: Errors) -> tuple[ModelErrors, Real]:
     return assembly.errors(unit), assembly.bearing_clearance(study.design, unit.bearing_clearance)
 
 
-def loaded_error(study: Study, unit: Errors) -> OutputTurn:
-    """Error of one unit while the torque of the metrics is held; for disks without holes.
+def loaded_error(drives: TurnDrives, unit: Errors) -> OutputTurn:
+    """Error of one unit while the torque of the metrics is held.
 
     Raises
     ------
     ArithmeticError
         If some crank angle has no equilibrium.
     """
-    steps, per_turn = loaded_steps(study), study.design.cycloid.pins * PHASES
-    errors, clearance = _mounted(study, unit)
-    cranks = 2 * np.pi * steps / per_turn
-    body = elastic_disk(study)
-    disks = {int(phase): TurnedDisk.of(study, body, int(phase)) for phase in np.unique(steps % PHASES)}
-    cycle = assembly.load_cycle(
-        study, 0
-    )  # the lower torques lead to the one held: straight to it costs 6 times as much
-    torques = assembly.definitions(study)
+    study, units = drives.study, Units.of(drives.study, unit)
+    steps, torques = loaded_steps(study, drives.phases), assembly.definitions(study)
     held_torque = assembly.NMM_PER_NM * torques.rigidity_high
-
-    @cache
-    def laws_at(turn_number: int) -> ContactLaws:
-        """They repeat with every turn of the crank."""
-        return assembly.contact_laws(
-            study, assembly.reducer(study.design, np.degrees(2 * np.pi * turn_number / per_turn))
-        )
-
     angles, on_bearing, on_pin = np.empty((3, 2, len(steps)))
-    for k, (step, crank) in enumerate(zip(steps, cranks, strict=True)):
-        pitches, phase = divmod(int(step), PHASES)
-        compliance, laws = disks[phase].compliance(pitches), laws_at(int(step) % per_turn)
-        drive = drive_of(study, float(np.degrees(crank)), compliance, errors, clearance, laws)
-        response = respond(drive, cycle)
+    for k, step in enumerate(steps):
+        drive = drives.drive(int(step), units)
+        response = respond(drive, drives.cycle)  # lower torques lead to the one held: straight to it costs 6 times
         if not response.converged[0]:
-            raise ArithmeticError(f"no equilibrium at crank angle {np.degrees(crank):.4g} degrees")
+            raise ArithmeticError(f"no equilibrium at crank angle {drives.crank_deg(int(step)):.4g} degrees")
         ends = [np.flatnonzero(np.isclose(response.torque, sense * held_torque))[-1] for sense in (1, -1)]
         angles[:, k] = ARCSEC * response.angle[0, ends]
         on_bearing[:, k] = np.abs(bearing_force(drive, response, torques)[0, :, 0])
         on_pin[:, k] = held_forces(response, torques)[0, :, 0]
-    return OutputTurn(cranks, angles, on_bearing, on_pin)
-
-
-@dataclass(frozen=True)
-class TurnedDisk:
-    """A disk of equal sectors at one phase of the pins' pitch, condensed for all lobes.
-
-    Attributes
-    ----------
-    reducer : the reducer at a crank angle of that phase.
-    blocks : (n_lobes, n_rows, n_rows) [mm/N] compliance between `disk_contacts`, the slide turned back by 0, 1, ...
-        lobes.
-    """
-
-    reducer: Reducer
-    blocks: Real
-
-    @classmethod
-    def of(cls, study: Study, disk: ElasticBody, phase: int) -> "TurnedDisk":
-        """Condense the pins once with the slide at every lobe."""
-        cycloid = study.design.cycloid
-        reducer = assembly.reducer(study.design, 360.0 * phase / (cycloid.pins * PHASES))
-        patches = disk_patches(study, disk, reducer)
-        return cls(reducer, disk.turned_compliance(patches, np.arange(reducer.n_pins, len(patches))))
-
-    def compliance(self, pitches: int) -> Real:
-        """Compliance (n_contacts, n_contacts) [mm/N] between all contacts after so many pitches of the pins.
-
-        Notes
-        -----
-        A pin stands then where the one that many places on stood, in the pattern that has turned by as many lobes.
-        """
-        n_pins, n_contacts = self.reducer.n_pins, len(self.reducer.contacts)
-        rows = assembly.disk_contacts(self.reducer)
-        order = np.concatenate([(np.arange(n_pins) + pitches) % n_pins, np.arange(n_pins, len(rows))])
-        full = np.zeros((n_contacts, n_contacts))
-        full[np.ix_(rows, rows)] = self.blocks[pitches % len(self.blocks)][np.ix_(order, order)]
-        return full
+    return OutputTurn(np.radians(drives.crank_deg(steps)), angles, on_bearing, on_pin)

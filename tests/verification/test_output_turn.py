@@ -10,8 +10,11 @@ import pytest
 from pipeline import assembly, cli, settings
 from pipeline.config import Study, load_design, load_study, parse_study
 from pipeline.elastic import disk_patches, elastic_disk
+from pipeline.model.load_history.response import respond
+from pipeline.mounting import drive_of
 from pipeline.populations import output_turn
-from pipeline.populations.output_turn import PHASES, TurnedDisk, free_error, loaded_steps, rigid_cranks
+from pipeline.populations.output_turn import PHASES, free_error, loaded_error, loaded_steps, rigid_cranks
+from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks
 from pipeline.sampling import draw
 
 ROOT = Path(__file__).parents[2]
@@ -25,16 +28,35 @@ def coarse(**cycle: object) -> Study:
     return parse_study(data, "turn", "turn.toml", lambda design: load_design(design, ROOT))
 
 
-def test_a_turn_by_symmetry_is_that_of_fresh_condensations(monkeypatch: pytest.MonkeyPatch) -> None:
-    study = coarse()
-    disk = elastic_disk(study)
-    rotation = TurnedDisk.of(study, disk, phase=1)
-    for pitches in (1, 37, 80, 4001):
-        reducer = assembly.reducer(study.design, 360 * (1 / PHASES + pitches) / 80)
-        rows = assembly.disk_contacts(reducer)
-        fresh = disk.compliance(disk_patches(study, disk, reducer)).matrix
-        result = rotation.compliance(pitches)[np.ix_(rows, rows)]
-        np.testing.assert_allclose(result, fresh, atol=1e-8 * np.abs(fresh).max(), rtol=0)
+def test_two_disks_with_holes_under_load_are_those_of_fresh_condensations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond the first repetition of the eccentric in the disk, each disk meshed and condensed at the angle itself."""
+    data = tomllib.loads((ROOT / "data/studies/two_disks.toml").read_text(encoding="utf-8"))
+    data["reduce"] |= {"flank_edges_per_lobe": 8, "patch_half_width_mm": 1.2, "growth": 1.0, "largest_edge_mm": 8.0}
+    data["reduce"]["roller_patch_half_width_mm"] = 2.0
+    study = parse_study(data, "turn", "turn.toml", lambda design: load_design(design, ROOT))
+    clockings = assembly.clockings(study.design)
+    bodies = [elastic_disk(study, clocking.turned) for clocking in clockings]
+
+    def condense(crank: float) -> list[np.ndarray]:
+        reducer = assembly.reducer(study.design, crank)
+        return [bodies[k].compliance(disk_patches(study, bodies[k], reducer, k)).matrix for k in range(2)]
+
+    steps = np.array([3, 700, 1500])
+    monkeypatch.setattr(output_turn, "loaded_steps", lambda study, phases: steps)
+    drives, unit = TurnDrives.of(study, 1, [full_blocks(study, 0.0, condense)]), draw(study, 1, 2)
+    turn, units = loaded_error(drives, unit), Units.of(study, unit)
+    held = 1000.0 * assembly.definitions(study).rigidity_high
+    for k, crank in enumerate(np.degrees(turn.crank)):
+        reducer = assembly.reducer(study.design, crank)
+        full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
+        for disk, matrix in enumerate(condense(crank)):
+            rows = assembly.disk_contacts(reducer, disk)
+            full[np.ix_(rows, rows)] = matrix
+        response = respond(drive_of(study, crank, full, units.errors, units.clearance), drives.cycle)
+        ends = [np.flatnonzero(np.isclose(response.torque, sense * held))[-1] for sense in (1, -1)]
+        expected = np.degrees(response.angle[0, ends]) * 3600
+        np.testing.assert_allclose(turn.error[:, k], expected, rtol=1e-5)
+    assert np.ptp(turn.error[0]) > 0.1  # [arcsec]
 
 
 def test_angles_of_the_output_turn_are_even_and_see_every_phase_alike() -> None:
@@ -85,7 +107,7 @@ def test_the_turn_of_a_unit_goes_through_the_angles_of_a_study(
     """Of few angles: what the command writes is what the stages have at the same crank angles."""
     monkeypatch.setattr(settings, "RUNS", tmp_path)
     monkeypatch.setattr(output_turn, "rigid_cranks", lambda study: 2 * np.pi * np.arange(10) / 10)
-    monkeypatch.setattr(output_turn, "loaded_steps", lambda study: np.arange(0, 240, 60))
+    monkeypatch.setattr(output_turn, "loaded_steps", lambda study, phases: np.arange(0, 240, 60))
     file = tmp_path / "turn.toml"
     text = (ROOT / "data/studies/quick.toml").read_text(encoding="utf-8")
     text = text.replace("crank_deg = [0.0, 90.0]", "crank_deg = [0.0, 90.0]\nrigid_angles = 1")

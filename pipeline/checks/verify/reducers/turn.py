@@ -11,7 +11,8 @@ from pipeline.checks.verify.findings import Finding, compared, relative, vanishi
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
-from pipeline.populations.output_turn import PHASES, TurnedDisk
+from pipeline.populations.output_turn import PHASES
+from pipeline.populations.turn_drives import places, turned_blocks
 from pipeline.sampling import draw
 
 CRANKS_DEG = 360.0 * np.arange(23) / 23
@@ -66,11 +67,12 @@ def _by_symmetry(specimen: Specimen) -> Finding:
     """The disk condensed once, its pins some pitches on, against a condensation at that crank angle."""
     study, phase = specimen.study, 1
     body, pins = specimen.disk, specimen.profile.pins
-    turned_disk, differences = TurnedDisk.of(study, body, phase), []
+    blocks, differences = turned_blocks(study, body, 360.0 * phase / (PHASES * pins)), []
     for pitches in TURNED:
         reducer = assembly.reducer(study.design, 360.0 * (phase / PHASES + pitches) / pins)
         rows = assembly.disk_contacts(reducer)
         fresh = body.compliance(elastic.disk_patches(study, body, reducer)).matrix
-        by_symmetry = turned_disk.compliance(pitches)[np.ix_(rows, rows)]
+        order = places(study, len(reducer.contacts), pitches)[rows]
+        by_symmetry = blocks[pitches % len(blocks)][np.ix_(order, order)]
         differences.append(np.abs(by_symmetry - fresh).max() / np.abs(fresh).max())
     return vanishing("compliance after some pitches by symmetry, off a fresh one, over the largest", differences, 1e-8)
