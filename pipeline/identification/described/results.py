@@ -27,6 +27,11 @@ LARGEST_PLAY_ARCMIN = 300.0
 """Play of no reducer: metal ones have up to 10 arcmin, the printed ones that were measured 20 to 200."""
 LARGEST_FRICTION = 0.3
 """Friction, as a share of the rated torque, with which no drive is rated."""
+HELD = (
+    "Warning: [crank] is not used here, and these numbers are of a crank that stands still; "
+    "make identify SERIES=<folder> fits the crank that turns."
+)
+"""Of a drive without a design whose crank turns within its loops."""
 SHARED = ("position", "crank_deg", "cycle", "block", "direction", "torque_Nm", "angle_arcmin", "rows", "sigma_arcmin")
 DESCRIPTION = Table(
     "description",
@@ -97,6 +102,8 @@ def implausible_numbers(description: Description) -> list[str]:
     if values["friction"].value > LARGEST_FRICTION * rated:
         share = 100 * values["friction"].value / rated
         doubts.append(f"Warning: a friction of {share:.0f} % of the rated torque is implausible; {check}")
+    if description.measurement.unit.settings.crank.moves != "fixed":
+        doubts.append(HELD)
     return doubts
 
 

@@ -10,7 +10,7 @@ from measured_bench import ROOT, loop, path_of, write_unit
 
 from pipeline.errors import InputError
 from pipeline.identification.described.description import described
-from pipeline.identification.described.results import implausible_numbers
+from pipeline.identification.described.results import HELD, implausible_numbers
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
@@ -66,6 +66,14 @@ def test_without_its_side_the_record_is_doubted_before_and_after_the_fit(tmp_pat
     assert 'say side = "input" (ratio 29)' in note.message
     doubts = implausible_numbers(described(measurement))
     assert any("a play of" in doubt and "implausible" in doubt for doubt in doubts)
+    assert HELD not in doubts
+
+
+def test_a_crank_that_turns_is_not_passed_over_in_silence(tmp_path):
+    at_motor(tmp_path / "bench")
+    file = tmp_path / "bench" / "unit.toml"
+    file.write_text(file.read_text() + '\n[crank]\nmoves = "follows_angle"\nratio = -29.0\n')
+    assert HELD in implausible_numbers(described(Measurement.read(load_measured_unit(file, ROOT))))
 
 
 def test_a_side_that_cannot_move_is_refused(tmp_path):
