@@ -150,8 +150,10 @@ class Disk:
         force = law.stiffness * local**law.power
         rise = law.power * law.stiffness * np.maximum(local, 1e-9) ** (law.power - 1) * (local > 0)
         energy = float(np.sum(force * local)) / (law.power + 1) + 0.5 * float(force @ self.compliance @ force)
-        slope = np.linalg.solve(np.eye(len(local)) + rise[:, None] * self.compliance, np.diag(rise))
-        return force, energy, 0.5 * (slope + slope.T)
+        softened = np.asarray(
+            np.linalg.solve(np.eye(len(local)) + rise[:, None] * self.compliance, np.diag(rise)), float
+        )
+        return force, energy, 0.5 * (softened + softened.T)
 
     def energy(self, pose: Real, torque: float) -> tuple[float, Real, Real]:
         """Potential energy [N um] at a pose under a torque [N mm], its slope (4,) and curvature (4, 4)."""
