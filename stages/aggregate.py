@@ -330,7 +330,7 @@ def _run(job: Job) -> WholeTables:
         "distributions": distributions,
         "convergence": convergence_rows(study, columns.of_strides, counted, columns.units),
         "sample_convergence": sample_convergence_rows(study, over_turn(units, study.limits.over)),
-        "sensitivity": sensitivity(job, columns.units | columns.of_angles, over_turn(units, "worst")),
+        "sensitivity": sensitivity(job, columns.units, columns.of_angles, over_turn(units, "worst")),
         "transmission": (transmission_rows(study, block.samples, block.readings) for block in _blocks(job)),
         "orders": (order_rows(study, block.samples, block.readings) for block in _blocks(job)),
     }

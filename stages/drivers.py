@@ -1,13 +1,24 @@
-"""Stage 4c: the units beyond the study's own samples that variance-based indices need, solved like them."""
+"""Stage 4c: the units beyond the study's own samples that variance-based indices need, solved like them.
+
+Where the worst over the whole turn is searched for, that of some units is too: the indices of the worst follow from
+both, see ``variance_indices.two_fidelity_indices``.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.config.studies.study import Study
+from pipeline.config.studies.study import FEWEST_BASE_SAMPLES, Study
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
-from pipeline.sampling import draw_mixed, drawn_units, error_groups
+from pipeline.model.metrics import library
+from pipeline.populations.turn_drives import TurnDrives, Units
+from pipeline.populations.turn_ranking import Ranking
+from pipeline.populations.turn_search import search
+from pipeline.sampling import Errors, draw_mixed, drawn_units, error_groups
+from stages import hysteresis
 from stages.clearance import rigid_ends
-from stages.hysteresis import HYSTERESIS, Shared, prepare, solved_loops
+from stages.hysteresis import HYSTERESIS, solved_loops
 from stages.tables.keys import STATUS
 from stages.tables.turn import (
     OF_TURN,
@@ -19,9 +30,12 @@ from stages.tables.turn import (
     turn_readings,
     unit_status,
 )
+from stages.worst import ranked_drives
 
 SETS = ("base", "other")
 """Labels of the two sets; the units of a further one carry the name of the group that is exchanged."""
+SEARCHED_SHARE = 0.2
+"""Base samples of each set whose worst over the whole turn is searched for: as many seconds as the others take."""
 
 UNITS = Table(
     "units",
@@ -31,10 +45,34 @@ UNITS = Table(
         Column("set", "label", "", "base, other, or the errors that a unit of base has from that of other"),
         Column("base_sample", "int32", "1", "number within the set; units of equal number belong together"),
         *OVER_TURN,
+        *(
+            Column(f"{name}_found", "float64", metric.unit, f"{metric.inline}, worst by search; null if not searched")
+            for name, metric in library().items()
+        ),
         *OF_TURN,
         STATUS,
     ),
 )
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What every chunk needs: of the loops at the angles of the study, and of the search; None without one."""
+
+    loops: hysteresis.Shared
+    turn: tuple[TurnDrives, Ranking] | None
+
+
+def prepare(job: Job) -> Shared:
+    """As the stages of the loops and of the search prepare them; no curve is kept."""
+    loops, study = hysteresis.prepare(job), job.study
+    searches = study.cycle.searched and _items(job) > 0
+    return Shared(replace(loops, curve=loops.brief), ranked_drives(job) if searches else None)
+
+
+def searched_rows(study: Study) -> int:
+    """Base samples of each set, the first ones, whose worst over the whole turn is searched for."""
+    return max(FEWEST_BASE_SAMPLES, round(SEARCHED_SHARE * study.drivers.base_samples)) if study.cycle.searched else 0
 
 
 def _items(job: Job) -> int:
@@ -43,10 +81,10 @@ def _items(job: Job) -> int:
 
 
 def _solve(shared: Shared, chunk: Chunk) -> Tables:
-    study = shared.study
+    study = shared.loops.study
     unit = np.arange(chunk.start, chunk.stop) + drawn_units(study)
     sampled = draw_mixed(study, int(unit[0]), int(unit[-1]) + 1)
-    loops, ends = solved_loops(shared, sampled), rigid_ends(study, sampled)
+    loops, ends = solved_loops(shared.loops, sampled), rigid_ends(study, sampled)
     turns = metric_turns(study, loop_metrics(study, loops.columns), ends[:, 0] - ends[:, 1])
     readings = turn_readings(study, loops.columns, loops.bearing_force, ends)
     kind, base_sample = np.divmod(unit, study.drivers.base_samples)
@@ -56,10 +94,21 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
             "set": np.array([*SETS, *error_groups(study)], object)[kind],
             "base_sample": base_sample,
             **over_turn_columns(turns),
+            **_found(shared, sampled, np.flatnonzero(base_sample < searched_rows(study))),
             **turn_columns(readings),
             "status": unit_status(loops.status, len(study.cycle.crank_deg)),
         }
     }
+
+
+def _found(shared: Shared, sampled: Errors, rows: np.ndarray) -> dict[str, np.ndarray]:
+    """The worst of every metric (n,) that a search finds, of some units; missing of the others."""
+    columns = {f"{name}_found": np.full(len(sampled), np.nan) for name in library()}
+    if shared.turn is not None and len(rows):
+        units = Units.of(shared.loops.study, sampled).some(rows)
+        for name, values in search(*shared.turn, units).value.items():
+            columns[f"{name}_found"][rows] = values
+    return columns
 
 
 def _failures(tables: Tables) -> int:
@@ -68,7 +117,7 @@ def _failures(tables: Tables) -> int:
 
 DRIVERS = Stage(
     name="drivers",
-    reads=("springs", "reduce"),
+    reads=("sample", "springs", "reduce"),
     sections=(
         *(section for section in HYSTERESIS.sections if section != "cycle.keep_contacts"),
         "design",
@@ -77,6 +126,7 @@ DRIVERS = Stage(
         "tolerances",
         "drivers",
         "cycle.crank_turns",
+        "cycle.searched",
         "cycle.evenly_loaded",
         "cycle.turn_deg",
         "cycle.rigid_crank_deg",
@@ -88,4 +138,5 @@ DRIVERS = Stage(
     prepare=prepare,
     solve=_solve,
     failures=_failures,
+    chunk_factor=4,
 )

@@ -66,14 +66,19 @@ def audited_samples(study: Study) -> NDArray[np.intp]:
 
 
 def prepare(job: Job) -> Shared | None:
-    """Condense the disks for the whole turn, and train the ranking on the first samples; None without a search."""
-    study: Study = job.study
-    if not study.cycle.searched:
+    """The drives of the whole turn, ranked, and the audited samples; None without a search."""
+    if not job.study.cycle.searched:
         return None
+    return Shared(*ranked_drives(job), audited_samples(job.study))
+
+
+def ranked_drives(job: Job) -> tuple[TurnDrives, Ranking]:
+    """Condense the disks for the whole turn, and train the ranking of its pitches on the first samples."""
+    study: Study = job.study
     drives, stop = drives_of(study, DiskMatrices(job)), min(study.samples.rows, TRAINING_UNITS)
     units = units_of(study, {name: job.read_items("sample", name, 0, stop) for name in SAMPLED})
     seed = np.random.SeedSequence(study.samples.seed, spawn_key=(TRAINING,))
-    return Shared(drives, trained(drives, units, seed), audited_samples(study))
+    return drives, trained(drives, units, seed)
 
 
 def units_of(study: Study, tables: Tables) -> Units:

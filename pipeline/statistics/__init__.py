@@ -2,7 +2,14 @@
 
 from pipeline.statistics.intervals import Estimate, distribution, pass_share
 from pipeline.statistics.sensitivity import RANK_CORRELATION, Indices, rank_correlation
-from pipeline.statistics.variance_indices import FIRST_ORDER, SUM, TOTAL, determined, variance_indices
+from pipeline.statistics.variance_indices import (
+    FIRST_ORDER,
+    SUM,
+    TOTAL,
+    determined,
+    two_fidelity_indices,
+    variance_indices,
+)
 
 __all__ = [
     "FIRST_ORDER",
@@ -15,5 +22,6 @@ __all__ = [
     "distribution",
     "pass_share",
     "rank_correlation",
+    "two_fidelity_indices",
     "variance_indices",
 ]

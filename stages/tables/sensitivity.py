@@ -12,7 +12,15 @@ from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling import drawn_units, error_groups, replicates
-from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, rank_correlation, variance_indices
+from pipeline.statistics import (
+    FIRST_ORDER,
+    RANK_CORRELATION,
+    SUM,
+    TOTAL,
+    rank_correlation,
+    two_fidelity_indices,
+    variance_indices,
+)
 from stages.sample import SAMPLED
 
 RANKED_SAMPLES = 20_000
@@ -42,18 +50,19 @@ SENSITIVITY = Table(
 )
 
 
-def sensitivity(job: Job, units: Columns, worst: pd.DataFrame) -> Columns:
+def sensitivity(job: Job, units: Columns, of_angles: Columns, worst: pd.DataFrame) -> Columns:
     """Rows of the table of indices.
 
     Parameters
     ----------
     units : table of units, all samples.
+    of_angles : worst, mean and best of every metric over the angles of the study alone.
     worst : metrics by sample, worst over the turn; the nominal sample and those without a result left out.
     """
     study: Study = job.study
     if study.samples.experiment == "cases":  # stated units are no sample of anything
         return SENSITIVITY.empty()
-    rows = [*(_ranks(job, worst.iloc[:RANKED_SAMPLES]) if len(worst) else []), *_shares(job, units)]
+    rows = [*(_ranks(job, worst.iloc[:RANKED_SAMPLES]) if len(worst) else []), *_shares(job, units, of_angles)]
     if not rows:
         return SENSITIVITY.empty()
     frame = pd.DataFrame(rows)
@@ -103,8 +112,12 @@ def _scalars(job: Job, samples: np.ndarray) -> Mapping[str, np.ndarray]:
     return {name: np.asarray(values)[samples] for name, values in {**scalar_columns, **means}.items()}
 
 
-def _shares(job: Job, units: Columns) -> list[dict]:
-    """First-order and total indices of every group; none where the study asks for none or nothing varies."""
+def _shares(job: Job, units: Columns, of_angles: Columns) -> list[dict]:
+    """First-order and total indices of every group; none where the study asks for none or nothing varies.
+
+    Those of the worst over a turn that is searched rest on the searched units, with the help of the worst over the
+    angles of the study, which all units have.
+    """
     study: Study = job.study
     groups, n = error_groups(study), study.drivers.base_samples
     if not (n and groups):
@@ -114,9 +127,14 @@ def _shares(job: Job, units: Columns) -> list[dict]:
     rows = []
     columns = {(metric, turn_value): f"{metric}_{turn_value}" for metric in library() for turn_value in EXPLAINED}
     for (metric, turn_value), column in (columns | {(metric, "turn"): metric for metric in turn_library()}).items():
-        values = np.concatenate([np.asarray(units[column])[drawn_rows], extra[column]])
-        base, resampled, *mixed = values.reshape(-1, n)
-        indices = variance_indices(base, resampled, np.array(mixed), study.metrics.confidence)
+        samples = (of_angles if column in of_angles else units)[column]
+        values = np.concatenate([np.asarray(samples)[drawn_rows], extra[column]]).reshape(-1, n)
+        if study.cycle.searched and turn_value == "worst":
+            found = _worse(metric, extra[column], extra[f"{metric}_found"])
+            found = np.concatenate([np.asarray(units[column])[drawn_rows], found]).reshape(-1, n)
+            indices = two_fidelity_indices(values, found, study.metrics.confidence)
+        else:
+            indices = variance_indices(values[0], values[1], values[2:], study.metrics.confidence)
         for kind, shares in ((FIRST_ORDER, indices.first_order), (TOTAL, indices.total)):
             triples = zip(shares.value, shares.ci_low, shares.ci_high, strict=True)
             rows += [
@@ -124,3 +142,8 @@ def _shares(job: Job, units: Columns) -> list[dict]:
                 for parameter, triple in zip((*groups, SUM), triples, strict=True)
             ]
     return rows
+
+
+def _worse(metric: str, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """The worse of two values of a metric (n,), missing where either is."""
+    return np.minimum(first, second) if library()[metric].smaller_is_worse else np.maximum(first, second)

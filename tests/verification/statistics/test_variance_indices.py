@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import sobol_indices
 
 from pipeline.config.studies.study import FEWEST_BASE_SAMPLES
-from pipeline.statistics.variance_indices import variance_indices
+from pipeline.statistics.variance_indices import two_fidelity_indices, variance_indices
 
 A = np.array([0.0, 0.5, 3.0, 9.0, 99.0])
 """Of the g-function: the larger, the less its input matters."""
@@ -144,3 +144,54 @@ def test_what_the_rows_do_not_determine_is_not_invented():
         for shares in (indices.first_order, indices.total):
             assert np.all(np.isnan([shares.value, shares.ci_low, shares.ci_high]))
     assert small_case.n == FEWEST_BASE_SAMPLES - 1
+
+
+def fidelities(rng, n, chosen, coupling):
+    """A metric of the Ishigami function on some rows, and a cheap one that follows it as far as ``coupling``."""
+    groups = ([0], [1], [2])
+    rows = rng.random((2, n, 3))
+    sets = [*rows, *(np.where(np.isin(np.arange(3), columns), rows[1], rows[0]) for columns in groups)]
+    high = np.array([ishigami(unit) for unit in sets])
+    low = 3 + 0.5 * (coupling * high + (1 - coupling) * np.array([np.sin(9 * unit.sum(axis=1)) for unit in sets]))
+    high[:, chosen:] = np.nan
+    return low, high
+
+
+@pytest.mark.parametrize("coupling", [0.95, 0.3, 0.0])
+def test_indices_by_two_fidelities_have_no_bias_and_intervals_that_hold_the_truth(coupling):
+    """However badly the cheap metric follows; of 100 experiments at least 88 intervals of each index hold it."""
+    truth = exact(ishigami_parts(), ([0], [1], [2]))
+    values, hits = [], np.zeros((2, 4))
+    for seed in range(100):
+        indices = two_fidelity_indices(*fidelities(np.random.default_rng(seed), 600, 200, coupling), 0.95)
+        assert indices.n == 200
+        for kind, shares in enumerate((indices.first_order, indices.total)):
+            hits[kind] += (shares.ci_low <= truth[kind]) & (truth[kind] <= shares.ci_high)
+        values.append([indices.first_order.value, indices.total.value])
+    spread = np.std(values, axis=0, ddof=1)
+    assert np.all(np.abs(np.mean(values, axis=0) - truth) < 3 * spread / 10 + 0.01)
+    assert hits.min() >= 88, hits
+
+
+def test_a_cheap_metric_that_follows_narrows_the_intervals_and_one_that_does_not_leaves_them():
+    widths = {}
+    for coupling in (0.95, 0.0):
+        low, high = fidelities(np.random.default_rng(3), 2000, 300, coupling)
+        chosen = high[:, :300]
+        alone = variance_indices(chosen[0], chosen[1], chosen[2:], 0.95).total
+        both = two_fidelity_indices(low, high, 0.95).total
+        widths[coupling] = np.mean((both.ci_high - both.ci_low) / (alone.ci_high - alone.ci_low))
+    assert widths[0.95] < 0.6
+    assert 0.9 < widths[0.0] < 1.15
+
+
+def test_with_all_rows_in_full_the_cheap_metric_counts_for_nothing():
+    low, high = fidelities(np.random.default_rng(4), 300, 300, 0.5)
+    both, alone = two_fidelity_indices(low, high, 0.95), variance_indices(high[0], high[1], high[2:], 0.95)
+    np.testing.assert_allclose(both.total.value, alone.total.value, rtol=1e-12)
+    np.testing.assert_allclose(both.first_order.value, alone.first_order.value, rtol=1e-12)
+
+
+def test_few_rows_in_full_give_no_indices():
+    low, high = fidelities(np.random.default_rng(4), 300, FEWEST_BASE_SAMPLES - 1, 0.5)
+    assert np.all(np.isnan(two_fidelity_indices(low, high, 0.95).total.value))
