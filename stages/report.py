@@ -179,6 +179,7 @@ def report_of(upstream: tuple[Stage, ...]) -> Stage:
             "cycle",
             "metrics",
             "limits",
+            "published",
             "drivers",
             "model_forms",
         ),

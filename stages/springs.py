@@ -33,7 +33,7 @@ COEFFICIENTS = Table(
 )
 LAWS = Table(
     "laws",
-    "law curve, table point",
+    "law curve, table point; at the crank angles whose load curves are kept, of all angles in coefficients",
     (
         CONTACT,
         CRANK,
@@ -100,6 +100,8 @@ def _run(job: Job) -> Tables:
                 }
             )
         )
+        if crank not in study.cycle.curve_crank_deg:
+            continue
         # up to the force with which one contact would carry the whole rated torque; dense where the law bends
         largest_force = (
             assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm / np.max(np.abs(reducer.contacts.arm))
@@ -147,6 +149,7 @@ SPRINGS = Stage(
         "reduce.patch_half_width_mm",
         "reduce.roller_patch_half_width_mm",
         "cycle.crank_deg",
+        "cycle.curve_crank_deg",
     ),
     tables=(COEFFICIENTS, LAWS),
     module="stages.springs",

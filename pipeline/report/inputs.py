@@ -132,12 +132,18 @@ def _several(count: int) -> str:
     return f"{count}, each " if count > 1 else ""
 
 
+def _ratio_fact(design: Design) -> str:
+    """The ratio of the disks; of a carrier, whose planets turn before the cranks, that of the whole is told below."""
+    fact = RATIO[design.cycloid.fixed].format(design.cycloid.ratio)
+    return fact.replace("the flange", "the carrier") if design.output.carries_disks else fact
+
+
 def reducer_facts(design: Design) -> list[tuple[str, str]]:
     """The reducer in numbers."""
     cycloid, bearing = design.cycloid, design.bearing
     law = "linear" if bearing.exponent == 1 else f"with the power {plain(bearing.exponent)} of the deflection"
     return [
-        ("Reduction ratio", RATIO[cycloid.fixed].format(cycloid.ratio)),
+        ("Ratio of the disks" if design.output.carries_disks else "Reduction ratio", _ratio_fact(design)),
         (
             "Pins",
             f"{cycloid.pins} of radius {plain(cycloid.pin_radius_mm)} mm on a circle of radius "

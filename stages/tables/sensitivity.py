@@ -101,7 +101,12 @@ def _scalars(job: Job, samples: np.ndarray) -> Mapping[str, np.ndarray]:
     tables = {name: job.read_items("sample", name, 0, stop) for name in SAMPLED}
     several = len(tables["disks"]["disk"]) > stop
     means, reducer = {}, dict(tables["reducer"])
+    varied = {name for name in dimension_library() if getattr(job.study.tolerances, name).varies}
+    carriers = {dimension.acts_on for dimension in dimension_library().values() if dimension.name in varied} - varied
     for dimension in dimension_library().values():
+        if dimension.name in carriers:  # what it holds is that of the dimension that acts through it
+            reducer.pop(dimension.column, None)
+            continue
         table = "disks" if dimension.of_disk and not dimension.elements else dimension.table
         if (dimension.elements or (several and dimension.of_disk)) and len(tables[table][dimension.column]):
             means[f"{dimension.name}_mean_um"] = tables[table][dimension.column].reshape(stop, -1).mean(axis=1)

@@ -66,6 +66,16 @@ def test_a_study_of_a_carrier_runs_and_its_contacts_are_in_balance(tmp_path, nam
     np.testing.assert_allclose(metrics["clearance_backlash_arcmin"], rigid, rtol=1e-6)
 
 
+def test_a_clearance_that_acts_through_the_hole_is_one_driver(tmp_path):
+    drawn = {"crank_bearing_clearance": {"distribution": "uniform", "lower_um": 0.0, "upper_um": 6.0}}
+    study = small_study("rv_two_disks", tolerances=drawn, reduce={"disk": "rigid"}, cycle={"crank_deg": [37.0, 50.0]})
+    outputs = run(STAGES, study, ["aggregate"], tmp_path, Resources(1, 4))
+    names = set(pd.DataFrame(outputs["aggregate"].read("sensitivity"))["parameter"])
+    assert "crank_bearing_clearance_mean_um" in names
+    assert not {name for name in names if name.startswith("hole_diameter")}
+    assert set(outputs["springs"].read("laws")["crank_deg"]) == set(study.cycle.curve_crank_deg)
+
+
 def test_each_crank_has_a_bearing_clearance_of_its_own():
     """Equal ones are the clearance of all bearings alike, to the last digits; drawn ones open their rollers."""
     fixed = {"distribution": "fixed", "value_um": 7.0}

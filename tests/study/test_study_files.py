@@ -125,6 +125,11 @@ def test_a_case_lists_one_diameter_for_each_output_pin():
         ("cycle.keep_contacts", [51], "cycle.keep_contacts = [51]; samples are numbered 0 to 50"),
         ("cycle.torque_fraction", 0.8, "metrics.rigidity_percent = [50.0, 100.0]; must be <= 80"),
         ("metrics.rigidity_percent", [100.0, 50.0], "metrics.rigidity_percent = [100.0, 50.0]; must rise"),
+        (
+            "metrics.rigidity_percent",
+            [3.0, 50.0],
+            "metrics.lost_motion_percent = 3.0; must differ from rigidity_percent",
+        ),
         ("reduce.patch_half_width_mm", 0.8, "reduce.patch_half_width_mm = 0.8; must be < 0.8 mm"),
         ("clearence", {}, "clearence = {}; unknown key; did you mean 'clearance'?"),
         ("name", "x", 'name = "x"; unknown key'),

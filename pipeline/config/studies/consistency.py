@@ -273,6 +273,12 @@ def _metrics(metrics: Metrics, cycle: Cycle) -> Iterator[Mistake]:
     low, high = metrics.rigidity_percent
     if low >= high:
         yield Mistake("metrics.rigidity_percent", metrics.rigidity_percent, "must rise: [lower, upper]")
+    if metrics.lost_motion_percent in metrics.rigidity_percent:
+        allowed = (
+            f"must differ from rigidity_percent = {list(metrics.rigidity_percent)}: the lost motion is read where the "
+            "play is being taken up, the rigidity beyond it; makers use 3 % for the one, 50 and 100 % for the other"
+        )
+        yield Mistake("metrics.lost_motion_percent", metrics.lost_motion_percent, allowed)
     top_percent = 100 * cycle.torque_fraction
     for name, percent in {"rigidity_percent": high, "lost_motion_percent": metrics.lost_motion_percent}.items():
         if percent > top_percent:

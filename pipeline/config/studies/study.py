@@ -208,6 +208,32 @@ else:
     Limits = create_model("Limits", __base__=_Limits, __doc__=_Limits.__doc__, **_of_metrics)
 
 
+class _PublishedUnit(Section):
+    """A measured unit of this drive as its authors print it: its metrics, shown beside the predicted ones.
+
+    `orders` are those of the transmission error, in waves per turn of the output, that the source names as its largest.
+    """
+
+    label: str
+    source: str
+    note: str = ""
+    orders: tuple[Annotated[int, Field(ge=1, le=10**6)], ...] = ()
+
+    @property
+    def of_metrics(self) -> dict[str, float]:
+        """The values that were measured, by metric."""
+        values = {name: getattr(self, name) for name in (*metric_library(), *turn_library())}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+if TYPE_CHECKING:
+    PublishedUnit = _PublishedUnit
+else:
+    PublishedUnit = create_model(
+        "PublishedUnit", __base__=_PublishedUnit, __doc__=_PublishedUnit.__doc__, **_of_metrics
+    )
+
+
 FEWEST_BASE_SAMPLES = 30
 """Fewer rows of a pick-freeze design tell nothing of the variance: their bootstrap intervals are too narrow."""
 
@@ -229,7 +255,10 @@ class RunSection(Section):
 
 
 class Study(Section):
-    """A study file with its design. `cases` stands in place of `tolerances` when the experiment is a list of cases."""
+    """A study file with its design. `cases` stands in place of `tolerances` when the experiment is a list of cases.
+
+    `published` units are shown beside the predicted distributions; nothing is fitted to them.
+    """
 
     name: str
     title: str = ""
@@ -244,6 +273,7 @@ class Study(Section):
     cycle: Cycle
     metrics: Metrics = Metrics()
     limits: Limits = Limits()
+    published: tuple[PublishedUnit, ...] = ()
     costs: Costs = Costs()
     drivers: Drivers = Drivers()
     tails: Tails | None = None

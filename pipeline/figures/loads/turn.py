@@ -43,8 +43,9 @@ def orders_figure(panels: Mapping[str, pd.DataFrame]) -> Figure:
     """
     figure = new_figure(2.8)
     for axes, (title, rows) in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True):
-        axes.bar(rows["order"], rows["high"], color=ACCENT_LIGHT, width=0.8, label="95 % quantile of samples")
-        axes.bar(rows["order"], rows["middle"], color=ACCENT, width=0.8, label="median of samples")
+        width = 0.8 * float(rows["order"].sort_values().diff().min()) if len(rows) > 1 else 0.8
+        axes.bar(rows["order"], rows["high"], color=ACCENT_LIGHT, width=width, label="95 % quantile of samples")
+        axes.bar(rows["order"], rows["middle"], color=ACCENT, width=width, label="median of samples")
         axes.set(title=title, xlabel="waves per turn of the crank", ylabel="amplitude (arcsec)")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     legend_below(figure, axes)

@@ -16,6 +16,8 @@ BINS = (8, 40)
 """Fewest and most bars of a histogram."""
 FEW_ANGLES = 6
 """Crank angles that are drawn one by one; more of them are lines with a band."""
+MOST_BARS = 40
+"""Crank angles whose bars have room side by side; more of them are drawn thinner."""
 BAND = "5 % to 95 %"
 ESTIMATES = {"p05": "5 %", "mean": "mean", "p95": "95 %"}
 
@@ -148,8 +150,9 @@ def crank_figure(
         if count:
             axes.fill_between(rows.index, rows["p05"], rows["p95"], color=ACCENT, alpha=0.25, linewidth=0, label=BAND)
         else:
-            axes.vlines(rows.index, rows["p05"], rows["p95"], color=ACCENT, linewidth=6, alpha=0.3, label=BAND)
-        size = 2.5 if count else 4.5
+            width = 6 if len(rows) <= MOST_BARS else 6 * MOST_BARS / len(rows)
+            axes.vlines(rows.index, rows["p05"], rows["p95"], color=ACCENT, linewidth=width, alpha=0.3, label=BAND)
+        size = 2.5 if count else 4.5 * min(1.0, (MOST_BARS / len(rows)) ** 0.5)
         axes.plot(rows.index, rows["mean"], "-o" if count else "o", color=ACCENT, markersize=size, label="mean")
         if len(nominal):
             style = {"color": INK, "markerfacecolor": "white", "markersize": size, "linewidth": 0.9}
@@ -160,5 +163,7 @@ def crank_figure(
         axes.margins(x=0.15, y=0.12)
         if len(rows) <= FEW_ANGLES:
             axes.set_xticks(rows.index)
+        elif rows.index.max() >= FULL_TURN:
+            axes.xaxis.set_major_locator(MaxNLocator(4))
     legend_below(figure, axes)
     return figure

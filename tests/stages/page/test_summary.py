@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from tiny_pages import tiny_study, written
 
-from pipeline.config.studies.study import ALL_LIMITS, Limits
+from pipeline.config.studies.study import ALL_LIMITS, Limits, PublishedUnit
 from pipeline.figures.labels import METRICS
 from pipeline.report.explorer import explorer
 from pipeline.report.frames import Frames
@@ -180,3 +180,19 @@ def test_a_surrogate_that_explains_little_is_said_so(frames):
     assert "It predicts the peak Hertz pressure poorly." in poor.sentence
     good = replace(changes, rows=pd.concat([changes.rows, rows.assign(explained=0.6)]))
     assert "poorly" not in good.sentence
+
+
+def test_a_published_unit_is_beside_the_prediction_and_said_to_lie_outside_of_it(frames):
+    values = frames.over_turn["lost_motion_arcmin"]
+    units = [
+        PublishedUnit(label="inside", source="a paper", lost_motion_arcmin=float(values.median())),
+        PublishedUnit(label="outside", source="a paper", note="at 20 C", lost_motion_arcmin=2 * float(values.max())),
+    ]
+    assert 'id="published"' not in written(frames)
+    study = frames.study.model_copy(update={"published": tuple(units)})
+    page = written(replace(frames, study=study)).partition('id="published"')[2]
+    assert "outside: the measured lost motion is larger than that of every predicted unit" in page
+    assert "inside: the measured" not in page
+    assert "outside: at 20 C. Source: a paper." in page
+    shares = re.findall(r'data-label="Predicted units below">([^<]*)<', page)
+    assert shares == [f"{100 * (values < values.median()).mean():.1f} %", "100.0 %"]

@@ -1,0 +1,181 @@
+"""Measured units of the drive that others published, beside the predicted distributions."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline import assembly
+from pipeline.figures.labels import LIMITED, METRICS
+from pipeline.figures.samples.published import published_figure
+from pipeline.report.drawing import Drawing
+from pipeline.report.frames import Frames
+from pipeline.report.layout.wording import counted, interval, number, percent, plain
+from pipeline.report.sections.section import Section
+
+OF_UNITS = (5, 50, 95)
+"""Percentiles of the predicted units that are shown."""
+MOST_LARGER = 6
+"""Unnamed orders that are listed at most."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A measured number of a published unit beside the predicted distribution, as text."""
+
+    label: str
+    title: str
+    unit: str
+    measured: str
+    median: str
+    spread: str
+    below: str
+
+
+@dataclass(frozen=True)
+class Published:
+    """The published units of a study, and the predictions of what was measured of them."""
+
+    frames: Frames
+
+    @property
+    def units(self) -> list[str]:
+        """Their labels."""
+        return [unit.label for unit in self.frames.study.published]
+
+    @cached_property
+    def predicted(self) -> dict[str, NDArray[np.float64]]:
+        """Values (n_units,) of the random units by each metric that was measured of some published unit."""
+        names = [name for name in LIMITED if any(name in unit.of_metrics for unit in self.frames.study.published)]
+        random = self.frames.units[self.frames.units["sample"] >= self.frames.first_random]
+        columns = {name: f"{name}_{self.frames.over}" if name in METRICS else name for name in names}
+        return {name: random[column].dropna().to_numpy(float) for name, column in columns.items()}
+
+    @property
+    def rows(self) -> list[Row]:
+        """Every measured number beside the predicted ones."""
+        return [
+            self._row(unit.label, name, value)
+            for unit in self.frames.study.published
+            for name, value in unit.of_metrics.items()
+        ]
+
+    def _row(self, label: str, name: str, value: float) -> Row:
+        quantity, values = LIMITED[name], self.predicted[name]
+        low, median, high = np.percentile(values, OF_UNITS) if len(values) else (np.nan,) * 3
+        return Row(
+            label,
+            quantity.title,
+            quantity.unit,
+            number(value, quantity),
+            number(float(median), quantity),
+            interval(float(low), float(high), quantity),
+            percent(float(np.mean(values < value)) if len(values) else np.nan),
+        )
+
+    @property
+    def sentences(self) -> list[str]:
+        """Source and conditions of each unit."""
+        units = self.frames.study.published
+        outside = [
+            f"{unit.label}: the measured {LIMITED[name].title[:1].lower()}{LIMITED[name].title[1:]} is "
+            f"{'larger' if value > self.predicted[name].max() else 'smaller'} than that of every predicted unit; the "
+            "stated tolerances and this model do not predict it."
+            for unit in units
+            for name, value in unit.of_metrics.items()
+            if len(self.predicted[name]) and not self.predicted[name].min() <= value <= self.predicted[name].max()
+        ]
+        sources = [f"{unit.label}: {unit.note}{'. ' if unit.note else ''}Source: {unit.source}." for unit in units]
+        return [*outside, *sources]
+
+    @property
+    def torque(self) -> str:
+        """The torque that is held [N m]."""
+        return plain(assembly.definitions(self.frames.study).rigidity_high)
+
+    @cached_property
+    def orders(self) -> pd.DataFrame:
+        """Quantiles of the amplitude under load [arcsec] by order of the output turn; no rows where none are known."""
+        rows, turns = self.frames.orders, self.frames.study.cycle.crank_turns
+        chosen = (rows["torque_Nm"] > 0) & (rows["sense"] == "+") & (rows["sample"] >= self.frames.first_random)
+        loaded = rows[chosen]
+        order = np.round(loaded["order"] * turns).astype(int)
+        grouped = loaded["amplitude_arcsec"].groupby(order.rename("order"))
+        quantiles = grouped.quantile([0.5, 0.95]).unstack() if len(loaded) else pd.DataFrame(columns=[0.5, 0.95])
+        return quantiles.set_axis(["middle", "high"], axis=1)
+
+    @cached_property
+    def named_orders(self) -> list[int]:
+        """Orders of the output turn that the sources name, as far as they are predicted."""
+        named = sorted({order for unit in self.frames.study.published for order in unit.orders})
+        return [order for order in named if order in self.orders.index]
+
+    @property
+    def order_rows(self) -> list[tuple[str, str, str, str]]:
+        """Of each named order its predicted amplitude, and its place among all."""
+        places = self.orders["middle"].rank(ascending=False)
+        return [
+            (
+                str(order),
+                f"{self.orders.loc[order, 'middle']:.2g}",
+                f"{self.orders.loc[order, 'high']:.2g}",
+                f"{places[order]:.0f}",
+            )
+            for order in self.named_orders
+        ]
+
+    @property
+    def highest(self) -> int:
+        """The highest order of the output turn that is told apart."""
+        return int(self.orders.index.max())
+
+    @property
+    def larger(self) -> list[str]:
+        """Orders that the sources do not name, predicted larger than the smallest named one, the largest first."""
+        others = self.orders["middle"].drop(self.named_orders)
+        least = self.orders.loc[self.named_orders, "middle"].min()
+        larger = others[others > least].sort_values(ascending=False)[:MOST_LARGER]
+        return [f"{order} ({amplitude:.2g} arcsec)" for order, amplitude in larger.items()]
+
+    @property
+    def counted_units(self) -> str:
+        """How many units the orders are of."""
+        samples = self.frames.orders["sample"]
+        return counted(int(samples[samples >= self.frames.first_random].nunique()), "unit")
+
+
+def _drawings(frames: Frames) -> Iterator[Drawing]:
+    published = Published(frames)
+    values = {name: predicted for name, predicted in published.predicted.items() if len(predicted) > 1}
+    if values:
+        measured = {
+            name: {unit.label: unit.of_metrics[name] for unit in frames.study.published if name in unit.of_metrics}
+            for name in values
+        }
+        waves = published.orders if published.named_orders else None
+        text = (
+            " Right: amplitude of each order, median and 95 % quantile; named orders have a mark."
+            if waves is not None
+            else ""
+        )
+        yield Drawing(
+            "published",
+            "Measured units beside the prediction",
+            f"Histogram of the predicted units; each line is a measured unit.{text}",
+            partial(published_figure, values, measured, waves, published.named_orders),
+        )
+
+
+SECTION = Section(
+    name="published",
+    title="Measured units",
+    rank=15,
+    template=Path(__file__).with_suffix(".html"),
+    values=lambda page: {"published": Published(page.frames)},
+    applies=lambda frames: bool(frames.study.published) and not frames.listed,
+    drawings=_drawings,
+)
