@@ -7,6 +7,7 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.reading import read_measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.record.turn_record import TurnRecord
 
 
 def identify_unit(options: argparse.Namespace) -> None:
@@ -16,7 +17,8 @@ def identify_unit(options: argparse.Namespace) -> None:
 
         identify_series(options)
         return
-    measurement = read_measurement(load_measured_unit(options.unit, settings.ROOT))
+    unit = load_measured_unit(options.unit, settings.ROOT)
+    measurement = TurnRecord.read(unit) if unit.is_record else read_measurement(unit)
     print("\n".join([*measurement.summary, *plan(measurement)]), flush=True)
     from pipeline.cli.arguments import workers  # seconds of imports, behind the first lines
     from pipeline.cli.printing import print_answer
@@ -25,10 +27,13 @@ def identify_unit(options: argparse.Namespace) -> None:
     print_answer(explained(measurement, workers(options)))
 
 
-def plan(measurement: Measurement) -> list[str]:
+def plan(measurement: Measurement | TurnRecord) -> list[str]:
     """What will be done with the data, a line; nothing of data with a fatal fault."""
     if measurement.fatal:
         return []
+    if isinstance(measurement, TurnRecord):
+        passes, cells = len(measurement.passes), len(measurement.cells)
+        return [f"plan: a spring, both senses and the orders of all shafts, fitted to {cells} cells of {passes} passes"]
     unit, cranks = measurement.unit, len(measurement.rows.cranks)
     cycles = len({*measurement.rows.cycle.tolist()})
     if unit.settings.held_out.train:

@@ -20,6 +20,9 @@ from pipeline.identification.measurement.faults.fault import determined
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.reading import read_measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit, load_measured_units
+from pipeline.identification.record import results as record_results
+from pipeline.identification.record.answer import RecordAnswer, answered
+from pipeline.identification.record.turn_record import TurnRecord
 from pipeline.identification.results import write as results
 from pipeline.identification.selection.statements.verdict import FAULT
 from pipeline.identification.series import results as series_results
@@ -34,12 +37,13 @@ from pipeline.report.unit.change import write_change_page
 from pipeline.report.unit.description import write_description_page
 from pipeline.report.unit.page import write_page
 from pipeline.report.unit.population import write_population_page
+from pipeline.report.unit.record import write_record_page
 from pipeline.report.unit.series import write_series_page
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 
 @dataclass(frozen=True)
-class UnitAnswer(Answer[results.Findings | FaultyUnit | Description | Measurement]):
+class UnitAnswer(Answer[results.Findings | FaultyUnit | Description | Measurement | RecordAnswer | TurnRecord]):
     """The answer on one measured unit.
 
     Attributes
@@ -65,12 +69,17 @@ def identify(unit: str | Path, jobs: int | Workers | None = None) -> UnitAnswer:
     InputError
         If the folder or its data cannot be read.
     """
-    return explained(read_measurement(load_measured_unit(str(unit), settings.ROOT)), jobs)
+    settings_of_unit = load_measured_unit(str(unit), settings.ROOT)
+    if settings_of_unit.is_record:
+        return explained(TurnRecord.read(settings_of_unit), jobs)
+    return explained(read_measurement(settings_of_unit), jobs)
 
 
-def explained(measurement: Measurement, jobs: int | Workers | None = None) -> UnitAnswer:
+def explained(measurement: Measurement | TurnRecord, jobs: int | Workers | None = None) -> UnitAnswer:
     """As ``identify``, of a measurement that has been read."""
     folder = settings.RUNS / "identify" / measurement.unit.name
+    if isinstance(measurement, TurnRecord):
+        return _of_record(measurement, folder)
     if measurement.unit.designed is None:
         return _described(measurement, folder)
 
@@ -104,6 +113,21 @@ def _described(measurement: Measurement, folder: Path) -> UnitAnswer:
         description.verdict, described_results.sentence(description), described_results.advice(description)
     )
     return UnitAnswer(description, sentences, folder, frames, verdict=description.verdict)
+
+
+def _of_record(record: TurnRecord, folder: Path) -> UnitAnswer:
+    """The answer on a record of a turning drive."""
+    if record.fatal:
+        sentence = record_results.write_fault(record, folder)
+        return UnitAnswer(record, (f"{FAULT}: {sentence}",), folder, page="", verdict=FAULT)
+    with determined(record.unit.name):
+        answer = answered(record)
+    frames = record_results.write(answer, folder)
+    write_record_page(answer, frames, folder, settings.shown(folder))
+    content = record_results.content(answer)
+    return UnitAnswer(
+        answer, record_results.sentences(answer), folder, frames, verdict=answer.judgement.verdict, content=content
+    )
 
 
 def _sentences(verdict: str, sentence: str, advice: str) -> tuple[str, ...]:

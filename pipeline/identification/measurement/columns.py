@@ -88,7 +88,10 @@ class TemperatureColumn(FileColumn):
 
 
 class Columns(Section):
-    """Where each quantity stands in the files; one that is not named here stands under its own name."""
+    """Where each quantity stands in the files; one that is not named here stands under its own name.
+
+    `input_deg` and `output_deg` are the encoders of a record with neither end locked.
+    """
 
     cycle: FileColumn = FileColumn(name="cycle")
     crank_deg: CrankColumn = CrankColumn(name="crank_deg")
@@ -97,3 +100,5 @@ class Columns(Section):
     time_s: TimeColumn = TimeColumn(name="time_s")
     temperature_C: TemperatureColumn = TemperatureColumn(name="temperature_C")
     command_torque_Nm: TorqueColumn = TorqueColumn(name="command_torque_Nm")
+    input_deg: CrankColumn = CrankColumn(name="input_deg")
+    output_deg: CrankColumn = CrankColumn(name="output_deg")

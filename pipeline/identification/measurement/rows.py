@@ -22,6 +22,8 @@ Truth = NDArray[np.bool_]
 
 REQUIRED = ("cycle", "crank_deg", "torque_Nm", "angle_arcmin")
 OPTIONAL = ("time_s", "temperature_C", "command_torque_Nm")
+ENCODERS = ("input_deg", "output_deg")
+"""Columns of a pair of encoders, in place of the crank angle and the error."""
 CRANK_DIGITS = 6
 """Decimals of a crank angle [deg] by which positions are told apart."""
 
@@ -142,7 +144,7 @@ def recorded(unit: UnitFile) -> Recorded:
     missing: list[tuple[str, str, str]] = []
     parts = [_standard(table, number, unit, missing) for number, table in enumerate(tables)]
     source = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    mapped = {_column(unit, name).name for name in (*REQUIRED, *OPTIONAL)}
+    mapped = {_column(unit, name).name for name in (*REQUIRED, *OPTIONAL, *ENCODERS)}
     extra = pd.concat([table.cells.drop(columns=mapped & set(table.cells)) for table in tables], ignore_index=True)
     return Recorded(pd.concat(parts, ignore_index=True), source, tuple(missing), extra)
 
@@ -218,7 +220,7 @@ def _standard(table: TableFile, number: int, unit: UnitFile, missing: list[tuple
     }
     mapped = unit.settings.columns.model_fields_set
     values = {}
-    for quantity in (*REQUIRED, *OPTIONAL):
+    for quantity in (*REQUIRED, *OPTIONAL, *ENCODERS):
         column = _column(unit, quantity)
         if column.name in table.cells:
             scale, shift = column.to_standard

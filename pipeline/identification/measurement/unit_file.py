@@ -85,18 +85,22 @@ class HeldOut(Section):
     """Which data judge the model: whole crank positions if there are two, else whole cycles; never single rows.
 
     `train` lists the crank angles [deg] or cycles to fit; by default every second one, from the first. Of a turning
-    drive whole cycles, held torques [N m] or senses of the crank (1, -1), each in turn by default.
+    drive whole cycles, held torques [N m], senses of the crank (1, -1) or temperatures, each in turn by default.
     """
 
-    by: Literal["position", "cycle", "torque", "sense"] | None = None
+    by: Literal["position", "cycle", "torque", "sense", "temperature"] | None = None
     train: tuple[float, ...] = ()
 
 
 class Generic(Section):
-    """A drive of which no design is known: input turns per turn of the output, and the torque that it is rated for."""
+    """A drive of which no design is known: input turns per turn of the output, and the torque that it is rated for.
+
+    `crank_turns` are those of the crank against the output per turn of it, of a drive with gears before the crank.
+    """
 
     ratio: Annotated[float, Field(ge=1)]
     rated_torque_Nm: Positive
+    crank_turns: Annotated[float, Field(ge=1)] | None = None
 
 
 class CrankSection(Section):
@@ -189,6 +193,13 @@ class UnitFile:
         return self.settings.generic.ratio if self.settings.generic else float(self.study.design.cycloid.ratio)
 
     @property
+    def is_record(self) -> bool:
+        """Whether the drive turned and is described by its own record: without a design, or as a carrier."""
+        if self.settings.locked != NEITHER:
+            return False
+        return self.designed is None or self.designed.design.output.carries_disks
+
+    @property
     def has_anonymous_positions(self) -> bool:
         """Whether unit.toml gives no crank angle and need not: without a column of it each file is a position."""
         settings = self.settings
@@ -237,10 +248,10 @@ def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
     files = parts.get("files") or tuple(DataFile(path=name) for name in _csv_names(path.parent))
     problems += _file_problems(files, path.parent) if "files" in parts or "files" not in raw else []
     problems += _held_out_problems(parts)
-    problems += _turning_problems(parts)
+    problems += _turning_problems(parts, design)
     problems += _crank_problems(parts)
     problems += _crank_of_design_problems(parts, design)
-    problems += _output_problems(design)
+    problems += _output_problems(design, parts.get("locked") == NEITHER)
     if problems or lines:
         lines += _table_problems(files, path.parent)
     raise_if(problems, file, lines)
@@ -350,12 +361,13 @@ def _drive_problems(raw: Mapping[str, Any]) -> list[Mistake]:
     return [Mistake(key, MISSING, advice) for key in keys if key not in raw]
 
 
-def _output_problems(design: Design | None) -> list[Mistake]:
-    if design is None:
+def _output_problems(design: Design | None, turns: bool) -> list[Mistake]:
+    if design is None or (turns and design.output.carries_disks):
         return []
     if design.output.carries_disks:
         allowed = (
-            f"a {design.output.name} is not identified: its disk has no bearing of its own to separate the play by"
+            f"loops of a {design.output.name} are not identified: its disk has no bearing of its own to separate the "
+            'play by; give a record of both encoders with locked = "neither"'
         )
         return [Mistake("design", None, allowed)]
     if design.cycloid.fixed == "housing":
@@ -364,21 +376,24 @@ def _output_problems(design: Design | None) -> list[Mistake]:
     return [Mistake("design", None, allowed)]
 
 
-def _turning_problems(parts: Mapping[str, Any]) -> list[Mistake]:
-    """A record of a turning drive has a design and one zero; other units are held out by position or cycle."""
+def _turning_problems(parts: Mapping[str, Any], design: Design | None) -> list[Mistake]:
+    """A record of a turning drive has one zero; other units are held out by position or cycle."""
+    record = bool(parts.get("generic")) or (design is not None and design.output.carries_disks)
     by, turns = parts.get("held_out", HeldOut()).by, parts.get("locked") == NEITHER
     side, locked = parts.get("side", "output"), parts.get("locked")
     refused: tuple[tuple[bool, str, Any, str], ...]
     if not turns:
         refused = (
             (side == "input" == locked, "side", side, 'must be "output" where the input is locked: only that moves'),
-            (by in ("torque", "sense"), "held_out.by", by, 'must be "position" or "cycle"'),
+            (by in ("torque", "sense", "temperature"), "held_out.by", by, 'must be "position" or "cycle"'),
             (parts.get("angle") == "absolute", "angle", "absolute", 'asks for locked = "neither"'),
         )
     else:
         offset, known = parts.get("offset", "common"), parts.get("crank_angles", "measured")
         refused = (
             (by == "position", "held_out.by", by, 'must be "cycle", "torque" or "sense" where the crank turns'),
+            (by == "temperature" and not record, "held_out.by", by, 'must be "cycle", "torque" or "sense" of a design'),
+            (by == "cycle" and record, "held_out.by", by, 'must be "torque", "sense" or "temperature" of a record'),
             (offset != "common", "offset", offset, 'must be "common" where the crank turns: all rows have one zero'),
             (
                 known != "measured",
@@ -387,7 +402,6 @@ def _turning_problems(parts: Mapping[str, Any]) -> list[Mistake]:
                 "a crank that turns is read from the drawing's zero",
             ),
             (side == "input", "side", side, 'must be "output" where the crank turns'),
-            (bool(parts.get("generic")), "locked", NEITHER, "of a drive without a design loops alone are read"),
         )
     return [Mistake(key, value, allowed) for wrong, key, value, allowed in refused if wrong]
 

@@ -91,13 +91,13 @@ def motion(crank: Real, run: Whole, torque: Real, pins: int, lobes: int) -> Moti
     """
     known = np.isfinite(crank) & np.isfinite(torque) & (run >= 0)
     largest = float(np.max(np.abs(torque[known]), initial=0.0))
-    sense, segment = _segments(crank, run, _grouped(torque, LEVEL_SHARE * largest), known)
-    held = _held(torque, segment)
+    sense, segment = stretches(crank, run, groups(torque, LEVEL_SHARE * largest), known)
+    held = held_torques(torque, segment)
     revolution = np.where(known, np.floor(np.where(known, crank, 0.0) / TURN_DEG), 0).astype(np.int64)
     keys = np.column_stack([segment, revolution])
     turn = np.full(len(crank), -1)
     turn[known] = _numbered(keys[known])
-    level = _grouped(held, LEVEL_SHARE * largest)
+    level = groups(held, LEVEL_SHARE * largest)
     levels = np.array([held[level == number].mean() for number in range(int(level.max(initial=-1)) + 1)])
     turn[np.abs(torque - held) > HELD_SHARE * largest] = -1
     counts = np.bincount(turn[turn >= 0]) if np.any(turn >= 0) else np.ones(1, int)
@@ -114,7 +114,7 @@ def motion(crank: Real, run: Whole, torque: Real, pins: int, lobes: int) -> Moti
     return Motion(crank, sense, turn, level, levels, interval, pitches, width, left_out)
 
 
-def _segments(crank: Real, run: Whole, level: Whole, known: Truth) -> tuple[Whole, Whole]:
+def stretches(crank: Real, run: Whole, level: Whole, known: Truth) -> tuple[Whole, Whole]:
     """Sense of each row (n,), and number of the stretch of one torque in which the crank turns on; -1 if unknown."""
     sense, segment, count = np.ones(len(crank), np.int64), np.full(len(crank), -1), 0
     rows = np.flatnonzero(known)
@@ -138,7 +138,7 @@ def _reached(crank: Real, last: int) -> int:
     return first
 
 
-def _held(torque: Real, segment: Whole) -> Real:
+def held_torques(torque: Real, segment: Whole) -> Real:
     """Median torque (n,) [N m] of the stretch of each row; NaN outside of all."""
     held = np.full(len(torque), np.nan)
     for number in np.unique(segment[segment >= 0]):
@@ -146,7 +146,7 @@ def _held(torque: Real, segment: Whole) -> Real:
     return held
 
 
-def _grouped(values: Real, gap: float) -> Whole:
+def groups(values: Real, gap: float) -> Whole:
     """Number (n,) of each value's group, ascending: groups lie further apart than the ``gap``; -1 of no numbers."""
     group, finite = np.full(len(values), -1), np.isfinite(values)
     steps = np.unique(values[finite])

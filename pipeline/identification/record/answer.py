@@ -1,0 +1,342 @@
+"""What a record says of a drive: verdict, lost motion and rigidity from both senses, and the orders of its error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
+from pipeline.identification.record.evidence import CONFIDENCE, Points, RecordEvidence, points_of
+from pipeline.identification.record.judging import TOLERATED, Judgement, RecordJudge, Trial, parts_of
+from pipeline.identification.record.terms import LEAST_WAVES, POINTS_A_WAVE, Covariates, Term, base_terms, effects
+from pipeline.identification.record.turn_record import TurnRecord
+from pipeline.identification.selection.statements.verdict import ADEQUATE, UNEXPLAINED
+
+Real = NDArray[np.float64]
+
+WIDTH = float(ndtri(0.5 + 0.5 * CONFIDENCE))
+"""Half of an interval, in standard deviations."""
+SHOWN_ORDERS = 12
+"""Orders that the page lists beside those of the shafts: the largest."""
+FAMILY = 0.05
+"""Chance that noise alone gives any order as large as one that is called significant."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number of the drive with its 95 % interval."""
+
+    name: str
+    title: str
+    unit: str
+    value: float
+    ci_low: float
+    ci_high: float
+
+
+@dataclass(frozen=True)
+class LevelRow:
+    """One held torque: mean of the senses about the middle of all, and forward less backward.
+
+    Attributes
+    ----------
+    torque : [N m].
+    mean, difference : [arcmin]; NaN where one sense is missing.
+    mean_error, difference_error : standard errors [arcmin].
+    """
+
+    torque: float
+    mean: float
+    mean_error: float
+    difference: float
+    difference_error: float
+
+
+@dataclass(frozen=True)
+class OrderRow:
+    """An order of the error that all passes share.
+
+    Attributes
+    ----------
+    order : waves per turn of the output.
+    of : what turns so often; empty of an order of no shaft.
+    amplitude, ci_low, ci_high : [arcsec].
+    per_torque : amplitude of what grows with the torque, at the largest one [arcsec].
+    senses : amplitude of half the difference of the senses [arcsec].
+    significant : whether noise alone would give one so large with at most 5 % over all orders.
+    """
+
+    order: float
+    of: str
+    amplitude: float
+    ci_low: float
+    ci_high: float
+    per_torque: float
+    senses: float
+    significant: bool
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Prediction of one part from all others.
+
+    Attributes
+    ----------
+    part : in words.
+    rms, base_rms, repeat_rms : [arcmin] of the claimed model, of the base alone, and of the mean of the other passes.
+    to_noise : of the claimed model, over noise and what its fit leaves open.
+    """
+
+    part: str
+    rms: float
+    base_rms: float
+    repeat_rms: float
+    to_noise: float
+
+
+@dataclass(frozen=True)
+class RecordAnswer:
+    """All that is said of a record.
+
+    Attributes
+    ----------
+    effects : those that were tested; ``why_not`` of the others.
+    held_out_by : "torque", "temperature", "sense" or "".
+    noise : of a point [arcmin].
+    predicted : (n_points,) by the claimed model with the zeros of all places [arcmin].
+    """
+
+    record: TurnRecord
+    points: Points
+    evidence: RecordEvidence
+    judgement: Judgement
+    effects: tuple[Term, ...]
+    why_not: dict[str, str]
+    values: tuple[Value, ...]
+    levels: tuple[LevelRow, ...]
+    orders: tuple[OrderRow, ...]
+    held_out_by: str
+    held_out: tuple[HeldOut, ...]
+    noise: float
+    predicted: Real
+
+    @property
+    def titles(self) -> dict[str, str]:
+        """Titles of the effects that were tested."""
+        return {effect.name: effect.title for effect in self.effects}
+
+
+def answered(record: TurnRecord) -> RecordAnswer:
+    """The answer on a record without a fatal fault."""
+    points = points_of(record)
+    base, (tested, why_not) = base_terms(record), effects(record)
+    evidence = RecordEvidence(points, base, tested)
+    by, parts = parts_of(points, record.unit.settings.held_out.by)
+    everything_turned = points_of(record, loaded=False)
+    orders = _orders(record, everything_turned)
+    judgement = _with_orders(
+        RecordJudge(evidence, tested, parts, len(record.passes)).judgement(), orders, evidence.span
+    )
+    trial = judgement.answer
+    model = evidence.predicted(trial.effects, trial.posterior)
+    everything = np.ones(len(points), bool)
+    levels = _levels(record, everything_turned)
+    return RecordAnswer(
+        record,
+        points,
+        evidence,
+        judgement,
+        tuple(tested),
+        why_not,
+        tuple(_values(record, levels)),
+        tuple(levels),
+        tuple(orders),
+        by,
+        tuple(_held_out(record, evidence, by, parts, trial)),
+        evidence.unit,
+        model + evidence.zeros(points.error - model, everything),
+    )
+
+
+def _with_orders(judgement: Judgement, orders: Sequence[OrderRow], span: float) -> Judgement:
+    """The judgement; no record is adequate of which an order grows with the torque beyond what tolerances cause."""
+    grown = [row for row in orders if row.significant and row.per_torque > 60 * TOLERATED * span]
+    if judgement.verdict != ADEQUATE or not grown:
+        return judgement
+    largest = max(grown, key=lambda row: row.per_torque)
+    finding = (
+        f"order {largest.order:.3g}{f' ({largest.of})' if largest.of else ''} grows with the torque to "
+        f"{largest.per_torque:.2g} arcsec, more than errors of parts within their tolerances cause"
+    )
+    return replace(judgement, verdict=UNEXPLAINED, finding=finding)
+
+
+def effect_values(answer: RecordAnswer) -> list[Value]:
+    """Sizes of the effects of the described model: amplitudes of waves, and sizes of the others."""
+    trial, rows = answer.judgement.description, []
+    for name in trial.effects:
+        columns = answer.evidence.columns_of(trial.effects, name)
+        mean, covariance = trial.posterior.mean[columns], trial.posterior.covariance[columns, columns]
+        size = float(np.linalg.norm(mean))
+        direction = mean / max(size, 1e-300)
+        error = float(np.sqrt(direction @ covariance @ direction))
+        low = size - WIDTH * error
+        value = float(mean[0]) if len(mean) == 1 else size
+        ends = (
+            (value - WIDTH * error, value + WIDTH * error) if len(mean) == 1 else (max(low, 0.0), size + WIDTH * error)
+        )
+        rows.append(Value(name, answer.titles[name], "arcmin", value, *ends))
+    return rows
+
+
+def _values(record: TurnRecord, levels: Sequence[LevelRow]) -> list[Value]:
+    """Rigidity and lost motion with intervals, from mean and difference of the senses at the held torques."""
+    values = [*_rigidities(record, levels)]
+    least = min(levels, key=lambda row: abs(row.torque))
+    if np.isfinite(least.difference):
+        half = WIDTH * least.difference_error
+        title = f"lost motion: difference of the senses at {abs(least.torque):.3g} N m"
+        value = abs(least.difference)
+        values.append(Value("lost_motion", title, "arcmin", value, max(value - half, 0.0), value + half))
+    largest = max(levels, key=lambda row: abs(row.torque))
+    if np.isfinite(largest.difference) and largest is not least:
+        half, value = WIDTH * largest.difference_error, abs(largest.difference)
+        title = f"difference of the senses at {largest.torque:.3g} N m"
+        values.append(Value("lag_at_top", title, "arcmin", value, max(value - half, 0.0), value + half))
+    return values
+
+
+def _rigidities(record: TurnRecord, levels: Sequence[LevelRow]) -> Iterator[Value]:
+    """Rigidity of either sign of the torque between the largest one held and the next beyond half of it, or less."""
+    for sign, name in ((1, "positive"), (-1, "negative")):
+        loaded = [row for row in levels if sign * row.torque >= LEVEL_SHARE * record.largest_torque]
+        if len(loaded) < 2:
+            continue
+        high, *others = sorted(loaded, key=lambda row: -abs(row.torque))
+        low = min(others, key=lambda row: abs(abs(row.torque) - 0.5 * abs(high.torque)))
+        twist, torque = high.mean - low.mean, high.torque - low.torque
+        half = WIDTH * float(np.hypot(high.mean_error, low.mean_error))
+        if abs(twist) <= half:
+            continue
+        ends = sorted(abs(torque) / (abs(twist) + step) for step in (-half, half))
+        title = f"torsional rigidity between {low.torque:.3g} and {high.torque:.3g} N m, from the means of the senses"
+        yield Value(f"rigidity_{name}", title, "N m/arcmin", abs(torque / twist), *ends)
+
+
+def _levels(record: TurnRecord, points: Points) -> list[LevelRow]:
+    """Mean and difference of the senses at each held torque, over the intervals that both senses have."""
+    rows, middle = [], float(np.mean([points.error[points.kind == kind].mean() for kind in np.unique(points.kind)]))
+    for level, torque in enumerate(record.levels):
+        of_sense = []
+        for sense in (1, -1):
+            chosen = (points.level == level) & (points.sense == sense)
+            count = np.bincount(points.interval[chosen], minlength=record.n_intervals)
+            with np.errstate(invalid="ignore"):
+                of_sense.append(np.bincount(points.interval[chosen], points.error[chosen], record.n_intervals) / count)
+        forward, backward = of_sense
+        mean = np.nanmean(np.stack(of_sense)) - middle if np.any(np.isfinite(np.stack(of_sense))) else np.nan
+        difference = forward - backward
+        known = difference[np.isfinite(difference)]
+        noise = float(np.median(points.noise))
+        size = len(known)
+        rows.append(
+            LevelRow(
+                float(torque),
+                float(mean),
+                noise / np.sqrt(max(2 * size, 1)),
+                float(known.mean()) if size else float("nan"),
+                float(np.sqrt(2) * noise / np.sqrt(size)) if size else float("nan"),
+            )
+        )
+    return rows
+
+
+def _orders(record: TurnRecord, points: Points) -> list[OrderRow]:
+    """Orders of the shafts and the largest others, from the zeros of all intervals."""
+    values = Covariates.of(record)
+    torque, sense = (points.means(column[:, None])[:, 0] for column in (values.torque, values.sense))
+    means = np.bincount(points.kind, points.error) / np.bincount(points.kind)
+    left = points.error - means[points.kind]
+    intervals, at = np.unique(points.interval, return_inverse=True)
+    signals = [np.bincount(at, left) / np.bincount(at), *(_slopes(column, left, at) for column in (torque, sense))]
+    turns = record.span_deg / 360.0
+    place = 2 * np.pi * turns * (intervals + 0.5) / record.n_intervals
+    highest = record.n_intervals / turns / POINTS_A_WAVE
+    grid = np.arange(max(1.0, 1 / turns), highest, 1 / turns)
+    shafts = {order: title for title, order in record.orders.waves.values()} | _mesh_orders(record)
+    named = {order: title for order, title in shafts.items() if LEAST_WAVES <= order * turns <= highest * turns}
+    of_signals = [np.bincount(at), *(_squares(column, at) for column in (torque, sense))]
+    noise = 60 * float(np.median(points.noise)) * np.sqrt(2 / len(intervals))
+    errors = np.array([noise / np.sqrt(max(float(np.median(square)), 1e-12)) for square in of_signals])
+    threshold = np.sqrt(-2 * np.log(FAMILY / max(len(signals) * len(grid), 1)))
+    half = 0.5 * 2 * np.pi * turns / record.n_intervals
+
+    def amplitudes(order: float) -> Real:
+        columns = np.column_stack([np.cos(order * place), np.sin(order * place), np.ones(len(place))])
+        sizes, *_ = np.linalg.lstsq(columns, np.nan_to_num(np.column_stack(signals)), rcond=None)
+        return 60 * np.hypot(sizes[0], sizes[1]) / float(np.sinc(order * half / np.pi))
+
+    found = {float(order): amplitudes(order) for order in {*named, *grid}}
+    apart = [order for order in grid if all(abs(order - other) > 0.5 / turns for other in named)]
+    others = sorted(apart, key=lambda order: -float(np.max(found[float(order)] / errors)))[:SHOWN_ORDERS]
+    rows = []
+    for order in sorted({*named, *others}):
+        size, grown, lagged = found[float(order)].tolist()
+        low, high = max(size - WIDTH * errors[0], 0.0), size + WIDTH * errors[0]
+        strong = bool(np.any(found[float(order)] > threshold * errors))
+        rows.append(OrderRow(float(order), named.get(order, ""), size, low, high, grown, lagged, strong))
+    return [row for row in rows if row.of or row.significant]
+
+
+def _mesh_orders(record: TurnRecord) -> dict[float, str]:
+    """Multiples of the order of the crank, at which pins and lobes repeat; none of a drive without a known crank."""
+    turns = record.orders.shafts.get("crank")
+    return {times * turns: f"{times} times per turn of the crank" for times in (3, 4)} if turns else {}
+
+
+def _squares(x: Real, group: NDArray[np.int64]) -> Real:
+    """Sum of squares (n_groups,) of x about its mean in each group."""
+    about = x - (np.bincount(group, x) / np.bincount(group))[group]
+    return np.asarray(np.bincount(group, about**2), float)
+
+
+def _slopes(x: Real, y: Real, group: NDArray[np.int64]) -> Real:
+    """Slopes (n_groups,) of y over x in each group; zeros where x does not vary."""
+    about = x - (np.bincount(group, x) / np.bincount(group))[group]
+    return np.bincount(group, about * y) / np.maximum(np.bincount(group, about**2), 1e-12)
+
+
+def _held_out(
+    record: TurnRecord, evidence: RecordEvidence, by: str, parts: NDArray[np.int64], trial: Trial
+) -> list[HeldOut]:
+    """Each part predicted from the others; nothing where none can be held out."""
+    if not by:
+        return []
+    points, rows = evidence.points, []
+    for number in np.unique(parts):
+        out = parts == number
+        errors = {}
+        for name, names, structure in (("claimed", trial.effects, trial.structure), ("base", (), None)):
+            posterior = evidence.posterior(names, structure or evidence.most_likely(()), int(number), parts)
+            model = evidence.predicted(names, posterior)
+            errors[name] = (points.error - model - evidence.zeros(points.error - model, ~out))[out]
+        repeated = (points.error - evidence.zeros(points.error, ~out))[out]
+        claimed, base, repeat = (
+            float(np.sqrt(np.nanmean(values**2))) for values in (errors["claimed"], errors["base"], repeated)
+        )
+        to_noise = float(np.sqrt(np.nanmean((errors["claimed"] / points.noise[out]) ** 2)))
+        rows.append(HeldOut(_part_text(record, by, int(number)), claimed, base, repeat, to_noise))
+    return rows
+
+
+def _part_text(record: TurnRecord, by: str, number: int) -> str:
+    if by == "torque":
+        return f"{record.levels[number]:.3g} N m"
+    if by == "sense":
+        return "backward" if number else "forward"
+    passes = record.passes
+    return f"{passes.temperature[passes.temperature_group == number].mean():.3g} °C"

@@ -1,0 +1,305 @@
+"""How probable a record is under its terms and some effects: one linear Gaussian problem, zeros of all places free.
+
+Passes of one kind repeat each other, so that cells of one kind and interval are taken together. Under torques of one
+sign the same flanks carry: each interval has a zero for either sign. Passes without torque tell the lost motion and are
+left out here, for few contacts carry then and change from place to place. The covariance of the points holds the noise,
+what contacts that close one after the other make of the unit's errors (at each place and held torque, alike in both
+senses and at all temperatures), a structure of its own at each point (alike in all passes of a kind) and one that is
+smooth over the angle, of sizes of the largest evidence of each model. The zeros have a flat prior: they are removed.
+
+Source: evidence of a linear Gaussian model: MacKay, Neural Computation 4 (1992) 415; a discrepancy of no known form:
+Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import gammaincinv
+
+from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
+from pipeline.identification.record.terms import Term
+from pipeline.identification.record.turn_record import RecordCells, TurnRecord
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Truth = NDArray[np.bool_]
+
+SIZES = (0.0, 0.15, 0.3, 0.6, 1.2, 2.4, 5.0, 10.0)
+"""Standard deviations of a structure that are tried, in those of the median point's noise."""
+ROUNDS = 4
+"""Times that the sizes are found one after the other, at most."""
+REACH = 0.15
+"""Share of the angle that was turned over which a smooth structure is alike."""
+EFFECT_SHARE = 0.1
+"""Prior standard deviation of an effect, in the range of the mean errors over the held torques and senses."""
+BASE_SHARE = 10.0
+"""The same of the terms that every record has: equal in all models."""
+CONFIDENCE = 0.95
+"""Of the intervals of sizes."""
+LEAST_NOISE = 1e-5
+"""Noise of a point [arcmin] at least: below what an encoder resolves."""
+
+
+@dataclass(frozen=True)
+class Points:
+    """Cells of one kind of pass and one interval, taken together.
+
+    Attributes
+    ----------
+    kind, interval : (n,)
+    error : (n,) mean [arcmin].
+    noise : (n,) standard deviation of that mean by what the repeats scatter [arcmin].
+    level, sense, warmth : (n,) number of the held torque, sense, number of the temperature.
+    zero, place : (n,) number of the zero of each, of the interval under torques of one sign; and of its interval and
+        held torque.
+    cells, of_cells : cells that count (n_cells,), and the point of each.
+    """
+
+    kind: Whole
+    interval: Whole
+    error: Real
+    noise: Real
+    level: Whole
+    sense: Whole
+    warmth: Whole
+    zero: Whole
+    place: Whole
+    cells: Whole
+    of_cells: Whole
+
+    def __len__(self) -> int:
+        return len(self.error)
+
+    def means(self, columns: Real) -> Real:
+        """Means (n, n_columns) over the cells of each point of columns (n_record_cells, n_columns)."""
+        counts = np.bincount(self.of_cells)
+        return np.column_stack([np.bincount(self.of_cells, column) / counts for column in columns[self.cells].T])
+
+
+def points_of(record: TurnRecord, loaded: bool = True) -> Points:
+    """The points of a record, of passes under torque alone if ``loaded``, or else of all.
+
+    The noise is that of repeats of a kind less the mean difference of each pass from the others; without repeats it is
+    that of the rows about their line in a cell.
+    """
+    passes, all_cells = record.passes, record.cells
+    under_torque = np.abs(record.levels) >= LEVEL_SHARE * record.largest_torque
+    chosen = np.flatnonzero(under_torque[passes.level[all_cells.owner]] | (not loaded))
+    cells = RecordCells(**{name: values[chosen] for name, values in vars(all_cells).items()})
+    kind = passes.kind[cells.owner]
+    keys, first, number, count = np.unique(
+        kind * record.n_intervals + cells.interval, return_index=True, return_inverse=True, return_counts=True
+    )
+    number = number.ravel()
+    error = np.bincount(number, cells.error) / count
+    left = cells.error - error[number]
+    left -= (np.bincount(cells.owner, left) / np.maximum(np.bincount(cells.owner), 1))[cells.owner]
+    repeated = count[number] > 1
+    freedom = float(np.sum((count - 1)[count > 1])) - len(np.unique(cells.owner[repeated]))
+    if freedom > 0:
+        noise = float(np.sqrt(np.sum(left[repeated] ** 2) / freedom))
+    else:
+        noise = float(np.sqrt(np.mean(cells.scatter**2 / cells.count)))
+    owner = cells.owner[first]
+    negative = record.levels[passes.level[owner]] < 0
+    zeros = np.unique(keys % record.n_intervals + record.n_intervals * negative, return_inverse=True)[1].ravel()
+    return Points(
+        kind=keys // record.n_intervals,
+        interval=keys % record.n_intervals,
+        error=error,
+        noise=max(noise, LEAST_NOISE) / np.sqrt(count),
+        level=passes.level[owner],
+        sense=passes.sense[owner],
+        warmth=passes.temperature_group[owner],
+        zero=zeros,
+        place=np.unique(keys % record.n_intervals + record.n_intervals * passes.level[owner], return_inverse=True)[1],
+        cells=chosen,
+        of_cells=number,
+    )
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What is left beside a model, in noises of the median point.
+
+    Attributes
+    ----------
+    own, smooth : at each point, and smooth over the angle: what no term of the model is.
+    closing : at each place and held torque, by contacts that close: the unit's own, as its zeros are.
+    """
+
+    own: float
+    smooth: float
+    closing: float = 0.0
+
+    @property
+    def size(self) -> float:
+        """Standard deviation of what no term of the model is."""
+        return float(np.hypot(self.own, self.smooth))
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """A model of some terms given some points.
+
+    Attributes
+    ----------
+    value : logarithm of the evidence.
+    mean, covariance : of the sizes of its columns [arcmin], of those of the base first.
+    """
+
+    value: float
+    mean: Real
+    covariance: Real
+
+    def distance(self, columns: slice) -> float:
+        """How far some sizes are from zero, over the radius of their 95 % region."""
+        mean, covariance = self.mean[columns], self.covariance[columns, columns]
+        square = mean @ np.linalg.solve(covariance, mean)
+        return float(np.sqrt(square / (2 * gammaincinv(0.5 * len(mean), CONFIDENCE))))
+
+
+class RecordEvidence:
+    """Evidence of models of one record.
+
+    Parameters
+    ----------
+    base : terms of every model.
+    library : effects that may join them.
+    """
+
+    def __init__(self, points: Points, base: Sequence[Term], library: Sequence[Term]):
+        self.points = points
+        self.unit = float(np.median(points.noise))
+        self.base = tuple(base)
+        terms = [*base, *library]
+        columns = [points.means(term.columns) for term in terms]
+        ends = np.cumsum([0, *(part.shape[1] for part in columns)])
+        self.place = {term.name: slice(int(a), int(b)) for term, a, b in zip(terms, ends[:-1], ends[1:], strict=True)}
+        bumps = self._bumps()
+        self.n_terms = int(ends[-1])
+        self.columns = np.hstack([*columns, bumps])
+        means = [points.error[points.kind == kind].mean() for kind in np.unique(points.kind)]
+        self.span = max(float(np.ptp(means)), self.unit)
+        spread = np.full(self.n_terms, EFFECT_SHARE * self.span)
+        spread[: int(ends[len(self.base)])] = BASE_SHARE * self.span
+        self.spread = spread
+        self._moments = lru_cache(maxsize=256)(self._moments_of)
+
+    def _bumps(self) -> Real:
+        """Smooth columns (n, n_bumps) over the angle for each kind of pass, their variances summing to one."""
+        points = self.points
+        place = points.interval / max(int(points.interval.max()), 1)
+        centres = np.arange(-REACH, 1 + 1.5 * REACH, REACH)
+        bumps = np.exp(-(((place[:, None] - centres) / REACH) ** 2))
+        bumps /= np.linalg.norm(bumps, axis=1)[:, None]
+        return np.hstack([bumps * (points.kind == kind)[:, None] for kind in np.unique(points.kind)])
+
+    def _moments_of(self, own: float, closing: float, left_out: int, parts: bytes) -> tuple[Real, Real, float, float]:
+        """Products of all columns, with the errors, and of these, of the points but of one part; and log det.
+
+        Points of one place and held torque share a deviation of the variance u: about their weighted mean they have
+        their own weights w, and the mean has the variance 1/sum w + u. The means share a zero.
+        """
+        points = self.points
+        chosen = np.ones(len(points), bool) if left_out < 0 else np.frombuffer(parts, np.int64) != left_out
+        weight = 1 / (points.noise[chosen] ** 2 + (own * self.unit) ** 2)
+        place = np.unique(points.place[chosen], return_inverse=True)[1].ravel()
+        zero = np.empty(int(place.max()) + 1, np.int64)
+        zero[place] = points.zero[chosen]
+        zero = np.unique(zero, return_inverse=True)[1].ravel()
+        columns = np.column_stack([self.columns[chosen], points.error[chosen]])
+        means, total = _weighted_means(columns, weight, place)
+        within = np.sqrt(weight)[:, None] * (columns - means[place])
+        variance = 1 / total + (closing * self.unit) ** 2
+        zeros, of_zero = _weighted_means(means, 1 / variance, zero)
+        between = (means - zeros[zero]) / np.sqrt(variance)[:, None]
+        gram = within.T @ within + between.T @ between
+        log_det = float(np.sum(np.log(total * variance)) - np.sum(np.log(weight)) + np.sum(np.log(of_zero)))
+        return gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]), log_det
+
+    def posterior(
+        self, names: Sequence[str], structure: Structure, left_out: int = -1, parts: Whole | None = None
+    ) -> Posterior:
+        """The model of the base and some effects, given all points or those not of a part (n,)."""
+        kept = b"" if parts is None else np.ascontiguousarray(parts, np.int64).tobytes()
+        gram, product_, square, log_det = self._moments(structure.own, structure.closing, left_out, kept)
+        own = np.concatenate(
+            [np.arange(self.n_base), *(np.arange(*self.place[n].indices(self.n_terms)) for n in names)]
+        )
+        smooth = np.arange(self.n_terms, len(gram)) if structure.smooth else np.zeros(0, int)
+        chosen = np.concatenate([own, smooth]).astype(int)
+        spread = np.concatenate([self.spread[own.astype(int)], np.full(len(smooth), structure.smooth * self.unit)])
+        normal = np.eye(len(chosen)) + spread[:, None] * gram[np.ix_(chosen, chosen)] * spread
+        right = spread * product_[chosen]
+        factor = cho_factor(normal)
+        solved = cho_solve(factor, right)
+        value = -0.5 * (square - right @ solved + log_det) - float(np.sum(np.log(np.diag(factor[0]))))
+        n = len(own)
+        inverse = cho_solve(factor, np.eye(len(chosen))[:, :n])[:n]
+        return Posterior(value, spread[:n] * solved[:n], spread[:n, None] * inverse * spread[:n])
+
+    @property
+    def n_base(self) -> int:
+        """Columns of the base."""
+        return self.place[self.base[-1].name].stop if self.base else 0
+
+    def columns_of(self, names: Sequence[str], name: str) -> slice:
+        """Place of an effect's sizes among those of a model of some effects."""
+        start = self.n_base
+        for member in names:
+            width = self.place[member].stop - self.place[member].start
+            if member == name:
+                return slice(start, start + width)
+            start += width
+        raise KeyError(name)
+
+    def most_likely(self, names: Sequence[str], largest: float = np.inf) -> Structure:
+        """The structure of the largest evidence, that of no term no larger than a size: one size after the other."""
+        best = Structure(0.0, 0.0, SIZES[-1])
+        for _ in range(ROUNDS):
+            before = best
+            for name in ("closing", "own", "smooth"):
+                tried = [replace(best, **{name: size}) for size in SIZES]
+                allowed = [structure for structure in tried if structure.size <= largest]
+                best = max(allowed, key=lambda structure: self.posterior(names, structure).value)
+            if best == before:
+                break
+        return best
+
+    def predicted(self, names: Sequence[str], posterior: Posterior) -> Real:
+        """Errors (n,) [arcmin] by the sizes of a model, without the zeros of the intervals."""
+        own = [np.arange(self.n_base), *(np.arange(*self.place[n].indices(self.n_terms)) for n in names)]
+        return np.asarray(self.columns[:, np.concatenate(own).astype(int)] @ posterior.mean)
+
+    def zero_variance(self, variance: Real, chosen: Truth) -> Real:
+        """Variance (n,) of each point's zero by chosen points of these variances, of which one place counts once."""
+        points, size = self.points, int(self.points.zero.max()) + 1
+        places = np.unique(np.column_stack([points.zero, points.place])[chosen], axis=0)
+        count = np.bincount(places[:, 0], minlength=size)
+        mean = np.bincount(points.zero[chosen], variance[chosen], size) / np.maximum(
+            np.bincount(points.zero[chosen], minlength=size), 1
+        )
+        return np.where(count > 0, mean / np.maximum(count, 1), np.inf)[points.zero]
+
+    def zeros(self, left: Real, chosen: Truth) -> Real:
+        """Zero (n,) of each point: weighted mean of what is left (n,) of the chosen points; NaN of none."""
+        points, weight = self.points, np.where(chosen, 1 / self.points.noise**2, 0.0)
+        size = int(points.zero.max()) + 1
+        total = np.bincount(points.zero, weight, size)
+        with np.errstate(invalid="ignore"):
+            return (np.bincount(points.zero, weight * left, size) / total)[points.zero]
+
+
+def _weighted_means(columns: Real, weight: Real, group: Whole) -> tuple[Real, Real]:
+    """Weighted means (n_groups, n_columns) of columns (n, n_columns) over groups (n,), and weights (n_groups,)."""
+    order = np.argsort(group, kind="stable")
+    starts = np.searchsorted(group[order], np.arange(int(group.max()) + 1))
+    total = np.add.reduceat(weight[order], starts)
+    return np.add.reduceat((columns * weight[:, None])[order], starts, axis=0) / total[:, None], total

@@ -1,0 +1,246 @@
+"""The verdict on a record, by the rule of ``selection.criteria`` and its constants."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
+from pipeline.identification.record.evidence import CONFIDENCE, Points, Posterior, RecordEvidence, Structure
+from pipeline.identification.record.terms import Term
+from pipeline.identification.selection.criteria import (
+    FORM,
+    LEFT,
+    ODDS,
+    best_of,
+    prior_log_odds,
+)
+from pipeline.identification.selection.statements.verdict import (
+    ADEQUATE,
+    EQUIVALENT,
+    IDENTIFIED,
+    NOT_TESTABLE,
+    UNEXPLAINED,
+    WITHIN,
+)
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+PAIRED = 10
+"""Pairs of effects that are tried: those that promise most."""
+TOLERATED = 0.0025
+"""Amplitude of a compliance that varies with a shaft, over the range of the mean errors, that errors of parts within
+their tolerances cause. Calibrated: generated reducers without an effect have at most 0.15 %."""
+TOLERABLE = "errors of parts within their tolerances"
+LARGEST_SHARE = 1.0
+"""Bound of an effect, in the range of the mean errors: more is no effect beside the spring, but another spring."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model with the structure of its largest evidence.
+
+    Attributes
+    ----------
+    effects : their names.
+    predictive : (n_parts,) log density of each part, predicted from all others.
+    rms : misfit of all points, in their noise.
+    limited : logarithm of the evidence where the structure is no larger than the form of the model may leave.
+    """
+
+    effects: tuple[str, ...]
+    structure: Structure
+    posterior: Posterior
+    predictive: Real
+    rms: float
+    limited: float
+
+    @property
+    def value(self) -> float:
+        """Logarithm of the evidence."""
+        return self.posterior.value
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What was tried on a record, and what may be named.
+
+    Attributes
+    ----------
+    verdict : one of the terms of ``selection.statements.verdict``.
+    trials : by the name of the model, effects joined by +; "" of none.
+    odds : by name, logarithm of the posterior odds against "no effect".
+    members : models that are named, the most probable first.
+    reasons : by name of a model that is as probable as what may be named, why it is not.
+    best : the most probable model, or "".
+    finding : why a record without a named effect is not adequate, or "".
+    """
+
+    verdict: str
+    trials: Mapping[str, Trial]
+    odds: Mapping[str, float] = field(default_factory=dict)
+    members: tuple[str, ...] = ()
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    best: str = ""
+    finding: str = ""
+
+    @property
+    def answer(self) -> Trial:
+        """The trial of what is named, else of no effect."""
+        return self.trials[self.members[0] if self.members else ""]
+
+    @property
+    def description(self) -> Trial:
+        """The trial of the most probable model."""
+        return self.trials[self.members[0] if self.members else self.best]
+
+
+def form_limit(rms: float) -> float:
+    """Structure, in the noise of a point, that the form of the model may leave of a misfit."""
+    return float(np.hypot(LEFT, FORM * rms))
+
+
+def parts_of(points: Points, by: str | None) -> tuple[str, Whole]:
+    """What is left out at once, "torque", "temperature", "sense" or "" where nothing can be, and its numbers (n,)."""
+    groups = {"torque": points.level, "temperature": points.warmth, "sense": (points.sense < 0).astype(np.int64)}
+    if by in groups and len(np.unique(groups[by])) > 1:
+        return by, groups[by]
+    for name, fewest in (("torque", 3), ("temperature", 2), ("sense", 2), ("torque", 2)):
+        if len(np.unique(groups[name])) >= fewest:
+            return name, groups[name]
+    return "", np.zeros(len(points), np.int64)
+
+
+class RecordJudge:
+    """The rule on one record.
+
+    Parameters
+    ----------
+    parts : (n_points,) number of what each point is held out with.
+    n_passes : of the record.
+    """
+
+    def __init__(self, evidence: RecordEvidence, effects: list[Term], parts: Whole, n_passes: int):
+        self.evidence, self.parts, self.n_passes = evidence, parts, n_passes
+        self.tried = len(effects)
+        self.names = [effect.name for effect in effects]
+
+    def judgement(self) -> Judgement:
+        """Every effect and the pairs that promise most, tried and judged."""
+        base = self._trial((), np.inf)
+        limit = form_limit(base.rms)
+        trials = {"": base} | {name: self._trial((name,), limit) for name in self.names}
+        odds = {name: self._odds(trials[name], base) for name in self.names}
+        leaders = sorted(self.names, key=lambda name: -odds[name])
+        pairs = sorted(combinations(leaders, 2), key=lambda pair: -(odds[pair[0]] + odds[pair[1]]))[:PAIRED]
+        for pair in pairs:
+            trials["+".join(pair)] = self._trial(pair, limit)
+            odds["+".join(pair)] = self._odds(trials["+".join(pair)], base)
+        best = best_of(odds, {})
+        reasons: dict[str, str] = {}
+        for leader in dict.fromkeys([best, best_of({n: odds[n] for n in self.names}, {})]):
+            near = self._alike(leader, odds) if leader else []
+            reasons |= {name: self._objection(trials[name], base) for name in near}
+            members = tuple(name for name in near if not reasons[name])
+            if members:
+                word = IDENTIFIED if len(members) == 1 else EQUIVALENT
+                return Judgement(word, trials, odds, members, reasons, best)
+        return self._without(trials, odds, reasons, best, limit)
+
+    def _without(
+        self, trials: dict[str, Trial], odds: dict[str, float], reasons: dict[str, str], best: str, limit: float
+    ) -> Judgement:
+        """The judgement where nothing is named."""
+        finding = ""
+        if best and TOLERABLE in reasons.get(best, ""):
+            return Judgement(WITHIN, trials, odds, (), reasons, best, f"{best.replace('_', ' ')}: {reasons[best]}")
+        if best:
+            finding = f"the most probable, {best.replace('_', ' ')}, is not named: {reasons.get(best, '')}"
+        elif trials[""].structure.size > limit:
+            finding = f"structure of {trials[''].structure.size:.2g} times the noise is left, {limit:.2g} may be"
+        elif len(np.unique(self.parts)) < 2:
+            return Judgement(NOT_TESTABLE, trials, odds, (), reasons, best, "nothing can be held out")
+        else:
+            finding = self._missed(trials[""], trials[""])
+        return Judgement(UNEXPLAINED if finding else ADEQUATE, trials, odds, (), reasons, best, finding)
+
+    def _trial(self, names: tuple[str, ...], limit: float) -> Trial:
+        evidence = self.evidence
+        structure = evidence.most_likely(names)
+        posterior = evidence.posterior(names, structure)
+        numbers = np.unique(self.parts)
+        without = [evidence.posterior(names, structure, int(number), self.parts).value for number in numbers]
+        predictive = posterior.value - np.array(without) if len(numbers) > 1 else np.zeros(0)
+        left = evidence.points.error - evidence.predicted(names, posterior)
+        left = (left - evidence.zeros(left, np.ones(len(left), bool))) / evidence.points.noise
+        freedom = len(left) - len(np.unique(evidence.points.zero))
+        rms = float(np.sqrt(np.sum(left**2) / max(freedom, 1)))
+        limited = posterior.value
+        if structure.size > limit:
+            limited = evidence.posterior(names, evidence.most_likely(names, limit)).value
+        return Trial(names, structure, posterior, predictive, rms, limited)
+
+    def _odds(self, trial: Trial, base: Trial) -> float:
+        return trial.value - base.value + prior_log_odds(len(trial.effects), self.tried)
+
+    @staticmethod
+    def _alike(leader: str, odds: Mapping[str, float]) -> list[str]:
+        """Models of as many effects that are within the odds of a leading one, the most probable first."""
+        near = [n for n in odds if odds[n] >= odds[leader] - ODDS and n.count("+") == leader.count("+")]
+        return sorted(near, key=lambda name: -odds[name])
+
+    def _explains(self, trial: Trial, base: Trial) -> bool:
+        """Whether a model that leaves no more than its form does is more probable than a discrepancy of any size."""
+        return trial.limited - base.value + prior_log_odds(len(trial.effects), self.tried) >= ODDS
+
+    def _objection(self, trial: Trial, base: Trial) -> str:
+        """Why a model that the data prefer to "no effect" is not named, or ""."""
+        if self.n_passes < FEWEST_BLOCKS:
+            return f"with fewer than {FEWEST_BLOCKS} passes no effect is named"
+        if len(trial.predictive) < 2 or np.sum(trial.predictive - base.predictive) <= 0:
+            return "data that were left out are not predicted better with it"
+        for name in trial.effects:
+            columns = self.evidence.columns_of(trial.effects, name)
+            if not trial.posterior.distance(columns) > 1:
+                return f"the interval of the size of {name} reaches zero"
+            if np.linalg.norm(trial.posterior.mean[columns]) > LARGEST_SHARE * self.evidence.span:
+                return f"the size of {name} is larger than the twist of the drive"
+            wave = columns.stop - columns.start > 1 and name.startswith("compliance_")
+            if wave and np.linalg.norm(trial.posterior.mean[columns]) < TOLERATED * self.evidence.span:
+                return f"{TOLERABLE} cause waves as large as {name}"
+        if not self._explains(trial, base):
+            return "a discrepancy of no known form describes the unit as well"
+        return self._missed(trial, base)
+
+    def _missed(self, trial: Trial, base: Trial) -> str:
+        """Why unused data are not predicted as a right model would, or "".
+
+        Notes
+        -----
+        A right model leaves noise, what contacts that close make at a held torque, and a structure of the size of its
+        form; and what the zeros of the other parts are uncertain by, of noise and closing contacts alike.
+        """
+        evidence, points = self.evidence, self.evidence.points
+        if len(np.unique(self.parts)) < 2:
+            return "nothing is held out, so the fit cannot be tested"
+        square, plain, freedom = 0.0, 0.0, len(np.unique(points.kind))  # within a pass places are alike
+        variance = points.noise**2 + (trial.structure.closing**2 + form_limit(base.rms) ** 2) * evidence.unit**2
+        for number in np.unique(self.parts):
+            out = self.parts == number
+            posterior = evidence.posterior(trial.effects, trial.structure, int(number), self.parts)
+            left = points.error - evidence.predicted(trial.effects, posterior)
+            of_zero = evidence.zero_variance(variance, ~out)
+            known = out & np.isfinite(of_zero)
+            missed = (left - evidence.zeros(left, ~out))[known]
+            square += float(np.sum(missed**2 / (variance + of_zero)[known]))
+            plain += float(np.sum((points.error - evidence.zeros(points.error, ~out))[known] ** 2) - np.sum(missed**2))
+        n = max(int(np.sum(np.isfinite(evidence.zeros(points.error, np.ones(len(points), bool))))), 1)
+        if square > n * (1 + float(ndtri(CONFIDENCE)) * np.sqrt(2 / max(freedom, 1))):
+            return f"unused data are missed by {np.sqrt(square / n):.2g} times what a right model would leave"
+        return "the mean of the other passes predicts unused data better" if plain < 0 else ""

@@ -1,0 +1,192 @@
+"""What the error of a turning drive may depend on beside the place: the terms of every record, and the effects.
+
+Every interval of the output angle has a zero of its own under torques of either sign: the error that the size of the
+torque, sense and temperature do not change is the unit's, and is described by its orders. A term or effect is one or
+two columns over the cells; each column is scaled so that its size is an angle [arcmin] at the largest torque, in either
+sense or at either end of the temperatures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
+from pipeline.identification.record.turn_record import SAME_TEMPERATURE_K, TurnRecord
+
+Real = NDArray[np.float64]
+
+MOST_STRAIGHT = 2
+"""Sizes of torque that tell no softening from the zeros."""
+LEAST_SPEED_RATIO = 1.2
+"""Quotient of the fastest and the slowest pass from which friction that grows with the speed can be tested."""
+POINTS_A_WAVE = 4
+"""Intervals in a wave from which it can be tested."""
+LEAST_WAVES = 1.0
+"""Waves over the angle that was turned from which one can be tested."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """Columns over the cells that belong together.
+
+    Attributes
+    ----------
+    name, title : of the term.
+    physics : what it is; empty of the terms that every record has.
+    columns : (n_cells, 1 or 2), each with an angle [arcmin] for its size.
+    """
+
+    name: str
+    title: str
+    physics: str
+    columns: Real
+
+
+@dataclass(frozen=True)
+class Covariates:
+    """What the cells differ in, scaled.
+
+    Attributes
+    ----------
+    torque : (n_cells,) over the largest torque.
+    sense : (n_cells,) 1 forward, -1 backward.
+    lag : (n_cells,) difference of the senses at each held torque over the largest one.
+    warm, fast : (n_cells,) temperature and speed about their means, -1 to 1 at most; zeros where they do not vary.
+    """
+
+    torque: Real
+    sense: Real
+    lag: Real
+    warm: Real
+    fast: Real
+
+    @classmethod
+    def of(cls, record: TurnRecord) -> Covariates:
+        """Those of a record."""
+        cells, passes = record.cells, record.passes
+        torque = cells.torque / max(record.largest_torque, 1e-12)
+        sense = passes.sense[cells.owner].astype(float)
+        temperature = passes.temperature - _middle(passes.temperature)
+        reach = float(np.nanmax(np.abs(temperature))) if np.any(np.isfinite(temperature)) else 0.0
+        warm = np.nan_to_num(temperature)[cells.owner] / reach if 2 * reach > SAME_TEMPERATURE_K else 0 * torque
+        speed = passes.speed - _middle(passes.speed)
+        varies = np.all(np.isfinite(speed)) and passes.speed.max() > LEAST_SPEED_RATIO * passes.speed.min()
+        fast = speed[cells.owner] / np.max(np.abs(speed)) if varies else 0 * torque
+        return cls(torque, sense, _lags(record), warm, fast)
+
+
+def _lags(record: TurnRecord) -> Real:
+    """Difference of the senses at each cell's held torque over the largest one (n_cells,); ones without both senses."""
+    level, sense = (values[record.cells.owner] for values in (record.passes.level, record.passes.sense))
+    lags = np.ones(len(record.levels))
+    for number in range(len(lags)):
+        senses = [record.cells.error[(level == number) & (sense == sign)] for sign in (1, -1)]
+        lags[number] = abs(senses[0].mean() - senses[1].mean()) if all(map(len, senses)) else np.nan
+    if not np.all(np.isfinite(lags)) or not lags.max() > 0:
+        return np.ones(len(level))
+    loaded = np.abs(record.levels) >= LEVEL_SHARE * record.largest_torque
+    return (lags / lags[loaded].max() if loaded.any() else lags / lags.max())[level]
+
+
+def _middle(values: Real) -> float:
+    """Middle of the range of values; NaN of none."""
+    finite = values[np.isfinite(values)]
+    return 0.5 * float(finite.min() + finite.max()) if finite.size else float("nan")
+
+
+def base_terms(record: TurnRecord) -> list[Term]:
+    """The terms that every drive has under torque, as far as the record can tell them apart."""
+    values = Covariates.of(record)
+    sizes, both = loaded_sizes(record), len(np.unique(record.passes.sense)) > 1
+    torque, sense = values.torque, values.sense
+    candidates = {
+        "compliance": ("compliance", torque, sizes > 1),
+        "softening": ("growth of the twist with the torque squared", torque * np.abs(torque), sizes > MOST_STRAIGHT),
+        "friction": ("half of the lag between the senses, alike at all torques", sense, both),
+        "load_friction": ("half of the lag in proportion to the torque", sense * np.abs(torque), both and sizes > 1),
+    }
+    return [Term(name, title, "", column[:, None]) for name, (title, column, known) in candidates.items() if known]
+
+
+def loaded_sizes(record: TurnRecord) -> int:
+    """How many sizes of torque beside zero were held."""
+    sizes = np.abs(record.levels) / max(record.largest_torque, 1e-12)
+    return len(np.unique(np.round(sizes[sizes >= LEVEL_SHARE] / LEVEL_SHARE)))
+
+
+def effects(record: TurnRecord) -> tuple[list[Term], dict[str, str]]:
+    """The effects that a record can test, and why not of the others, by name."""
+    values, tested, reasons = Covariates.of(record), [], {}
+    both, several = len(np.unique(record.passes.sense)) > 1, loaded_sizes(record) > 1
+    for name, title, physics, column, reason in _plain(values, both, several):
+        if reason:
+            reasons[name] = reason
+        else:
+            tested.append(Term(name, title, physics, column[:, None]))
+    for wave, (title, order) in record.orders.waves.items():
+        acting = {
+            f"compliance_{wave}": (
+                f"compliance that varies {title}",
+                COMPLIANCE,
+                values.torque,
+                len(record.levels) > 1,
+            ),
+            f"friction_{wave}": (f"friction that varies {title}", FRICTION, values.sense, both),
+        }
+        missing = _untold(record, order)
+        for name, (of_effect, physics, factor, known) in acting.items():
+            reason = missing or ("" if known else ONE_LEVEL if factor is values.torque else ONE_SENSE)
+            if reason:
+                reasons[name] = reason
+            else:
+                columns = factor[:, None] * np.column_stack(record.wave(order))
+                tested.append(Term(name, of_effect, physics, columns))
+    return tested, reasons
+
+
+COMPLIANCE = (
+    "bearings, teeth or supports of unlike stiffness follow each other: the error grows in proportion to the torque, "
+    "alike in both senses"
+)
+FRICTION = "the torque that friction takes varies over the turn: the senses lag unlike, at all torques"
+ONE_LEVEL, ONE_SENSE = "fewer than two sizes of torque beside zero are held", "the drive turns in one sense alone"
+
+
+def _untold(record: TurnRecord, order: float) -> str:
+    """Why waves of an order cannot be tested, or ""."""
+    waves = order * record.span_deg / 360.0
+    if waves < LEAST_WAVES:
+        return f"the record covers {waves:.2g} of a wave"
+    if record.n_intervals < POINTS_A_WAVE * waves:
+        return f"{record.n_intervals} intervals hold {waves:.0f} waves; {POINTS_A_WAVE} intervals to a wave are needed"
+    return ""
+
+
+def _plain(values: Covariates, both: bool, several: bool) -> Iterator[tuple[str, str, str, Real, str]]:
+    """Name, title, physics, column and reason against it of the effects of temperature and speed."""
+    same, steady = "no temperature that varies", "no speed that varies"
+    warm, fast = np.any(values.warm), np.any(values.fast)
+    yield (
+        *("zero_over_temperature", "zero of the error that moves with the temperature"),
+        "parts of unlike expansion, or the holder of an encoder, move as the drive warms",
+        *(values.warm, "" if warm else same),
+    )
+    yield (
+        *("compliance_over_temperature", "compliance that changes with the temperature"),
+        "clearances and moduli change: the spring of a warm drive differs",
+        *(values.warm * values.torque, (same if not warm else "" if several else ONE_LEVEL)),
+    )
+    yield (
+        *("friction_over_temperature", "friction that changes with the temperature"),
+        "the lubricant gets thinner",
+        *(values.warm * values.sense * values.lag, (same if not warm else "" if both else ONE_SENSE)),
+    )
+    yield (
+        *("friction_over_speed", "friction that changes with the speed"),
+        "viscous or mixed friction of the lubricant (Stribeck)",
+        *(values.fast * values.sense * values.lag, (steady if not fast else "" if both else ONE_SENSE)),
+    )
