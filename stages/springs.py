@@ -19,7 +19,7 @@ COEFFICIENT_COLUMNS = {
     "logarithmic_mm_per_N": ("logarithmic", "mm/N", "c"),
     "power_mm": ("power", "mm/N^m", "k"),
     "exponent": ("exponent", "1", "m"),
-    "force_limit_N": ("force_limit", "N", "force beyond which the law goes on along its tangent"),
+    "force_limit_N": ("force_limit", "N", "force beyond which the law is extrapolated linearly"),
     "pressure_MPa": ("pressure", "MPa/N^0.5", "peak Hertz pressure over the square root of the force"),
 }
 COEFFICIENTS = Table(

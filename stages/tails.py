@@ -28,9 +28,9 @@ FAR_TAILS = Table(
         Column("value", "float64", "1 or the metric's", "estimate"),
         Column("ci_low", "float64", "1 or the metric's", "lower end of the confidence interval"),
         Column("ci_high", "float64", "1 or the metric's", "upper end of the confidence interval"),
-        Column("units", "int32", "1", "units that a rough model looked at"),
+        Column("units", "int32", "1", "units evaluated with the surrogate"),
         Column("solved", "int32", "1", "of them load-solved"),
-        Column("effective", "float64", "1", "independent units, all solved, that would know it as well"),
+        Column("effective", "float64", "1", "effective sample size: fully solved units with the same accuracy"),
     ),
 )
 

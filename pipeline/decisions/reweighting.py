@@ -179,7 +179,7 @@ def _unmovable(wide: Study, narrow: Study, name: str) -> str:
     keeps = kept_of_one(wide_tolerance, narrow_tolerance) ** count
     return (
         f"tolerances.{name} moves {count} elements at once, of which independent ones keep {100 * keeps:.2g} % of the "
-        "effective units; the same draws rescaled tell it: make compare"
+        "effective units; use the same draws rescaled: make compare"
     )
 
 

@@ -124,7 +124,7 @@ def _wrong_keys(table: TableFile) -> list[str]:
         return []
     return [
         *table.faults("unit", table.is_blank("unit"), "must be the name of the unit"),
-        *table.faults("unit", table.cells.duplicated(keys).to_numpy(), "stands twice; name each unit once"),
+        *table.faults("unit", table.cells.duplicated(keys).to_numpy(), "occurs twice; name each unit once"),
     ]
 
 

@@ -54,7 +54,7 @@ class SingleUnits:
     def sentence(self) -> str:
         """Which units differ by themselves."""
         if len(self.units) < FEWEST_UNITS:
-            return f"Fewer than {FEWEST_UNITS} units have all metrics, so none can be told from a shift of all."
+            return f"Fewer than {FEWEST_UNITS} units have all metrics, so a single unit cannot be distinguished from a shift of all."
         if self.samples < self.fewest_samples:
             return (
                 f"To name a single unit among {len(self.units)} the study needs {self.fewest_samples:,} samples; "
@@ -65,7 +65,7 @@ class SingleUnits:
                 "No single unit differs from the others by more than the tolerances allow (5 % level over all units)."
             )
         return (
-            f"Apart from the shift that all units share, these units differ by themselves: {', '.join(self.outlying)}. "
+            f"Apart from the shift that all units share, these units differ individually: {', '.join(self.outlying)}. "
             "Measure their parts or their loops."
         )
 

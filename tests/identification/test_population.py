@@ -260,7 +260,7 @@ def test_problems_of_units_csv_come_at_once(tmp_path):
     assert "did you mean 'zero_torque_width_arcmin'" in lines
     assert "units.csv:3: lost_motion_arcmin = -2" in lines
     assert 'units.csv:4: lost_motion_arcmin = "x"' in lines
-    assert 'units.csv:3: unit = "a"; stands twice' in lines
+    assert 'units.csv:3: unit = "a"; occurs twice' in lines
 
 
 def test_a_run_on_disk_is_read_without_its_nominal_reducer(tmp_path, study, population):

@@ -260,7 +260,7 @@ def test_a_unit_whose_nearest_effect_is_not_named_says_what_is_left_of_it() -> N
 @pytest.mark.parametrize(
     ("angles", "cranks", "words"),
     [
-        ("unknown", [0.0, 60.0], "0° and 60°, which only tell the positions apart: the angles are not known"),
+        ("unknown", [0.0, 60.0], "0° and 60°, which only distinguish positions: the angles are not known"),
         ("measured", [0.0, 60.0], "0° and 60°"),
         ("measured", [], "–"),  # of files that have none
     ],
@@ -287,7 +287,7 @@ def test_the_page_says_which_prediction_is_ahead() -> None:
     )
     sentence = comparison_sentence(identification)
     assert "The model is behind the best of them, replay, by a factor of 1.25" in sentence
-    assert "with what is expected to come again is ahead of it by 2.00" in sentence
+    assert "with the predicted systematic residual is ahead of it by 2.00" in sentence
     (title, error), *others = other_errors(identification).items()
     assert "50 % of its variance common" in title
     assert error is identification.carried

@@ -114,7 +114,7 @@ def test_a_case_lists_one_diameter_for_each_output_pin():
             "see 3 phases of their pitch; take 239",
         ),
         ("cycle.crank_deg", [0.0, 0.0], "cycle.crank_deg = [0.0, 0.0]; angles must rise"),
-        ("cycle.loaded_angles", 31, "cycle.crank_deg = [0.0, 90.0]; stands beside loaded_angles; keep the one"),
+        ("cycle.loaded_angles", 31, "cycle.crank_deg = [0.0, 90.0]; cannot be combined with loaded_angles; keep one"),
         (
             "cycle.rigid_angles",
             180,

@@ -168,7 +168,7 @@ def _until(samples: Samples, limits: Limits | None) -> Iterator[Mistake]:
             f"must be >= samples.count = {samples.count}, which the study begins with",
         )
     if limits is not None and not limits.of_metrics:
-        yield Mistake(key, None, "asks for a yield, and [limits] sets no limit; set one, as lost_motion_arcmin = 2.8")
+        yield Mistake(key, None, "requires a yield, but [limits] sets no limit; set one, as lost_motion_arcmin = 2.8")
 
 
 def _tails(tails: Tails, samples: Samples, limits: Limits, design: Design) -> Iterator[Mistake]:
@@ -181,7 +181,9 @@ def _tails(tails: Tails, samples: Samples, limits: Limits, design: Design) -> It
 def _drivers(drivers: Drivers, samples: Samples) -> Iterator[Mistake]:
     key, count = "drivers.base_samples", drivers.base_samples
     if 0 < count < FEWEST_BASE_SAMPLES:
-        yield Mistake(key, count, f"must be 0 (no drivers by variance) or >= {FEWEST_BASE_SAMPLES}; 1000 tell well")
+        yield Mistake(
+            key, count, f"must be 0 (no drivers by variance) or >= {FEWEST_BASE_SAMPLES}; use 1000 for results"
+        )
     if count and samples.experiment == "cases":
         yield Mistake(key, count, "must be 0 where cases are listed: stated units have no variance to share")
 
@@ -255,7 +257,7 @@ def _phases(cycle: Cycle, design: Design | None) -> Iterator[Mistake]:
 
 def _cycle(cycle: Cycle, samples: Samples | None, raw: Mapping[str, Any]) -> Iterator[Mistake]:
     if {"loaded_angles", "crank_deg"} <= set(raw["cycle"]):
-        yield Mistake("cycle.crank_deg", cycle.crank_deg, "stands beside loaded_angles; keep the one or the other")
+        yield Mistake("cycle.crank_deg", cycle.crank_deg, "cannot be combined with loaded_angles; keep one of them")
     if any(angle_after <= angle_before for angle_before, angle_after in itertools.pairwise(cycle.crank_deg)):
         yield Mistake("cycle.crank_deg", cycle.crank_deg, "angles must rise")
     if cycle.crank_deg[-1] >= cycle.turn_deg:

@@ -60,7 +60,7 @@ def priced_tolerances(study: Study) -> tuple[tuple[Priced, ...], dict[str, str]]
     of_turn = [name for name in study.limits.of_metrics if name not in library()]
     if of_turn:
         raise InputError(
-            f"study {study.name}: limits.{name}: an allocation knows the metrics of a loop, {name} is one of the turn; "
+            f"study {study.name}: limits.{name}: an allocation uses metrics of a loop, {name} is one of the turn; "
             "take it out of a copy of the study"
             for name in of_turn
         )

@@ -184,7 +184,7 @@ def _study_text(identification: Identification, trial: Trial, kind: str) -> str:
 def _study_content(study: Study, identification: Identification, trial: Trial, kind: str) -> Mapping[str, Any]:
     unit, problem = identification.measurement.unit, identification.problem
     content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude=OF_SAMPLES)
-    claim = ": it describes, nothing is claimed" if kind == BEST else ""
+    claim = ": a description, no effect is named" if kind == BEST else ""
     content["title"] = f"{unit.settings.title}: {kind} model"
     content["description"] = f"The {kind} model of the measured unit {unit.name}{claim}."
     cranks = tuple(sorted({round(float(crank) % 360, 6) for crank in identification.measurement.drive_cranks}))

@@ -34,17 +34,17 @@ class SamplesSection:
         count = counted(samples.count, "sample")
         accuracy = f"±{plain(100 * samples.until.yield_half_width)} %"
         if share is None:
-            return f"It ended at {count}, the most that it may take: no unit tells the yield."
+            return f"It ended at {count}, the largest number allowed: no unit has a value for every limited metric."
         half = (share.ci_high - share.ci_low) / 2
         if half <= samples.until.yield_half_width:
             return (
-                f"It went on in batches until the yield was known to {accuracy} and ended at {count}, which tell it to "
+                f"Units were added in batches until the interval reached {accuracy}. It ended at {count}, with "
                 f"±{100 * half:.2g} %."
             )
         required = units_for_yield(share.value, samples.until.yield_half_width, self.frames.study.metrics.confidence)
         return (
-            f"It ended at {count}, the most that it may take (samples.until.at_most): they tell the yield to "
-            f"±{100 * half:.2g} % and not to {accuracy}, for which about {required:,} would be needed."
+            f"It ended at {count}, the largest number allowed (samples.until.at_most), with a half width of "
+            f"±{100 * half:.2g} %, not {accuracy}, which requires about {required:,} units."
         )
 
     @property

@@ -61,7 +61,7 @@ def comparison_sentence(identification: Identification) -> str:
     if identification.carried is None:
         return f"{sentence}."
     comparison, ratio = _rank_beside(identification.carried, best)
-    return f"{sentence}; the best description with what is expected to come again is {comparison} it by {ratio}."
+    return f"{sentence}; the best description with the predicted systematic residual is {comparison} it by {ratio}."
 
 
 def _rank_beside(error: AngleError, best: AngleError) -> tuple[str, str]:
@@ -73,16 +73,14 @@ def _rank_beside(error: AngleError, best: AngleError) -> tuple[str, str]:
 def tolerances_sentence(identification: Identification) -> str:
     """Which dimensions were measured, and what stands for those that were not."""
     unit = identification.measurement.unit
-    modes = f"{counted(identification.problem.n_modes, 'mode')} of them stand for what units of the study's"
+    modes = f"{counted(identification.problem.n_modes, 'mode')} represent how units of the study's"
     if unit.dimensions is None:
-        return f"The tolerances were not measured: {modes} distributions differ by."
+        return f"The tolerances were not measured: {modes} distributions differ."
     names = [name.replace("_", " ") for name in unmeasured(unit.study, unit.dimensions)]
     if not names:
         return "All tolerances are as measured."
     file = unit.settings.as_measured
-    return (
-        f"Tolerances that {file} does not state were not measured ({listed(names)}): {modes} distributions differ by."
-    )
+    return f"Tolerances that {file} does not state were not measured ({listed(names)}): {modes} distributions differ."
 
 
 def data_sentence(identification: Identification) -> str:
@@ -101,7 +99,7 @@ def rows_facts(identification: Identification | FaultyUnit) -> list[tuple[str, s
     """What was read."""
     rows = identification.measurement.rows
     unknown = identification.measurement.unit.settings.crank_angles == "unknown"
-    note = ", which only tell the positions apart: the angles are not known" if unknown else ""
+    note = ", which only distinguish positions: the angles are not known" if unknown else ""
     return [
         ("Rows", f"{counted(len(rows), 'row')} in {counted(len(rows.files), 'file')}"),
         crank_fact(identification.measurement, note),
@@ -170,6 +168,6 @@ def other_errors(identification: Identification) -> dict[str, AngleError]:
         errors[f"best description, not claimed: {title_of(name)}"] = identification.described
     if identification.carried:
         share = digits(100 * identification.folds.common_share, 2)
-        title = "best description with what of its training residual is expected to come again"
+        title = "best description with the predicted systematic residual"
         errors[f"{title} ({share} % of its variance common to all positions)"] = identification.carried
     return {**errors, **identification.baselines}

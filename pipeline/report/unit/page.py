@@ -55,7 +55,7 @@ CAPTIONS = {
     ),
     "torque": (
         "Residual over torque",
-        "Branches that part from each other show friction, a step at zero torque play, a slope compliance. A few cells "
+        "A distance between the branches shows friction, a step at zero torque play, a slope compliance. A few cells "
         "in which the angle jumps through the play lie beyond the axes.",
     ),
     "time": ("Residual over time and crank angle", "Drift, run-in and whatever differs from position to position."),
@@ -171,4 +171,4 @@ def _tested(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str,
 
 def _after(identification: Identification) -> str:
     """What the third of the models is."""
-    return "With what is named" if identification.verdict.named else "After: nothing is claimed, as refitted"
+    return "With what is named" if identification.verdict.named else "After: no effect named, as refitted"

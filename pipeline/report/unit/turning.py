@@ -22,7 +22,7 @@ TURNING_CAPTIONS = {
     ),
     "torque": (
         "Residual over the crank angle",
-        "Senses that part from each other show friction, waves eccentricity, ovality or an encoder.",
+        "A distance between the senses shows friction, waves eccentricity, ovality or an encoder.",
     ),
     "time": (
         "Orders of the crank",
