@@ -15,9 +15,19 @@ from keys import write_keys  # noqa: E402
 from tables import write_tables  # noqa: E402
 
 project = "Tolerance study of cycloid reducers"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc", "sphinx_gallery.gen_gallery"]
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "generated/gallery",
+    "filename_pattern": r"/plot_",
+    "write_computation_times": False,
+    "within_subsection_order": "FileNameSortKey",
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "show_memory": False,
+}
 templates_path = ["templates"]
-exclude_patterns = ["generated/*.md", "templates"]
+exclude_patterns = ["generated/*.md", "gallery", "generated/gallery/*.ipynb", "templates"]
 html_theme = "furo"
 html_title = project
 html_show_sphinx = False

@@ -61,7 +61,7 @@ def test_every_page_is_in_the_table_of_contents() -> None:
     docs = ROOT / "docs"
     pages = [*docs.iterdir(), *(docs / "validation").iterdir()]
     written = {str(page.relative_to(docs).with_suffix("")) for page in pages if page.suffix in {".md", ".rst"}}
-    assert names == written - {"index"}
+    assert names == written - {"index"} | {"generated/gallery/index"}
 
 
 def test_every_make_target_named_exists() -> None:
