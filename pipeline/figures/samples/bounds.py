@@ -21,7 +21,7 @@ def bounds_figure(bounds: pd.DataFrame, stacks: pd.DataFrame) -> Figure:
     Parameters
     ----------
     bounds : ``metric``, ``crank_deg``, ``value``; one or more bounds each.
-    stacks : ``metric``, ``crank_deg``, ``statistic`` (mean, std, far: 99.73 % on the bad side), ``linear``, ``full``.
+    stacks : ``metric``, ``crank_deg``, ``statistic`` (mean, std, or far: 99.73 %, worse side), ``linear``, ``full``.
     """
     metrics = list(dict.fromkeys(stacks["metric"]))
     cranks = sorted(set(stacks["crank_deg"]))
@@ -52,7 +52,7 @@ def _crank(axes: Axes, crank_index: int, bounds: pd.DataFrame, stacks: pd.DataFr
         mean, spread = (float(values.loc[name, column]) for name in ("mean", "std"))
         axes.plot(mean + DEVIATIONS * spread * np.array([-1, 1]), [y, y], color=colour, linewidth=4.0, alpha=0.4)
         axes.plot([mean], [y], "o", color=colour, markersize=4.5, label=f"{label}: mean ± 3 σ" if is_first else None)
-        tail_label = "99.73 % on the bad side" if is_first and column == "full" else None
+        tail_label = "99.73 % quantile (worse side)" if is_first and column == "full" else None
         axes.plot(
             [float(values.loc["far", column])], [y], "|", color=INK, markersize=9, markeredgewidth=1.4, label=tail_label
         )

@@ -72,7 +72,7 @@ ON_A_BENCH = frozenset(
 """The readings that a measured loop has."""
 
 
-DIGITS = 5
+DIGITS = 3
 """Digits of a number that people read: more are told by no study."""
 
 
@@ -95,8 +95,8 @@ class Quantity:
         return self.title if self.unit == "1" else f"{self.title} ({self.unit})"
 
     def text(self, value: float) -> str:
-        """The value without the unit: with its digits after the point, of large ones with five digits in all."""
-        before_point = math.floor(math.log10(abs(value))) + 1 if math.isfinite(value) and abs(value) >= 1 else 1
+        """The value without the unit: three digits, more only before the point; at most its digits after the point."""
+        before_point = math.floor(math.log10(abs(value))) + 1 if math.isfinite(value) and abs(value) >= 1 else 0
         return signed(value, min(self.decimals, max(DIGITS - before_point, 0)))
 
 

@@ -13,7 +13,6 @@ from pipeline.figures.samples.bounds import bounds_figure
 from pipeline.report.layout.pictures import Picture, drawn_picture
 from pipeline.report.layout.rendering import rendered
 from pipeline.report.layout.wording import number, percent, percent_interval
-from pipeline.report.unit.numbers import capitalised
 
 TEMPLATE = "decisions/bounds.html"
 LARGEST_GAP = 0.1
@@ -54,9 +53,9 @@ def bounds_sentence(bounds: pd.DataFrame, stacks: pd.DataFrame) -> str:
         extreme, side = (pd.Series.min, "at least") if metric.smaller_is_worse else (pd.Series.max, "at most")
         far = stacks[(stacks["metric"] == name) & (stacks["statistic"] == "far")]["full"]
         unit = "" if metric.unit == "1" else f" {metric.unit}"
-        drawn = f"; 99.73 % of drawn units have {side} {number(extreme(far), metric)}{unit}" if len(far) else ""
+        drawn = f" (99.73 % of drawn units: {side} {number(extreme(far), metric)}{unit})" if len(far) else ""
         parts.append(f"{metric.inline} {number(extreme(rows['value']), metric)}{unit}{drawn}")
-    return f"Worst case with every error anywhere within its limits: {'. '.join(capitalised(part) for part in parts)}."
+    return f"With every error anywhere within its limits the worst values are: {', '.join(parts)}."
 
 
 def _picture(bounds: pd.DataFrame, stacks: pd.DataFrame, folder: Path) -> Picture:

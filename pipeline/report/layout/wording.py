@@ -3,13 +3,15 @@
 import math
 from collections.abc import Sequence
 
-from pipeline.model.metrics import Quantity
+from pipeline.model.metrics import Quantity, signed
 
 NOTHING = "\u2013"
 """En dash: no value, or an end of an interval that the samples do not determine."""
 UNDETERMINED = "not determined"
 
 SHARE = Quantity("Share of units", "%", 1)
+FINEST_SHARE = 4
+"""Decimals of a share in percent at most: parts per million."""
 
 
 def number(value: float, quantity: Quantity) -> str:
@@ -26,13 +28,22 @@ def interval(low: float, high: float, quantity: Quantity) -> str:
 
 def percent(share: float) -> str:
     """A share in percent, with its sign."""
-    return f"{number(100 * share, SHARE)} %" if math.isfinite(share) else NOTHING
+    return f"{_percentage(share)} %" if math.isfinite(share) else NOTHING
+
+
+def _percentage(share: float) -> str:
+    """A share in percent without its sign; one that is neither 0 nor 1 is not rounded to either."""
+    decimals = SHARE.decimals
+    while 0 < share < 1 and round(100 * share, decimals) in (0, 100) and decimals < FINEST_SHARE:
+        decimals += 1
+    return SHARE.text(100 * share) if decimals == SHARE.decimals else signed(100 * share, decimals)
 
 
 def percent_interval(low: float, high: float) -> str:
     """A confidence interval of a share in percent."""
-    text = interval(100 * low, 100 * high, SHARE)
-    return text if text == UNDETERMINED else f"{text} %"
+    if not (math.isfinite(low) or math.isfinite(high)):
+        return UNDETERMINED
+    return f"{' to '.join(_percentage(end) if math.isfinite(end) else NOTHING for end in (low, high))} %"
 
 
 def plain(value: float | int) -> str:

@@ -16,7 +16,7 @@ from pipeline.engine.store import Output
 from pipeline.figures import style
 from pipeline.figures.labels import METRICS
 from pipeline.report.frames import HEADLINES
-from pipeline.report.layout.wording import interval, percent_interval, plain
+from pipeline.report.layout.wording import interval, percent, percent_interval, plain
 from pipeline.report.turn.section import TurnSection
 from stages import report
 from stages.chain import REPORT, STAGES
@@ -94,14 +94,14 @@ def test_key_numbers_are_those_of_the_tables(page, frames):
         quantity = METRICS[metric]
         limit, share = getattr(frames.study.limits, metric), worst.loc[(metric, "yield")]
         expected = [f"{'≥' if quantity.smaller_is_worse else '≤'} {plain(limit)}"]
-        expected.append(f"{100 * share['value']:.1f} %|{percent_interval(share['ci_low'], share['ci_high'])}")
+        expected.append(f"{percent(share['value'])}|{percent_interval(share['ci_low'], share['ci_high'])}")
         for statistic in ("mean", "p05", "p95", "std"):
             row = worst.loc[(metric, statistic)]
             expected.append(f"{quantity.text(row['value'])}|{interval(row['ci_low'], row['ci_high'], quantity)}")
         expected.append(quantity.text(frames.units.loc[frames.units["sample"] == 0, f"{metric}_worst"].item()))
         assert cells(page, quantity.title) == expected
     combined = worst.loc[("all_limits", "yield"), "value"]
-    assert cells(page, "All limits together")[1].startswith(f"{100 * combined:.1f} %|")
+    assert cells(page, "All limits together")[1].startswith(f"{percent(combined)}|")
 
 
 def test_numbers_at_each_crank_angle_are_those_of_the_tables(page, frames):

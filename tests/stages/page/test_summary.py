@@ -12,6 +12,7 @@ from pipeline.config.studies.study import ALL_LIMITS, Limits, PublishedUnit
 from pipeline.figures.labels import METRICS
 from pipeline.report.explorer import explorer
 from pipeline.report.frames import Frames
+from pipeline.report.layout.wording import percent
 from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges, next_target
 from pipeline.statistics import pass_share
 
@@ -55,7 +56,7 @@ def test_every_limit_has_a_card_and_the_worst_yield_stands_first(frames):
     assert titles == [
         METRICS[name].title for name in ("peak_pressure_MPa", "lost_motion_arcmin", "clearance_backlash_arcmin")
     ]
-    assert re.findall(r'<p class="big">([\d.]+ %)', cards) == ["66.7 %", "91.7 %", "100.0 %"]
+    assert re.findall(r'<p class="big">([\d.]+ %)', cards) == ["66.7 %", "91.7 %", "100 %"]
     assert "main contributor: <b>tangential pin position (94.0 % of its variance)</b>" in cards
 
 
@@ -63,7 +64,7 @@ def test_one_sentence_names_the_limit_that_fails_and_its_driver(frames):
     page = written(failing_on_pressure(frames))
     interval = pass_share(np.arange(12) < 4, 0.95)
     assert (
-        f"33.3 % of the units fail (95 % CI {100 * interval.ci_low:.1f} to {100 * interval.ci_high:.1f} %); 100.0 % of "
+        f"33.3 % of the units fail (95 % CI {100 * interval.ci_low:.1f} to {100 * interval.ci_high:.1f} %); 100 % of "
         "these on peak Hertz pressure; its main contributor is the tangential pin position (94.0 % of its variance)."
     ) in page
 
@@ -195,4 +196,24 @@ def test_a_published_unit_is_beside_the_prediction_and_said_to_lie_outside_of_it
     assert "inside: the measured" not in page
     assert "outside: at 20 C. Source: a paper." in page
     shares = re.findall(r'data-label="Predicted units below">([^<]*)<', page)
-    assert shares == [f"{100 * (values < values.median()).mean():.1f} %", "100.0 %"]
+    assert shares == [percent(float((values < values.median()).mean())), "100 %"]
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [
+        (1.0, "100 %"),
+        (0.0, "0.0 %"),
+        (0.9996, "99.96 %"),
+        (0.99996, "99.996 %"),
+        (0.004, "0.4 %"),
+        (0.00004, "0.004 %"),
+    ],
+)
+def test_a_share_is_rounded_to_0_or_100_percent_only_where_it_is_that(share, text):
+    assert percent(share) == text
+
+
+@pytest.mark.parametrize(("value", "text"), [(1.8591, "1.86"), (0.12441, "0.124"), (12.345, "12.3"), (3917.4, "3,917")])
+def test_numbers_have_three_digits(value, text):
+    assert METRICS["lost_motion_arcmin"].text(value) == text
