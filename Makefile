@@ -1,3 +1,11 @@
+# What a user gives is text: make itself expands no part of it either, from the command line or the environment.
+GIVEN := STUDY JOBS STAGE A B ALSO CSV YIELD UNIT SERIES OVER UNITS DATA DIMENSIONS RUN COUNT SEED CASES FIRST MESH DESIGN OUT THIRD
+define AS_TEXT
+override $(1) := $$(value $(1))
+export $(1)
+endef
+$(foreach name,$(GIVEN),$(if $(filter-out undefined,$(origin $(name))),$(eval $(call AS_TEXT,$(name)))))
+
 # What a user calls. Every target makes the virtual environment first if it is missing or out of date.
 # The newest Python of those that the packages are pinned for; PYTHON=python3.12 takes another.
 SUITS := import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info < (3, 15))

@@ -114,7 +114,7 @@ def test_make_runs_no_command_that_a_variable_holds(tmp_path: Path, target: str)
     (tmp_path / "stages").mkdir()
     shutil.copy(ROOT / "stages/chain.py", tmp_path / "stages")
     (tmp_path / ".venv/installed").touch()
-    value = "a b'; touch y; `touch y` \"|&>y"
+    value = "a b'; touch y; `touch y` \"|&>y $(shell touch y) $(touch y) $$HOME"
     command = ["make", "-s", goal, *given, f"{variable}={value}"]
     environment = {name: text for name, text in os.environ.items() if not name.startswith("MAKE")}
     process = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
@@ -123,9 +123,16 @@ def test_make_runs_no_command_that_a_variable_holds(tmp_path: Path, target: str)
     assert not (tmp_path / "y").exists()
 
 
+def test_the_makefile_takes_every_variable_as_text() -> None:
+    """`make why STUDY='$(shell touch y)'` ran a command of make, before any shell."""
+    text = (ROOT / "Makefile").read_text()
+    (given,) = re.findall(r"^GIVEN := (.*)$", text, re.M)
+    assert set(re.findall(r'"\$\$([A-Z]+)"', text)) | {"ALSO"} == set(given.split())
+
+
 def test_every_variable_of_a_user_is_quoted_in_the_makefile() -> None:
     """Recipes name it as "$$NAME", or test whether it is given; $(NAME) itself would be read by the shell."""
-    ours = {"PIPELINE", "VENV", "JOBS_OPTION", "NO_PYTHON", "PLAIN_STAGES", "SUITS", "PYTHON", "MAKE"}
+    ours = {"PIPELINE", "VENV", "JOBS_OPTION", "NO_PYTHON", "PLAIN_STAGES", "SUITS", "PYTHON", "MAKE", "VALIDATION"}
     recipes = [line for line in (ROOT / "Makefile").read_text().splitlines() if line.startswith("\t")]
     expanded = {name for line in recipes for name in re.findall(r"(?<!if )\$\((\w+)\)", line)}
     assert expanded <= ours
