@@ -21,7 +21,9 @@ Real = NDArray[np.float64]
 NODES = (0.004, 0.02, 0.08, 0.3, 0.65, 1.06)
 """Net torques of each sense at which the drive is solved, over the largest one held."""
 RAD_PER_ARCMIN = np.pi / 10800
+"""Radians of a minute of arc."""
 UM = 1e-3
+"""Millimetres of a micrometre."""
 
 
 @dataclass(frozen=True)
