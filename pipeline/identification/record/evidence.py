@@ -251,7 +251,7 @@ class RecordEvidence:
         return self.place[self.base[-1].name].stop if self.base else 0
 
     def columns_of(self, names: Sequence[str], name: str) -> slice:
-        """Place of an effect's sizes among those of a model of some effects."""
+        """Place of an effect's sizes among those of a model of some effects; KeyError if it is none of them."""
         start = self.n_base
         for member in names:
             width = self.place[member].stop - self.place[member].start
