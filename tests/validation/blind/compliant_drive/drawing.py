@@ -28,8 +28,9 @@ PALMGREN_MM, BY_FORCE, BY_LENGTH = 3.84e-5, 0.9, 0.8
 """Approach of steel cylinders 3.84e-5 Q^0.9 / L^0.8: Palmgren, Ball and Roller Bearing Engineering (1959). It gives the
 size of a contact's law at its usual force; the power is drawn."""
 COUPLED_SHARE = 0.25
-"""Share of a half-plane's compliance that the web of an elastic disk has. Their files state rigid disks: with all of it
-the drive would be softer than its stated numbers can make it, which the library names rightly a torsion in series."""
+"""Share of a half-plane's compliance that the web of an elastic disk has. The unit files state rigid disks. With all of
+it one unit without an effect was named a torsion in series; on one unit the disk did less than half of the work that the
+matrix of a finite-element disk does, so the share is a choice and no validation of elastic disks."""
 POWERS, LAW_OFF = (1.02, 1.16), 0.08
 """Powers of the law, and deviation of the logarithm of its size."""
 
