@@ -125,12 +125,12 @@ def two_fidelity_indices(low: Real, high: Real, confidence: float) -> VarianceIn
     groups, complete = len(low) - 2, np.all(np.isfinite(low), axis=0)
     chosen = complete & np.all(np.isfinite(high), axis=0)
     if np.count_nonzero(chosen) < FEWEST_BASE_SAMPLES or np.ptp(high[:2, chosen]) == 0:
-        return _unknown_indices(groups, np.count_nonzero(chosen))
+        return _unknown_indices(groups, int(np.count_nonzero(chosen)))
     of_high = _moments(_scaled(high[:, chosen].T))
     of_low = _moments(_scaled(low[:, complete].T))
     paired, rest = of_low[chosen[complete]], of_low[~chosen[complete]]
     halves = np.arange(len(paired)) % 2
-    means, resampled = 0.0, 0.0
+    means, resampled = np.zeros(of_high.shape[1:]), np.zeros((RESAMPLES, *of_high.shape[1:]))
     for half in range(2):
         own, other = halves == half, halves != half
         coefficient = _control_coefficient(of_high[other], paired[other], len(rest))

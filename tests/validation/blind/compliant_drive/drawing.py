@@ -29,8 +29,8 @@ PALMGREN_MM, BY_FORCE, BY_LENGTH = 3.84e-5, 0.9, 0.8
 size of a contact's law at its usual force; the power is drawn."""
 COUPLED_SHARE = 0.25
 """Share of a half-plane's compliance that the web of an elastic disk has. The unit files state rigid disks. With all of
-it one unit without an effect was named a torsion in series; on one unit the disk did less than half of the work that the
-matrix of a finite-element disk does, so the share is a choice and no validation of elastic disks."""
+it one unit without an effect was named a torsion in series. On one unit the disk did less than half of the work of a
+finite-element disk, so the share is a choice and no validation of elastic disks."""
 POWERS, LAW_OFF = (1.02, 1.16), 0.08
 """Powers of the law, and deviation of the logarithm of its size."""
 

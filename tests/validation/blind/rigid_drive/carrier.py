@@ -180,11 +180,11 @@ class CarrierDrive:
                 slope += push @ columns
                 curvature += columns.T @ stiff @ columns
         for j in range(len(self.cranks)):
-            stored, push, columns = self._mesh(j, place, output, turned[j])
+            stored, tooth_force, row = self._mesh(j, place, output, turned[j])
             energy += stored
-            pressed += abs(push)
-            slope += push * columns
-            curvature += self.gears.stiffness * (push != 0) * np.outer(columns, columns)
+            pressed += abs(tooth_force)
+            slope += tooth_force * row
+            curvature += self.gears.stiffness * (tooth_force != 0) * np.outer(row, row)
         slope[-1] -= torque / radius
         return _Sum(energy - torque * (output - place), slope, curvature, pressed, tuple(found))
 
