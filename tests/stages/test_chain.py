@@ -9,6 +9,7 @@ import pytest
 from small_study import LAST, run_study, small_study
 
 from pipeline import assembly
+from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
 from pipeline.model.equilibrium.solve import ACCEPTED, ElasticReducer, solve
 from pipeline.model.load_history.load_cycle import ARCMIN
@@ -24,6 +25,7 @@ def frame(outputs: Outputs, stage: str, table: str) -> pd.DataFrame:
 
 
 def test_every_stage_writes_its_tables_with_units_in_the_metadata(outputs: Outputs, runs: Path) -> None:
+    outputs = run(STAGES, small_study(), [stage.name for stage in STAGES[:-1]], runs, Resources(1, 100))
     for stage in STAGES[:-1]:
         for table in stage.tables:
             path = runs / "quick" / stage.name / f"{table.name}.parquet"

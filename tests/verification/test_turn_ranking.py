@@ -94,7 +94,7 @@ def test_a_prediction_is_linear_in_features_and_waves(rough) -> None:
     springs, gaps = rough
     features, turn = springs.features(gaps), waves(np.arange(PINS * LOBES), LOBES)
     slope = np.arange(1.0, 2 + features.shape[2] + 2 * WAVES)
-    predicted = Ranking(springs, {"metric": slope}).predicted(gaps)["metric"]
+    predicted = Ranking(springs, {"metric": slope}, {}).predicted(gaps)["metric"]
     unit, pitch = 1, 4
     expected = slope @ np.concatenate([[1.0], features[unit, pitch], turn[pitch]])
     assert predicted[unit, pitch] == pytest.approx(expected)

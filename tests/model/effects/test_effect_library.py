@@ -13,6 +13,7 @@ from pipeline.model.effects.effect import (
     CYCLES,
     FLANGE,
     LOOPS,
+    MOVES,
     RATE,
     SENSES,
     STILL,
@@ -42,7 +43,7 @@ def test_texts_are_complete_and_names_are_known(name):
     assert set(effect.confused_with) <= set(ALL_NAMES) - {name}
     assert effect.limit_case in {"", *ALL_NAMES}
     assert effect.starts in ("secants", "periods")
-    assert effect.needs <= {CRANKS, CYCLES, TIME, TEMPERATURE, STILL, RATE, LOOPS, SENSES, TORQUES, FLANGE}
+    assert effect.needs <= {CRANKS, CYCLES, TIME, TEMPERATURE, STILL, RATE, LOOPS, SENSES, TORQUES, FLANGE, MOVES}
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from pipeline.figures.labels import METRICS
 from pipeline.report.cases import case_rows
 from pipeline.report.chain.graph import BOX, GAP, stage_graph
 from pipeline.report.frames import Frames
+from pipeline.report.layout.wording import percent
 from pipeline.report.sections import drawings
 from pipeline.report.validity import overloaded, ranges
 from stages.chain import STAGES
@@ -111,7 +112,7 @@ def test_the_page_shows_what_the_limits_are_of(frames):
     table = frames.distributions[frames.distributions["over"] == "mean"].set_index(["metric", "statistic"])["value"]
     row = cells(text, "Lost motion")
     assert row[2].startswith(METRICS["lost_motion_arcmin"].text(table["lost_motion_arcmin", "mean"]))
-    assert row[1].startswith(f"{100 * table['lost_motion_arcmin', 'yield']:.1f} %")
+    assert row[1].startswith(percent(table["lost_motion_arcmin", "yield"]))
     assert f"Mean value over the turn of the {study.cycle.turn}" in text
     assert "It counts the mean value of each unit over 2 loaded crank angles" in text
 
