@@ -68,16 +68,41 @@ def _driver_rows(table: pd.DataFrame) -> list[tuple[str, list[Cell]]]:
 
 
 def main_contributor(frames: Frames, metric: str) -> str:
-    """The tolerance that drives a metric most, with its share of the variance; empty where none is determined."""
-    table = frames.sensitivity[frames.sensitivity["metric"] == metric]
-    overs = [name for name in (frames.over, "worst", "turn") if (table["over"] == name).any()]
-    rows = table[table["over"] == overs[0]] if overs else table
+    """The tolerance that drives a metric most, with its total share of the variance; empty where none is determined."""
+    rows = _judged_rows(frames, metric)
     total, ranks = _leading(rows, TOTAL), _leading(rows, RANK_CORRELATION)
     if len(total):
-        return f"{parameter_title(total.index[0])} ({percent(float(total.iloc[0]))} of its variance)"
+        share = percent(float(total.iloc[0]))
+        return f"{parameter_title(total.index[0])} ({share} of its variance, interactions included)"
     if len(ranks):
         return f"{parameter_title(ranks.index[0])} (rank correlation {signed(float(ranks.iloc[0]), 2)})"
     return ""
+
+
+def share_note(frames: Frames, metric: str) -> str:
+    """Which share of the variance the page states of the main contributor, and its share by itself; else empty."""
+    rows = _judged_rows(frames, metric)
+    total = _leading(rows, TOTAL)
+    if total.empty:
+        return ""
+    note = (
+        "A share with interactions included counts all variance in which the tolerance takes part, alone or together "
+        "with others (total Sobol\u2019 index); making this tolerance alone exact removes less where tolerances "
+        "interact"
+    )
+    alone = rows[(rows["kind"] == FIRST_ORDER) & (rows["parameter"] == total.index[0])]
+    if alone.empty or not np.isfinite(alone["index"].iloc[0]):
+        return f"{note}."
+    index, low, high = (float(alone[name].iloc[0]) for name in ("index", "ci_low", "ci_high"))
+    share = f"{percent(index)} ({percent_interval(low, high)}) of the variance of the {METRICS[metric].inline}"
+    return f"{note}: by itself the {parameter_title(total.index[0])} causes {share} (first-order index)."
+
+
+def _judged_rows(frames: Frames, metric: str) -> pd.DataFrame:
+    """Indices of a metric over what its limit judges: the study's choice where it has them, else the worst."""
+    table = frames.sensitivity[frames.sensitivity["metric"] == metric]
+    overs = [name for name in (frames.over, "worst", "turn") if (table["over"] == name).any()]
+    return table[table["over"] == overs[0]] if overs else table
 
 
 def base_samples(frames: Frames) -> int:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.labels import LIMITED
 from pipeline.model.metrics.turn import turn_library
-from pipeline.report.drivers import main_contributor
+from pipeline.report.drivers import main_contributor, share_note
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import counted, interval, percent, percent_interval
 from pipeline.report.results import Cell, Results
@@ -56,6 +56,11 @@ class Verdict:
             spread=f"{interval(low, high, metric)} {metric.unit}".removesuffix(" 1") if np.isfinite(low) else "",
             contributor=main_contributor(self.frames, name),
         )
+
+    @property
+    def share_note(self) -> str:
+        """What the share of a main contributor is, of the first card that has one."""
+        return next(filter(None, (share_note(self.frames, card.name) for card in self.cards)), "")
 
     @cached_property
     def breaks(self) -> Mapping[str, NDArray[np.bool_]]:

@@ -173,7 +173,7 @@ def test_shares_of_the_variance_are_told_as_far_as_they_are_determined(frames):
     without_friction = shares.assign(metric="efficiency_percent", over="turn", index=np.nan, n=0)
     message = written(replace(frames, sensitivity=pd.concat([frames.sensitivity, shares, without_friction])))
     oval, radial = "two-lobed ovality of pin circle", "radial pin position"
-    assert f"main contributor: <b>{oval} (47.0 % of its variance)</b>" in message
+    assert f"main contributor: <b>{oval} (47.0 % of its variance, interactions included)</b>" in message
     assert f"<td>{oval} (47.0 %); {radial} (30.0 %)</td><td>{oval} (39.0 %)</td>" in message
     assert '59.0 %<span class="ci">50.0 to 70.0 %</span>' in message, (
         "what the shares by themselves leave to interactions"

@@ -42,9 +42,13 @@ def failing_on_pressure(frames: Frames) -> Frames:
         peak_pressure_MPa=(pressure[-5] + pressure[-4]) / 2,
     )
     shares = pd.DataFrame(
-        [("pin_tangential", 0.94, 0.9, 0.98), ("pin_radial", 0.05, 0.04, 0.06)],
-        columns=["parameter", "index", "ci_low", "ci_high"],
-    ).assign(metric="peak_pressure_MPa", over="worst", kind="total", n=400)
+        [
+            ("pin_tangential", "total", 0.94, 0.9, 0.98),
+            ("pin_radial", "total", 0.05, 0.04, 0.06),
+            ("pin_tangential", "first_order", 0.51, 0.4, 0.62),
+        ],
+        columns=["parameter", "kind", "index", "ci_low", "ci_high"],
+    ).assign(metric="peak_pressure_MPa", over="worst", n=400)
     sensitivity = pd.concat([frames.sensitivity, shares])
     return limited(replace(frames, units=units, sensitivity=sensitivity), limits)
 
@@ -57,7 +61,7 @@ def test_every_limit_has_a_card_and_the_worst_yield_stands_first(frames):
         METRICS[name].title for name in ("peak_pressure_MPa", "lost_motion_arcmin", "clearance_backlash_arcmin")
     ]
     assert re.findall(r'<p class="big">([\d.]+ %)', cards) == ["66.7 %", "91.7 %", "100 %"]
-    assert "main contributor: <b>tangential pin position (94.0 % of its variance)</b>" in cards
+    assert "main contributor: <b>tangential pin position (94.0 % of its variance, interactions included)</b>" in cards
 
 
 def test_one_sentence_names_the_limit_that_fails_and_its_driver(frames):
@@ -65,8 +69,20 @@ def test_one_sentence_names_the_limit_that_fails_and_its_driver(frames):
     interval = pass_share(np.arange(12) < 4, 0.95)
     assert (
         f"33.3 % of the units fail (95 % CI {100 * interval.ci_low:.1f} to {100 * interval.ci_high:.1f} %); 100 % of "
-        "these on peak Hertz pressure; its main contributor is the tangential pin position (94.0 % of its variance)."
+        "these on peak Hertz pressure; its main contributor is the tangential pin position (94.0 % of its variance, "
+        "interactions included)."
     ) in page
+
+
+def test_the_page_says_which_share_of_the_variance_a_contributor_has(frames):
+    failing = failing_on_pressure(frames)
+    alone = "by itself the tangential pin position causes 51.0 % (40.0 to 62.0 %) of the variance of the peak Hertz"
+    assert f"where tolerances interact: {alone} pressure (first-order index)." in written(failing)
+    table = failing.sensitivity
+    without = replace(failing, sensitivity=table[table["kind"] != "first_order"])
+    assert "making this tolerance alone exact removes less where tolerances interact." in written(without)
+    ranks = replace(failing, sensitivity=table[table["kind"] == "rank_correlation"])
+    assert "interactions included counts" not in written(ranks)
 
 
 def test_the_yield_is_said_to_be_an_upper_bound_before_anything_else(frames):
