@@ -62,6 +62,23 @@ def test_where_nothing_depends_on_the_crank_the_reading_is_that_of_the_crank_tha
     np.testing.assert_allclose(turning.carried, reference.carried, rtol=1e-12, atol=1e-9)
 
 
+@pytest.mark.parametrize(("side", "sound"), [(1, True), (-1, False)])
+def test_the_crank_must_stay_between_the_stations_on_the_side_to_which_it_turns(problem, side, sound):
+    """A loop of one side, most of its cells near the largest torque: few lie far below the mean crank angle."""
+    drive, course = problem.nominal[0], problem.forward.courses[0]
+    torque = np.array([1.0, *np.linspace(12.0, 18.0, len(course.leg) - 1)])
+    course = replace(course, torque=np.array([0.0, 20.0]), leg=np.zeros(len(torque), int), state=np.zeros(1, int))
+    course = replace(course, cell_torques=np.column_stack([torque - 0.5, torque + 0.5]))
+    held = Forward([replace(course, crank=None)], 20e3).read(drive, 0, Instrument()).angle
+    turned = 13 * np.radians(held - held.mean()) / 60
+    assert -turned.min() > 3 * turned.max()
+    reached = 1.2 * np.array([turned.min(), turned.max()])
+    stations = course.crank.cells.mean() + np.linspace(*np.sort(side * reached), len(course.crank.stations))
+    moving = replace(course, crank=replace(course.crank, stations=stations))
+    reading = Forward([moving], 20e3).read((drive,) * len(stations), 0, Instrument())
+    assert reading.sound == sound
+
+
 def test_a_whole_turn_of_the_output_changes_nothing(problem, folder):
     unit = load_measured_unit(folder, ROOT)
     turned = Measurement.read(unit)
