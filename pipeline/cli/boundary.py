@@ -24,6 +24,8 @@ REMEDIES = {
     errno.ENOENT: "give the path of a file or folder that is there",
     errno.ENOTDIR: "a folder is asked for; move the file out of the way",
     errno.EISDIR: "a file is asked for; move the folder out of the way",
+    errno.EEXIST: "something else has this name; move it out of the way",
+    errno.ELOOP: "a link is in its place; move it out of the way",
     errno.ENAMETOOLONG: "take a shorter name",
     errno.EMFILE: "raise the number of open files (ulimit -n)",
     errno.ENOMEM: "take fewer processes (--jobs 1) or smaller chunks (run.chunk)",

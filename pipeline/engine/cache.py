@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -30,10 +31,10 @@ class Cache:
         An entry whose files are not those that were written is named, discarded and made anew.
         """
         target = self.root / hashlib.sha256(f"{self.code}\n{key}".encode()).hexdigest()
-        if target.exists() and (fault := self._fault(target, key)):
+        if os.path.lexists(target) and (fault := self._fault(target, key)):
             progress.say("cache", f"{target / fault}; discarded, made anew")
             remove(target)
-        if not target.exists():
+        if not os.path.lexists(target):
             self.root.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=self.root, prefix=".making-") as temporary:
                 filled = Path(temporary) / "filled"
@@ -50,6 +51,8 @@ class Cache:
 
     def _fault(self, target: Path, key: str) -> str:
         """What is wrong with an entry, beginning with the file's name; empty if nothing is."""
+        if not target.is_dir():
+            return f"{ENTRY}: missing or damaged"
         entry = read_json(target / ENTRY)
         if not isinstance(entry, dict) or not isinstance(entry.get("files"), dict):
             return f"{ENTRY}: missing or damaged"
@@ -65,6 +68,8 @@ class Cache:
 
 
 def _described(path: Path) -> Mapping[str, Any]:
+    if not path.is_file():
+        return {}
     described: dict[str, Any] = {"sha256": sha256_of(path), "bytes": path.stat().st_size}
     if path.suffix == ".npy":
         try:

@@ -18,7 +18,7 @@ from pydantic_core import to_jsonable_python
 
 from pipeline.engine.record import SourceMemory, sealed, valid
 from pipeline.engine.stage import Stage
-from pipeline.engine.store import read_json, write_json
+from pipeline.engine.store import make_way, read_json, write_json
 from pipeline.registry import KINDS
 
 PACKAGES = ("numpy", "scipy", "scikit-fem", "numba", "pyarrow", "pandas")
@@ -176,6 +176,7 @@ def remembered_sources(file: Path) -> Iterator[None]:
         yield
     finally:
         if _read_sources.keys() - memory.keys():
+            make_way(file)
             write_json(file, sealed({"rules": rules, "sources": _read_sources}))
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from pipeline.engine.store import make_way
 from pipeline.errors import InputError
 
 LOCK = ".lock"
@@ -32,6 +33,7 @@ def locked(run: Path) -> Iterator[None]:
             f"{run}: process {_holder(run)} is writing this run; one process at a time may; wait for it or stop it"
         ) from None
     try:
+        make_way(run / HOLDER)
         (run / HOLDER).write_text(str(os.getpid()))
         yield
     finally:
@@ -40,6 +42,6 @@ def locked(run: Path) -> Iterator[None]:
 
 def _holder(run: Path) -> str:
     try:
-        return (run / HOLDER).read_text().strip()
-    except OSError:
+        return (run / HOLDER).read_text().strip() if (run / HOLDER).is_file() else "(unknown)"
+    except (OSError, ValueError):
         return "(unknown)"

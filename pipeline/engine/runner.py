@@ -20,7 +20,7 @@ from pipeline.engine.processes.cluster import solved_on_cluster
 from pipeline.engine.processes.parallel import Backend, parts_of, solved_chunks
 from pipeline.engine.record import Manifest, sealed, valid
 from pipeline.engine.stage import Chunk, Job, Sections, Stage
-from pipeline.engine.store import DAMAGED, MANIFEST, RECORD, Output, blamed, read_json, write_json
+from pipeline.engine.store import DAMAGED, MANIFEST, RECORD, Output, blamed, make_way, read_json, write_json
 from pipeline.engine.work import Work
 from pipeline.errors import InputError
 
@@ -98,6 +98,7 @@ def _note_seal(path: Path, stage: str, output: Output) -> None:
     content = valid(read_json(path), Manifest)
     stages = content["stages"] if content else {}
     if stages.get(stage) != output.record["seal"]:
+        make_way(path)
         write_json(path, sealed({"stages": {**stages, stage: output.record["seal"]}}))
 
 

@@ -13,6 +13,7 @@ import hashlib
 import json
 import os
 import shutil
+import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,6 +24,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from pipeline.engine import progress
 from pipeline.engine.record import valid_record
 from pipeline.engine.table import ITEM, Columns, columns_of
 from pipeline.errors import InputError
@@ -64,11 +66,20 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """Read JSON; None if there is no such file or it is no JSON."""
+    """Read JSON; None if there is no such file, it is no plain file (a pipe would never end), or it is no JSON."""
     try:
-        return json.loads(path.read_bytes())
-    except (FileNotFoundError, IsADirectoryError, NotADirectoryError, ValueError, RecursionError):
+        return json.loads(path.read_bytes()) if path.is_file() else None
+    except (FileNotFoundError, NotADirectoryError, ValueError, RecursionError):
         return None
+
+
+def make_way(path: Path) -> None:
+    """Move what is no plain file out of the place of one that the engine writes; named, and nothing of it is lost."""
+    if path.is_file() or not os.path.lexists(path):
+        return
+    aside = Path(tempfile.mkdtemp(prefix=f"{path.name}.aside-", dir=path.parent)) / path.name
+    path.rename(aside)
+    progress.say(path.name, f"{path}: no plain file; set aside as {aside}")
 
 
 def remove(path: Path) -> None:
@@ -117,11 +128,10 @@ class Output:
         """
         faults = []
         for name, file in self._files.items():
-            try:
-                state = (self.folder / name).stat()
-            except (FileNotFoundError, NotADirectoryError):
+            if not (self.folder / name).is_file():
                 faults.append(f"output file {self.folder.name}/{name} missing")
                 continue
+            state = (self.folder / name).stat()
             if state.st_size != file["bytes"]:
                 faults.append(f"output file {self.folder.name}/{name} has {state.st_size} bytes, not {file['bytes']}")
             elif state.st_mtime_ns != file["modified_ns"] and not self._is_sound(name):

@@ -1,6 +1,7 @@
 """A stage that is being built, beside its old output, and swapped in when it is complete."""
 
 import hashlib
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ class Work:
         remove(self.replaced)
         if (run / WORK).is_symlink():
             remove(run / WORK)
-        if state is None or _has_links(self.folder) or read_json(self.folder / "state.json") != state:
+        if state is None or _is_foreign(self.folder) or read_json(self.folder / "state.json") != state:
             remove(self.folder)
             self.output.mkdir(parents=True)
             write_json(self.folder / "state.json", state)
@@ -46,10 +47,16 @@ class Work:
             leftover.unlink()
         self.state = seal(state or {})
         self.finished = dict(self._finished_chunks())
-        known = {part["name"] for note in self.finished.values() for part in note["parts"].values()}
-        for path in [path for path in self.output.rglob("*") if path.is_file()]:
-            if path.relative_to(self.output).as_posix() not in known:
-                path.unlink()
+        self._clear({part["name"] for note in self.finished.values() for part in note["parts"].values()})
+
+    def _clear(self, known: set[str]) -> None:
+        """Remove whatever is none of the known files of the output, nor a folder of one, and notes of no chunk."""
+        kept = {self.output / name for name in known}
+        kept |= {folder for path in kept for folder in path.parents}
+        notes = {self.folder / "chunks" / f"{start:09d}.json" for start in self.finished}
+        for path in [*self.output.rglob("*"), *(self.folder / "chunks").glob("*")]:
+            if path not in kept | notes and path.parent.is_dir():  # else its folder is removed already
+                remove(path)
 
     def _finished_chunks(self) -> Iterator[tuple[int, dict[str, Any]]]:
         for path in (self.folder / "chunks").glob("*.json"):
@@ -125,7 +132,7 @@ class Work:
         record = sealed({"layout": LAYOUT, **record})
         write_json(self.output / RECORD, record)
         self.replaced.mkdir()
-        if self.target.exists():
+        if os.path.lexists(self.target):
             self.target.rename(self.replaced / "output")
         self.output.rename(self.target)
         self.folder.rename(self.replaced / "work")
@@ -133,6 +140,12 @@ class Work:
         return Output(self.target, record)
 
 
-def _has_links(folder: Path) -> bool:
-    """Whether a folder is a link or holds one: the engine makes none, and what it builds must not land elsewhere."""
-    return folder.is_symlink() or any(path.is_symlink() for path in folder.rglob("*"))
+def _is_foreign(folder: Path) -> bool:
+    """Whether a folder is a link, or anything but plain files is where the engine makes files, and folders elsewhere.
+
+    What it builds must not land elsewhere, and a pipe would never end.
+    """
+    folders = (folder, folder / "chunks", folder / "output")
+    if any(path.is_symlink() or (path.exists() and not path.is_dir()) for path in folders):
+        return True
+    return any(path.is_symlink() or not (path.is_file() or path.is_dir()) for path in folder.rglob("*"))

@@ -41,7 +41,7 @@ from pipeline.registry import CONTACT_LAWS
 
 PACKAGE = Path(__file__).parent
 DAMAGED = "damaged"
-"""Folder of compiled code that is not what was written."""
+"""Beginning of the names of folders of compiled code that is not what was written."""
 
 
 def _sources() -> Iterator[Path]:
@@ -104,9 +104,14 @@ BORROWED = {"_nrt": False}
 
 
 def _files(index: Path) -> dict[str, list[Any]]:
-    """Hash and size of the compiler's files of an entry point, by name: its index and its code."""
+    """Hash and size of the compiler's files of an entry point, by name: its index and its code; none of a folder."""
     found = [path for path in index.parent.glob(f"{glob.escape(index.stem)}.*") if path.suffix in (".nbi", ".nbc")]
-    return {path.name: [sha256(path.read_bytes()).hexdigest(), path.stat().st_size] for path in sorted(found)}
+    return {path.name: _hash_and_size(path) if path.is_file() else [] for path in sorted(found)}
+
+
+def _hash_and_size(path: Path) -> list[Any]:
+    data = path.read_bytes()
+    return [sha256(data).hexdigest(), len(data)]
 
 
 def _verified_files(index: Path) -> dict[str, list[Any]]:
@@ -114,19 +119,25 @@ def _verified_files(index: Path) -> dict[str, list[Any]]:
 
     The compiler would unpickle and execute them. A hash beside a file finds damage, not malice.
     """
-    files = _files(index)
+    files, manifest = _files(index), index.with_suffix(MANIFEST)
     try:
-        expected = json.loads(index.with_suffix(MANIFEST).read_bytes())
+        expected = json.loads(manifest.read_bytes()) if manifest.is_file() else {}
     except (OSError, ValueError, RecursionError):
         expected = {}
-    if files == expected and all(_is_own(index.parent / name) for name in files):
+    if files and files == expected and all(_is_own(index.parent / name) for name in files):
         return files
-    for name in files:
-        target = CACHE / DAMAGED / name
-        target.parent.mkdir(exist_ok=True)
-        (index.parent / name).replace(target)
-        print(f"{index.parent / name}: not what was written; set aside in {target.parent}", file=sys.stderr)
+    _set_aside([*(index.parent / name for name in files), *([manifest] if not manifest.is_file() else [])])
     return {}
+
+
+def _set_aside(paths: list[Path]) -> None:
+    """Move files, or what stands in the place of a file, out of the compiler's way, if they are there."""
+    present = [path for path in paths if os.path.lexists(path)]
+    if present:
+        folder = Path(tempfile.mkdtemp(prefix=f"{DAMAGED}-", dir=CACHE))
+        for path in present:
+            path.rename(folder / path.name)
+            print(f"{path}: not what was written; set aside in {folder}", file=sys.stderr)
 
 
 def cached_entry(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -140,7 +151,9 @@ def cached_entry(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             CACHE.mkdir(mode=0o700, parents=True, exist_ok=True)
             # made when it is used: a lock does not cross a fork; behind the compiler's own, so that threads do not wait
             # for each other
-            with global_compiler_lock, FileLock(CACHE / f"{function.__module__}.{function.__qualname__}.lock"):
+            lock = CACHE / f"{function.__module__}.{function.__qualname__}.lock"
+            _set_aside([lock] if lock.is_symlink() or not lock.is_file() else [])
+            with global_compiler_lock, FileLock(lock):
                 index = Path(dispatcher._cache._cache_file._index_path)
                 before = _verified_files(index)
                 result = from_cache_or_compiled(signature)

@@ -1,5 +1,6 @@
 """What lies on the disk is believed only if it is what was written: cache, records, parts, leftovers, links."""
 
+import contextlib
 import json
 import os
 import re
@@ -20,7 +21,7 @@ from pipeline.engine.cache import ENTRY, Cache
 from pipeline.engine.lock import locked
 from pipeline.engine.processes.parallel import ChunkError
 from pipeline.engine.runner import Resources, run, why
-from pipeline.engine.store import Output
+from pipeline.engine.store import Output, remove
 from pipeline.errors import InputError
 
 RESOURCES = Resources(jobs=1, chunk=10)
@@ -327,6 +328,59 @@ def test_a_stray_chunk_note_adds_no_row(tmp_path: Path, monkeypatch, kind: str) 
     repeat = run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)
     assert hashes(repeat) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", RESOURCES))
     assert len(pd.read_parquet(tmp_path / "toy/add/sums.parquet")) == 40
+
+
+# --- what is no plain file ---
+
+
+class StillWaitingError(Exception):
+    """A pipe has no other end: whoever opens it waits for ever."""
+
+
+def _waiting(*_: object) -> None:
+    raise StillWaitingError
+
+
+ODD_FILES = {
+    "a folder": lambda path: (path.mkdir(), (path / "mine.txt").write_text("precious")),
+    "a pipe": os.mkfifo,
+    "a link to itself": lambda path: path.symlink_to(path),
+    "a link to nothing": lambda path: path.symlink_to("nowhere/at_all"),
+    "a device without an end": lambda path: path.symlink_to("/dev/zero"),
+}
+STILL_A_LOCK = (".lock",)
+"""Whoever has taken its place is told to move it out of the way: a lock that the engine moves is none."""
+OF_ALL_RUNS = ("toy", ".cache", "toy/.work")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes and signals")
+@pytest.mark.parametrize("kind", ODD_FILES)
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_what_is_no_plain_file_is_made_anew(tmp_path: Path, monkeypatch, kind: str, interrupted: bool) -> None:
+    """At every path of a run, finished or half done, and of its cache; the commands that only look end as well."""
+    outputs = hashes(run(STAGES, Toy(), ["finish"], tmp_path / "reference", RESOURCES))
+    monkeypatch.setenv("TOY_TROUBLE", '{"fail_at": 39}' if interrupted else "{}")
+    with contextlib.suppress(ChunkError):
+        run(STAGES, Toy(), ["finish"], tmp_path / "runs", RESOURCES)
+    monkeypatch.delenv("TOY_TROUBLE")
+    names = [path.relative_to(tmp_path / "runs").as_posix() for path in (tmp_path / "runs").rglob("*")]
+    signal.signal(signal.SIGALRM, _waiting)
+    for number, name in enumerate(sorted(names)):
+        runs = tmp_path / f"w{number}"
+        shutil.copytree(tmp_path / "runs", runs)
+        remove(runs / name)
+        ODD_FILES[kind](runs / name)
+        signal.setitimer(signal.ITIMER_REAL, 20)
+        why(STAGES, Toy(), "finish", runs)
+        with contextlib.suppress(InputError):
+            runner.damages(runs / "toy")
+        if name.endswith(STILL_A_LOCK) or (name in OF_ALL_RUNS and kind != "a folder"):
+            with contextlib.suppress(OSError):
+                run(STAGES, Toy(), ["finish"], runs, RESOURCES)
+        else:
+            assert hashes(run(STAGES, Toy(), ["finish"], runs, RESOURCES)) == outputs, name
+            assert runner.damages(runs / "toy") == [], name
+        signal.setitimer(signal.ITIMER_REAL, 0)
 
 
 # --- leftovers --------------------------------------------------------------------------------------------------------

@@ -39,7 +39,7 @@ print(twist.tolist(), sum(rayleigh._followed.stats.cache_misses.values()))
 def printed(environment: dict[str, str]) -> tuple[str, str, str]:
     """Twist, number of loops compiled, and what was said, of a new process."""
     process = subprocess.run(
-        [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True
+        [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True, timeout=120
     )
     return *process.stdout.rsplit(maxsplit=1), process.stderr
 
@@ -63,6 +63,21 @@ def test_compiled_code_that_was_damaged_is_set_aside_and_compiled_anew(tmp_path:
             assert f"{path}: not what was written; set aside" in said
     index.with_suffix(".json").unlink()
     assert printed(environment)[1] == "1"
+    assert printed(environment) == ("[0.0, 2.0, 1.75]", "0", "")
+
+
+def test_a_folder_a_pipe_or_a_link_in_place_of_a_file_is_set_aside(tmp_path: Path) -> None:
+    """Each ended in an error of the system, or waited for the pipe's other end for ever."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    printed(environment)
+    kinds = {".json": Path.mkdir, ".nbi": os.mkfifo, ".nbc": Path.mkdir, ".lock": lambda path: path.symlink_to(path)}
+    paths = {ending: next(tmp_path.rglob(f"*{ending}")) for ending in kinds}
+    for ending, make in kinds.items():
+        paths[ending].unlink()
+        make(paths[ending])
+        twist, _, said = printed(environment)
+        assert twist == "[0.0, 2.0, 1.75]"
+        assert f"{paths[ending]}: not what was written; set aside" in said
     assert printed(environment) == ("[0.0, 2.0, 1.75]", "0", "")
 
 
