@@ -15,9 +15,9 @@ from pipeline.cli.parser import parser
 from pipeline.cli.printing import print_answer
 from pipeline.config import Study, load_study, load_unit
 from pipeline.config.files.text_file import READ
-from pipeline.engine.lock import locked
+from pipeline.engine.lock import lock_run
 from pipeline.engine.runner import damages, plan, set_aside, why
-from pipeline.engine.store import DAMAGED, RECORD, Output, remove, write_atomic
+from pipeline.engine.store import DAMAGED_SUFFIX, RECORD, Output, remove, write_atomic
 from pipeline.errors import InputError
 from pipeline.library.running import known_size, prepared_loops, up_to_date
 from pipeline.library.studies import tails
@@ -181,7 +181,7 @@ def check_run(options: argparse.Namespace) -> None:
         for stage in sorted(foreign):
             print(f"{folder / stage}: no stage of this run; move the folder away")
         if set_aside(folder, damaged):
-            print(f"set aside in {settings.shown(folder / DAMAGED)} what is altered or extra")
+            print(f"set aside in {settings.shown(folder / DAMAGED_SUFFIX)} what is altered or extra")
         if stages := dict.fromkeys(damage.stage or "report" for damage in damaged if damage.stage not in foreign):
             print(f"run again: python -m pipeline run {' '.join(stages)} --study {folder.name}")
         raise SystemExit(1)
@@ -200,7 +200,7 @@ def clean_runs(_: argparse.Namespace) -> None:
     with contextlib.ExitStack() as locks:
         for folder in folders:
             if not folder.name.startswith("."):
-                locks.enter_context(locked(folder))
+                locks.enter_context(lock_run(folder))
         problems = [problem for path in sorted(settings.RUNS.glob("*")) for problem in _removed(path)]
     if problems:
         raise InputError(problems)

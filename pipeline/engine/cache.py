@@ -37,13 +37,13 @@ class Cache:
         if not os.path.lexists(target):
             self.root.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=self.root, prefix=".making-") as temporary:
-                filled = Path(temporary) / "filled"
-                filled.mkdir()
-                make(filled)
-                files = {path.name: _described(path) for path in sorted(filled.iterdir())}
-                write_json(filled / ENTRY, {"key": key, "code": self.code, "files": files})
+                new_folder = Path(temporary) / "filled"
+                new_folder.mkdir()
+                make(new_folder)
+                files = {path.name: _file_entry(path) for path in sorted(new_folder.iterdir())}
+                write_json(new_folder / ENTRY, {"key": key, "code": self.code, "files": files})
                 try:
-                    filled.rename(target)
+                    new_folder.rename(target)
                 except OSError:
                     if not target.exists():  # else another process was first
                         raise
@@ -62,18 +62,18 @@ class Cache:
         for name in sorted(present ^ set(entry["files"])):
             return f"{name}: {'not of this entry' if name in present else 'missing'}"
         for name, file_entry in entry["files"].items():
-            if _described(target / name) != file_entry:
+            if _file_entry(target / name) != file_entry:
                 return f"{name}: not what was written ({json.dumps(file_entry)})"
         return ""
 
 
-def _described(path: Path) -> Mapping[str, Any]:
+def _file_entry(path: Path) -> Mapping[str, Any]:
     if not path.is_file():
         return {}
-    described: dict[str, Any] = {"sha256": sha256_of(path), "bytes": path.stat().st_size}
+    entry: dict[str, Any] = {"sha256": sha256_of(path), "bytes": path.stat().st_size}
     if path.suffix == ".npy":
         try:
-            described["shape"] = list(np.load(path, mmap_mode="r", allow_pickle=False).shape)
+            entry["shape"] = list(np.load(path, mmap_mode="r", allow_pickle=False).shape)
         except (OSError, ValueError):
-            described["shape"] = None
-    return described
+            entry["shape"] = None
+    return entry

@@ -16,7 +16,7 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
-from pipeline.engine.record import SourceMemory, sealed, valid
+from pipeline.engine.record import SourceMemory, valid, with_seal
 from pipeline.engine.stage import Stage
 from pipeline.engine.store import make_way, read_json, write_json
 from pipeline.registry import KINDS
@@ -140,10 +140,10 @@ def source_hashes(module: str) -> dict[str, str]:
                 data = (file for file in sorted(path.parent.iterdir()) if file.suffix in TEMPLATES)
                 hashes |= {f.relative_to(root).as_posix(): hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
                 if name in GROUPS:
-                    registered = [entry.module for entry in entry_points.select(group=GROUPS[name])]
-                    packages |= {module.partition(".")[0] for module in registered}
+                    modules = [entry.module for entry in entry_points.select(group=GROUPS[name])]
+                    packages |= {module.partition(".")[0] for module in modules}
                     files = sorted(file.relative_to(path.parent) for file in path.parent.rglob("*.py"))
-                    waiting += [".".join((name, *file.with_suffix("").parts)) for file in files] + registered
+                    waiting += [".".join((name, *file.with_suffix("").parts)) for file in files] + modules
             else:
                 single_files.add(name)
             waiting += reversed(imports)  # a module before the things in it
@@ -177,7 +177,7 @@ def remembered_sources(file: Path) -> Iterator[None]:
     finally:
         if _read_sources.keys() - memory.keys():
             make_way(file)
-            write_json(file, sealed({"rules": rules, "sources": _read_sources}))
+            write_json(file, with_seal({"rules": rules, "sources": _read_sources}))
 
 
 _read_sources: dict[str, list[Any]] = {}
@@ -185,7 +185,7 @@ _read_sources: dict[str, list[Any]] = {}
 
 
 @cache
-def _source(path: Path, _modified: int, name: str) -> tuple[str, Sequence[str]]:
+def _source(path: Path, _modified_ns: int, name: str) -> tuple[str, Sequence[str]]:
     """Hash of what a file does, and the names it imports; remembered until the file is modified."""
     text = path.read_bytes()
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
@@ -194,8 +194,8 @@ def _source(path: Path, _modified: int, name: str) -> tuple[str, Sequence[str]]:
         tree, imports = ast.parse(text), list[str]()
         _strip(tree, package, imports)
         _read_sources[key] = [hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imports]
-    digest, imported = _read_sources[key]
-    return digest, imported
+    digest, names = _read_sources[key]
+    return digest, names
 
 
 def _strip(node: Any, package: str, imports: list[str]) -> None:
@@ -208,7 +208,7 @@ def _strip(node: Any, package: str, imports: list[str]) -> None:
     for block in (getattr(node, name, []) for name in BLOCKS):
         block[:] = [statement for statement in block if not _for_checkers(statement)]
         for statement in block:
-            imports += _imported(statement, package)
+            imports += _imported_names(statement, package)
             _strip(statement, package, imports)
 
 
@@ -229,7 +229,7 @@ def _for_checkers(statement: Any) -> bool:
     )
 
 
-def _imported(statement: Any, package: str) -> Iterator[str]:
+def _imported_names(statement: Any, package: str) -> Iterator[str]:
     """What a statement imports, the module and the names of it."""
     if isinstance(statement, ast.Import):
         yield from (alias.name for alias in statement.names)
@@ -264,8 +264,8 @@ def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     else:
         yield name, value
         return
-    for key, child in children:
-        yield from _leaves(child, f"{name}.{key}" if name else str(key))
+    for key, subkey in children:
+        yield from _leaves(subkey, f"{name}.{key}" if name else str(key))
 
 
 def _digest(value: Any) -> str:

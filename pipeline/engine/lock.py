@@ -16,7 +16,7 @@ HOLDER = ".holder"
 
 
 @contextlib.contextmanager
-def locked(run: Path) -> Iterator[None]:
+def lock_run(run: Path) -> Iterator[None]:
     """Hold a run for writing; the lock goes with the process, however it ends.
 
     Raises

@@ -8,7 +8,7 @@ from types import TracebackType
 import psutil
 from tqdm import tqdm
 
-_REDRAWN = "{desc}  {n_fmt}/{total_fmt} {unit} {bar:20} {elapsed_s:.0f} s, {remaining} left  {postfix}"
+_BAR_FORMAT = "{desc}  {n_fmt}/{total_fmt} {unit} {bar:20} {elapsed_s:.0f} s, {remaining} left  {postfix}"
 
 
 def say(stage: str, *parts: str) -> None:
@@ -35,16 +35,16 @@ class Line:
 
     def __init__(self, stage: str, unit: str, total: int) -> None:
         self.stage, self.unit, self.total = stage, unit, total
-        self.done = self.failed = 0
-        self._started = time.perf_counter()
-        bar = {"desc": stage, "unit": unit, "total": total, "bar_format": _REDRAWN, "leave": False}
+        self.done = self.failed_items = 0
+        self._start_time = time.perf_counter()
+        bar = {"desc": stage, "unit": unit, "total": total, "bar_format": _BAR_FORMAT, "leave": False}
         self._bar = tqdm(**bar, disable=not sys.stderr.isatty())
 
-    def advance(self, items: int, failed: int) -> None:
+    def advance(self, items: int, failed_items: int) -> None:
         """Count items as done, some of them without a result."""
         self.done += items
-        self.failed += failed
-        self._bar.set_postfix_str(f"{self.failed} failed", refresh=False)
+        self.failed_items += failed_items
+        self._bar.set_postfix_str(f"{self.failed_items} failed", refresh=False)
         self._bar.update(items)
 
     def __enter__(self) -> "Line":
@@ -52,9 +52,11 @@ class Line:
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._bar.close()
-        seconds = time.perf_counter() - self._started
+        seconds = time.perf_counter() - self._start_time
         end = ["stopped; finished chunks are kept"] if error else []
-        say(self.stage, f"{self.done}/{self.total} {self.unit}", f"{seconds:.0f} s", f"{self.failed} failed", *end)
+        say(
+            self.stage, f"{self.done}/{self.total} {self.unit}", f"{seconds:.0f} s", f"{self.failed_items} failed", *end
+        )
 
 
 class Meter:
@@ -71,10 +73,10 @@ class Meter:
     @property
     def seconds(self) -> float:
         """Time since the context was entered."""
-        return time.perf_counter() - self._started
+        return time.perf_counter() - self._start_time
 
     def __enter__(self) -> "Meter":
-        self._started = time.perf_counter()
+        self._start_time = time.perf_counter()
         self._look()
         self._thread.start()
         return self

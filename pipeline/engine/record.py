@@ -117,7 +117,7 @@ class SourceMemory(TypedDict):
 
 
 _RECORD, _NOTE = TypeAdapter(Record), TypeAdapter(ChunkNote)
-_OTHERS: dict[type, TypeAdapter[Any]] = {kind: TypeAdapter(kind) for kind in (Manifest, SourceMemory)}
+_OTHER_SHAPES: dict[type, TypeAdapter[Any]] = {kind: TypeAdapter(kind) for kind in (Manifest, SourceMemory)}
 
 
 def seal(record: Mapping[str, Any]) -> str:
@@ -126,17 +126,17 @@ def seal(record: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
+def with_seal(content: Mapping[str, Any]) -> dict[str, Any]:
     """Content with its seal, as it is written."""
     return {**content, "seal": seal(content)}
 
 
 def valid(raw: object, kind: type) -> dict[str, Any] | None:
     """Content as read, if it has the shape of its kind and its seal fits; else None."""
-    return _checked(raw, _OTHERS[kind])
+    return _checked_content(raw, _OTHER_SHAPES[kind])
 
 
-def _checked(raw: object, shape: TypeAdapter[Any]) -> dict[str, Any] | None:
+def _checked_content(raw: object, shape: TypeAdapter[Any]) -> dict[str, Any] | None:
     try:
         shape.validate_python(raw)
     except (ValidationError, RecursionError):
@@ -147,7 +147,7 @@ def _checked(raw: object, shape: TypeAdapter[Any]) -> dict[str, Any] | None:
 
 def valid_record(raw: object, stage: str) -> dict[str, Any] | None:
     """A record as read, if it is a whole and unchanged one of the stage; else None."""
-    record = _checked(raw, _RECORD)
+    record = _checked_content(raw, _RECORD)
     if record is None or record["stage"] != stage:
         return None
     parts = [(file["name"], table) for table, entry in record["tables"].items() for file in entry["files"]]
@@ -156,13 +156,13 @@ def valid_record(raw: object, stage: str) -> dict[str, Any] | None:
 
 def valid_note(raw: object, start: int, state: str) -> dict[str, Any] | None:
     """The note of the chunk that begins at an item of a stage in a state, if it is a whole one; else None."""
-    note = _checked(raw, _NOTE)
+    note = _checked_content(raw, _NOTE)
     if note is None or note["state"] != state:
         return None
     for table, part in note["parts"].items():
-        first, last = part["first"], part["last"]
-        within = first is None or (last is not None and start <= first <= last < note["stop"])
-        if not within or not _is_part(part["name"], table, start):
+        first_item, last_item = part["first"], part["last"]
+        is_within = first_item is None or (last_item is not None and start <= first_item <= last_item < note["stop"])
+        if not is_within or not _is_part(part["name"], table, start):
             return None
     return note
 

@@ -15,12 +15,21 @@ from threadpoolctl import threadpool_limits
 from pipeline.engine import progress
 from pipeline.engine.cache import Cache
 from pipeline.engine.fingerprint import Fingerprint, fingerprint, remembered_sources
-from pipeline.engine.lock import locked
+from pipeline.engine.lock import lock_run
 from pipeline.engine.processes.cluster import solved_on_cluster
 from pipeline.engine.processes.parallel import Backend, parts_of, solved_chunks
-from pipeline.engine.record import Manifest, sealed, valid
+from pipeline.engine.record import Manifest, valid, with_seal
 from pipeline.engine.stage import Chunk, Job, Sections, Stage
-from pipeline.engine.store import DAMAGED, MANIFEST, RECORD, Output, blamed, make_way, read_json, write_json
+from pipeline.engine.store import (
+    DAMAGED_SUFFIX,
+    MANIFEST,
+    RECORD,
+    Output,
+    make_way,
+    name_path_in_errors,
+    read_json,
+    write_json,
+)
 from pipeline.engine.work import Work
 from pipeline.errors import InputError
 
@@ -70,9 +79,9 @@ def run(
         If a body fails on a chunk.
     """
     outputs: dict[str, Output] = {}
-    required = needed_stages(stages, targets)
-    with locked(runs / study.name), remembered_sources(runs / ".cache" / SOURCES):
-        for stage in required:
+    stages_to_run = needed_stages(stages, targets)
+    with lock_run(runs / study.name), remembered_sources(runs / ".cache" / SOURCES):
+        for stage in stages_to_run:
             inputs = {name: outputs[name] for name in stage.reads}
             current = fingerprint(stage, study, _content(inputs))
             output = Output.open(runs / study.name / stage.name)
@@ -81,7 +90,7 @@ def run(
             if output is not None and not _reasons(output, current):
                 progress.say(stage.name, "up to date")
             else:
-                output = _executed(stage, study, current, inputs, runs, resources)
+                output = _execute(stage, study, current, inputs, runs, resources)
             outputs[stage.name] = output
             _note_seal(runs / study.name / MANIFEST, stage.name, output)
     return outputs
@@ -90,7 +99,7 @@ def run(
 def _set_aside_extra(output: Output) -> None:
     for name in output.extra():
         output.set_aside(name)
-        progress.say(output.folder.name, f"{name} was not written by this run; set aside in {DAMAGED}")
+        progress.say(output.folder.name, f"{name} was not written by this run; set aside in {DAMAGED_SUFFIX}")
 
 
 def _note_seal(path: Path, stage: str, output: Output) -> None:
@@ -99,7 +108,7 @@ def _note_seal(path: Path, stage: str, output: Output) -> None:
     stages = content["stages"] if content else {}
     if stages.get(stage) != output.record["seal"]:
         make_way(path)
-        write_json(path, sealed({"stages": {**stages, stage: output.record["seal"]}}))
+        write_json(path, with_seal({"stages": {**stages, stage: output.record["seal"]}}))
 
 
 def why(stages: Sequence[Stage], study: Any, target: str, runs: Path) -> list[str]:
@@ -254,14 +263,18 @@ def set_aside(run_folder: Path, damage: Iterable[Damage]) -> bool:
     InputError
         If another process writes the run.
     """
-    movable = [damaged for damaged in damage if damaged.fault != "missing" and damaged.name not in (RECORD, MANIFEST)]
+    movable = [
+        file_damage
+        for file_damage in damage
+        if file_damage.fault != "missing" and file_damage.name not in (RECORD, MANIFEST)
+    ]
     if not movable or not os.access(run_folder, os.W_OK):
         return False
-    with locked(run_folder):
-        for damaged in movable:
-            output = Output.open(run_folder / damaged.stage)
+    with lock_run(run_folder):
+        for file_damage in movable:
+            output = Output.open(run_folder / file_damage.stage)
             if output is not None:
-                output.set_aside(damaged.name)
+                output.set_aside(file_damage.name)
     return True
 
 
@@ -274,16 +287,16 @@ def needed_stages(stages: Sequence[Stage], targets: Sequence[str]) -> list[Stage
         If a target is unknown.
     """
     names = [stage.name for stage in stages]
-    unknown = [target for target in targets if target not in names]
-    if unknown:
+    unknown_names = [target for target in targets if target not in names]
+    if unknown_names:
         raise InputError(
-            f"stage {name} is unknown; stages are {', '.join(names)}{_hint(name, names)}" for name in unknown
+            f"stage {name} is unknown; stages are {', '.join(names)}{_hint(name, names)}" for name in unknown_names
         )
-    required = set(targets)
+    needed_names = set(targets)
     for stage in reversed(stages):
-        if stage.name in required:
-            required |= set(stage.reads)
-    return [stage for stage in stages if stage.name in required]
+        if stage.name in needed_names:
+            needed_names |= set(stage.reads)
+    return [stage for stage in stages if stage.name in needed_names]
 
 
 def _hint(name: str, names: Sequence[str]) -> str:
@@ -302,14 +315,14 @@ def _reasons(output: Output, current: Fingerprint) -> list[str]:
     return changes + output.faults()
 
 
-def _executed(
+def _execute(
     stage: Stage, study: Any, current: Fingerprint, inputs: Mapping[str, Output], runs: Path, resources: Resources
 ) -> Output:
     """Run a stage and publish its output."""
     progress.announce(stage.name)
-    started = datetime.now(UTC).isoformat(timespec="seconds")
+    start_time = datetime.now(UTC).isoformat(timespec="seconds")
     # one BLAS thread: more would spin beside the other processes, and move last digits
-    with progress.Meter() as meter, blamed(runs / study.name / stage.name), threadpool_limits(1):
+    with progress.Meter() as meter, name_path_in_errors(runs / study.name / stage.name), threadpool_limits(1):
         state = {"key": current.key, "chunk": resources.chunk} if stage.solve else None
         work = Work(runs / study.name, stage.name, state)
         sections = Sections(study, (*stage.sections, "name"))
@@ -331,7 +344,7 @@ def _executed(
         "sources": current.sources,
         **counts,
         **contents,
-        "started": started,
+        "started": start_time,
         "seconds": round(meter.seconds, 3),
         "peak_memory_bytes": meter.peak_bytes,
         "host": {"cores": os.cpu_count(), "machine": platform.machine(), "system": platform.platform()},
@@ -343,14 +356,14 @@ def _executed(
 
 def _run_whole(stage: Stage, job: Job, work: Work) -> dict[str, int]:
     assert stage.run is not None
-    declared, tables = {table.name: table for table in stage.tables}, stage.run(job)
+    contracts, tables = {table.name: table for table in stage.tables}, stage.run(job)
     blocks = {name: columns for name, columns in tables.items() if isinstance(columns, Iterator)}
-    fixed = {name: columns for name, columns in tables.items() if not isinstance(columns, Iterator)}
-    total = parts_of(stage, fixed | {name: declared[name].empty() for name in blocks if name in declared})
-    work.write_whole({name: part for name, part in total.items() if name in fixed})
+    whole_tables = {name: columns for name, columns in tables.items() if not isinstance(columns, Iterator)}
+    total = parts_of(stage, whole_tables | {name: contracts[name].empty() for name in blocks if name in contracts})
+    work.write_whole({name: part for name, part in total.items() if name in whole_tables})
     for name, columns in blocks.items():
         for block in columns:
-            work.write_block(name, declared[name].part(block))
+            work.write_block(name, contracts[name].part(block))
     return {}
 
 
@@ -361,7 +374,7 @@ def _solve_chunks(stage: Stage, job: Job, work: Work, resources: Resources, code
     size = resources.chunk * stage.chunk_factor
     bounds = [(start, min(start + size, total)) for start in range(0, total, size)]
     work.keep(bounds)
-    unfinished = [bound for bound in bounds if bound[0] not in work.finished]
+    waiting_chunks = [bound for bound in bounds if bound[0] not in work.finished_chunks]
     reads = {name: name.partition("/") for name in stage.chunk_reads}
 
     def read(start: int, stop: int) -> Chunk:
@@ -369,15 +382,17 @@ def _solve_chunks(stage: Stage, job: Job, work: Work, resources: Resources, code
         return Chunk(start, stop, tables)
 
     with progress.Line(stage.name, stage.unit, total) as line:
-        for start, stop in set(bounds) - set(unfinished):
-            line.advance(stop - start, work.finished[start]["failed"])
-        shared = stage.prepare(job)  # even where no chunk is left: it writes files too
-        if unfinished and resources.backend.name == "dask":
-            solved = solved_on_cluster(stage, shared, unfinished, read, code)
+        for start, stop in set(bounds) - set(waiting_chunks):
+            line.advance(stop - start, work.finished_chunks[start]["failed"])
+        shared_value = stage.prepare(job)  # even where no chunk is left: it writes files too
+        if waiting_chunks and resources.backend.name == "dask":
+            solved_parts = solved_on_cluster(stage, shared_value, waiting_chunks, read, code)
         else:
-            solved = solved_chunks(stage, shared, unfinished, read, work.folder, resources.jobs, resources.backend)
-        with closing(solved) as results:
+            solved_parts = solved_chunks(
+                stage, shared_value, waiting_chunks, read, work.folder, resources.jobs, resources.backend
+            )
+        with closing(solved_parts) as results:
             for part in results:
-                work.write_chunk(part.start, part.stop, part.parts, part.failed)
-                line.advance(part.stop - part.start, part.failed)
-    return {"items": total, "failed": line.failed, "chunk": resources.chunk}
+                work.write_chunk(part.start, part.stop, part.parts, part.failed_items)
+                line.advance(part.stop - part.start, part.failed_items)
+    return {"items": total, "failed": line.failed_items, "chunk": resources.chunk}

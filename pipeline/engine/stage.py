@@ -148,8 +148,8 @@ class Stage:
     chunk_factor: int = 1
 
     def __post_init__(self) -> None:
-        chunked = [body is not None for body in (self.items, self.prepare, self.solve)]
-        if any(chunked) == (self.run is not None) or any(chunked) != all(chunked):
+        has_chunk_body = [body is not None for body in (self.items, self.prepare, self.solve)]
+        if any(has_chunk_body) == (self.run is not None) or any(has_chunk_body) != all(has_chunk_body):
             raise TypeError(f"stage {self.name}: give either run, or items, prepare and solve")
         if len({table.name for table in self.tables}) < len(self.tables):
             raise TypeError(f"stage {self.name}: two tables of one name")

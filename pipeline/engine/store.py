@@ -32,7 +32,7 @@ from pipeline.errors import InputError
 RECORD = "record.json"
 MANIFEST = ".manifest.json"
 """Of a run: the seal of each stage's record."""
-DAMAGED = ".damaged"
+DAMAGED_SUFFIX = ".damaged"
 """In a run: files that were not what was written, by stage."""
 
 
@@ -42,7 +42,7 @@ def write_atomic(path: Path, data: bytes) -> None:
     It is not forced to the disk, which took longer than everything else the engine does with a chunk: if the power
     fails, sizes, hashes and page checksums notice the loss, and the worst of it is to solve again.
     """
-    with blamed(path):
+    with name_path_in_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
         temporary.write_bytes(data)
@@ -50,7 +50,7 @@ def write_atomic(path: Path, data: bytes) -> None:
 
 
 @contextlib.contextmanager
-def blamed(path: Path) -> Iterator[None]:
+def name_path_in_errors(path: Path) -> Iterator[None]:
     """Name a path in errors of the system that name none: a full disk is noticed by a write, which knows no name."""
     try:
         yield
@@ -102,7 +102,7 @@ class Output:
 
     folder: Path
     record: Mapping[str, Any]
-    _verified: set[str] = field(default_factory=set, compare=False, repr=False)
+    _verified_files: set[str] = field(default_factory=set, compare=False, repr=False)
     """Files whose bytes were compared with their recorded hash, which is done once, before they are used."""
 
     @classmethod
@@ -145,11 +145,11 @@ class Output:
 
     def _is_sound(self, name: str) -> bool:
         """Whether every byte of a file is as it was written."""
-        if name not in self._verified:
+        if name not in self._verified_files:
             path = self.folder / name
             if not path.is_file() or sha256_of(path) != self._files[name]["sha256"]:
                 return False
-            self._verified.add(name)
+            self._verified_files.add(name)
         return True
 
     def read(self, table: str) -> Columns:
@@ -178,12 +178,12 @@ class Output:
 
     def verify(self) -> dict[str, str]:
         """What is wrong, by file: "missing", "altered" or "extra"; nothing is written, and every byte is read."""
-        wrong = {
+        wrong_files = {
             name: "altered" if (self.folder / name).is_file() else "missing"
             for name in self._files
             if not self._is_sound(name)
         }
-        return wrong | dict.fromkeys(self.extra(), "extra")
+        return wrong_files | dict.fromkeys(self.extra(), "extra")
 
     def parts(self, table: str) -> list[Path]:
         """Files of a table, those of the record alone: what else lies in its folder is no part of it."""
@@ -204,19 +204,20 @@ class Output:
         if not self._is_sound(name):
             self.set_aside(name)
             raise InputError(
-                f"{path}: damaged or missing; set aside in {DAMAGED}; run stage {self.folder.name} again to make it"
+                f"{path}: damaged or missing; set aside in {DAMAGED_SUFFIX}; "
+                f"run stage {self.folder.name} again to make it"
             )
         return path
 
     def set_aside(self, name: str) -> None:
         """Move a file that is not what was written out of the folder: it would look fresh to the next run.
 
-        It keeps its name below the run's folder `DAMAGED`; what lay there under that name is lost.
+        It keeps its name below the run's folder `DAMAGED_SUFFIX`; what lay there under that name is lost.
         """
         path = self.folder / name
         if not path.parent.resolve().is_relative_to(self.folder.resolve()) or not (path.exists() or path.is_symlink()):
             return
-        target = self.folder.parent / DAMAGED / self.folder.name / name
+        target = self.folder.parent / DAMAGED_SUFFIX / self.folder.name / name
         remove(target)
         target.parent.mkdir(parents=True, exist_ok=True)
         path.replace(target)

@@ -95,9 +95,9 @@ class Table:
         TypeError
             If columns are missing, unknown, of different lengths or of the wrong type; names each of them.
         """
-        expected = self.schema.names
-        problems = [f"no column {name}" for name in expected if name not in columns]
-        problems += [f"unknown column {name}" for name in columns if name not in expected]
+        column_names = self.schema.names
+        problems = [f"no column {name}" for name in column_names if name not in columns]
+        problems += [f"unknown column {name}" for name in columns if name not in column_names]
         arrays = {}
         for column in self.columns:
             if column.name in columns:
@@ -110,7 +110,7 @@ class Table:
             problems.append(f"columns of different lengths {lengths}")
         if problems:
             raise TypeError(f"table {self.name}: " + "; ".join(problems))
-        return pa.Table.from_arrays([arrays[name] for name in expected], schema=self.schema)
+        return pa.Table.from_arrays([arrays[name] for name in column_names], schema=self.schema)
 
     def part(self, columns: Mapping[str, Any]) -> "Part":
         """The columns as a Parquet file, with what is known of it; raises as `to_arrow`."""
@@ -132,8 +132,8 @@ class Table:
             data=sink.getvalue(),
             rows=table.num_rows,
             content=_content(table.schema, rows),
-            first=int(items[0]) if sorted_by_item else None,
-            last=int(items[-1]) if sorted_by_item else None,
+            first_item=int(items[0]) if sorted_by_item else None,
+            last_item=int(items[-1]) if sorted_by_item else None,
         )
 
 
@@ -151,15 +151,15 @@ class Part:
         Hash of the values: the sum modulo 2^256 of the sha256 of each item's rows (raw values, little-endian; a label
         by its text). A table's hash is the sum over its parts, so it depends neither on how items are cut into parts
         nor on the order in which parts are made, nor on compression.
-    first, last : int or None
+    first_item, last_item : int or None
         Items at the ends, if the rows are sorted by item.
     """
 
     data: bytes
     rows: int
     content: int
-    first: int | None
-    last: int | None
+    first_item: int | None
+    last_item: int | None
 
 
 def content_hash(table: Table, contents: Iterable[int]) -> str:
@@ -186,14 +186,14 @@ def _arrow_array(column: Column, values: Any) -> pa.Array:
 def columns_of(table: pa.Table) -> Columns:
     """The columns of an Arrow table as arrays of their own (writable); null floats as NaN, labels as Categorical."""
     columns: Columns = {}
-    for name, chunked in zip(table.column_names, table.columns, strict=True):
-        if pa.types.is_dictionary(chunked.type):
-            array = chunked.unify_dictionaries().combine_chunks()
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if pa.types.is_dictionary(column.type):
+            array = column.unify_dictionaries().combine_chunks()
             array = array.chunk(0) if isinstance(array, pa.ChunkedArray) else array
             codes = array.indices.fill_null(-1).to_numpy(zero_copy_only=False)
             columns[name] = pd.Categorical.from_codes(codes, categories=array.dictionary.to_pylist())
         else:
-            columns[name] = np.require(chunked.to_numpy(), requirements=["W", "C"])
+            columns[name] = np.require(column.to_numpy(), requirements=["W", "C"])
     return columns
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.record import LAYOUT, seal, sealed, table_record, valid_note
+from pipeline.engine.record import LAYOUT, seal, table_record, valid_note, with_seal
 from pipeline.engine.store import RECORD, Output, read_json, remove, sha256_of, write_atomic, write_json
 from pipeline.engine.table import Part, Table
 
@@ -27,7 +27,7 @@ class Work:
 
     Attributes
     ----------
-    finished : dict of int to dict
+    finished_chunks : dict of int to dict
         What is known of each chunk whose files are written, by its first item.
     """
 
@@ -35,8 +35,8 @@ class Work:
         self.target = run / stage
         self.folder = run / WORK / stage
         self.output = self.folder / "output"
-        self.replaced = run / WORK / f".replaced-{stage}"
-        remove(self.replaced)
+        self.replaced_folder = run / WORK / f".replaced-{stage}"
+        remove(self.replaced_folder)
         if (run / WORK).is_symlink():
             remove(run / WORK)
         if state is None or _is_foreign(self.folder) or read_json(self.folder / "state.json") != state:
@@ -46,14 +46,14 @@ class Work:
         for leftover in self.folder.rglob(".*.tmp"):
             leftover.unlink()
         self.state = seal(state or {})
-        self.finished = dict(self._finished_chunks())
-        self._clear({part["name"] for note in self.finished.values() for part in note["parts"].values()})
+        self.finished_chunks = dict(self._finished_chunks())
+        self._clear({part["name"] for note in self.finished_chunks.values() for part in note["parts"].values()})
 
     def _clear(self, known: set[str]) -> None:
         """Remove whatever is none of the known files of the output, nor a folder of one, and notes of no chunk."""
         kept = {self.output / name for name in known}
         kept |= {folder for path in kept for folder in path.parents}
-        notes = {self.folder / "chunks" / f"{start:09d}.json" for start in self.finished}
+        notes = {self.folder / "chunks" / f"{start:09d}.json" for start in self.finished_chunks}
         for path in [*self.output.rglob("*"), *(self.folder / "chunks").glob("*")]:
             if path not in kept | notes and path.parent.is_dir():  # else its folder is removed already
                 remove(path)
@@ -61,42 +61,46 @@ class Work:
     def _finished_chunks(self) -> Iterator[tuple[int, dict[str, Any]]]:
         for path in (self.folder / "chunks").glob("*.json"):
             note = valid_note(read_json(path), int(path.stem), self.state) if path.stem.isdecimal() else None
-            if note and all(self._whole(part) for part in note["parts"].values()):
+            if note and all(self._is_whole(part) for part in note["parts"].values()):
                 yield int(path.stem), note
 
-    def _whole(self, part: Mapping[str, Any]) -> bool:
+    def _is_whole(self, part: Mapping[str, Any]) -> bool:
         path = self.output / part["name"]
         return path.is_file() and sha256_of(path) == part["sha256"]
 
     def keep(self, bounds: Sequence[tuple[int, int]]) -> None:
         """Forget finished chunks that are none of those (start, stop) of the stage, with their files."""
-        for start in [start for start, note in self.finished.items() if (start, note["stop"]) not in bounds]:
-            for part in self.finished.pop(start)["parts"].values():
+        for start in [start for start, note in self.finished_chunks.items() if (start, note["stop"]) not in bounds]:
+            for part in self.finished_chunks.pop(start)["parts"].values():
                 (self.output / part["name"]).unlink()
 
     def write_whole(self, parts: Mapping[str, Part]) -> None:
         """Write each table as one file."""
-        self.finished[0] = {"parts": {table: self._write(f"{table}.parquet", part) for table, part in parts.items()}}
+        self.finished_chunks[0] = {
+            "parts": {table: self._write(f"{table}.parquet", part) for table, part in parts.items()}
+        }
 
     def write_block(self, table: str, part: Part) -> None:
         """Write a block of a table that is not held as a whole, named by its first item."""
-        start = part.first or 0
+        start = part.first_item or 0
         file_entry = self._write(f"{table}.parquet/part-{start:09d}.parquet", part)
-        self.finished.setdefault(start, {"parts": {}})["parts"][table] = file_entry
+        self.finished_chunks.setdefault(start, {"parts": {}})["parts"][table] = file_entry
 
-    def write_chunk(self, start: int, stop: int, parts: Mapping[str, Part], failed: int) -> None:
+    def write_chunk(self, start: int, stop: int, parts: Mapping[str, Part], failed_items: int) -> None:
         """Write the parts of a chunk, then the note that says it is finished."""
         files = {table: self._write(f"{table}.parquet/part-{start:09d}.parquet", part) for table, part in parts.items()}
-        self.finished[start] = sealed({"state": self.state, "stop": stop, "failed": failed, "parts": files})
-        write_json(self.folder / "chunks" / f"{start:09d}.json", self.finished[start])
+        self.finished_chunks[start] = with_seal(
+            {"state": self.state, "stop": stop, "failed": failed_items, "parts": files}
+        )
+        write_json(self.folder / "chunks" / f"{start:09d}.json", self.finished_chunks[start])
 
     def _write(self, name: str, part: Part) -> dict[str, Any]:
         write_atomic(self.output / name, part.data)
         return {
             "name": name,
             "rows": part.rows,
-            "first": part.first,
-            "last": part.last,
+            "first": part.first_item,
+            "last": part.last_item,
             "bytes": len(part.data),
             "modified_ns": (self.output / name).stat().st_mtime_ns,
             "sha256": hashlib.sha256(part.data).hexdigest(),
@@ -105,17 +109,17 @@ class Work:
 
     def contents(self, tables: Sequence[Table]) -> dict[str, Any]:
         """The part of the record that describes the tables and extra files."""
-        described = {}
+        table_entries = {}
         for table in tables:
-            parts = [self.finished[start]["parts"] for start in sorted(self.finished)]
+            parts = [self.finished_chunks[start]["parts"] for start in sorted(self.finished_chunks)]
             files = [part[table.name] for part in parts if table.name in part]
             # a table without rows still says its columns
             files = files or [self._write(f"{table.name}.parquet/part-{0:09d}.parquet", table.part(table.empty()))]
-            described[table.name] = table_record(table, files)
-        file_names = {file["name"] for entry in described.values() for file in entry["files"]} | {RECORD}
+            table_entries[table.name] = table_record(table, files)
+        file_names = {file["name"] for entry in table_entries.values() for file in entry["files"]} | {RECORD}
         names = sorted(p.relative_to(self.output).as_posix() for p in self.output.rglob("*") if p.is_file())
         return {
-            "tables": described,
+            "tables": table_entries,
             "files": {name: self._file_record(name) for name in names if name not in file_names},
         }
 
@@ -129,14 +133,14 @@ class Work:
         What is replaced is moved into one folder before any of it is removed: killed at any point, the next run finds
         either the finished chunks or the new output, and a folder to clear.
         """
-        record = sealed({"layout": LAYOUT, **record})
+        record = with_seal({"layout": LAYOUT, **record})
         write_json(self.output / RECORD, record)
-        self.replaced.mkdir()
+        self.replaced_folder.mkdir()
         if os.path.lexists(self.target):
-            self.target.rename(self.replaced / "output")
+            self.target.rename(self.replaced_folder / "output")
         self.output.rename(self.target)
-        self.folder.rename(self.replaced / "work")
-        remove(self.replaced)
+        self.folder.rename(self.replaced_folder / "work")
+        remove(self.replaced_folder)
         return Output(self.target, record)
 
 

@@ -145,7 +145,7 @@ def _shifted(stated: Estimate, before: NDArray, after: NDArray, confidence: floa
     before, after = np.asarray(before), np.asarray(after)
     difference = float(np.mean(after) - np.mean(before))
     low, high = (
-        share_difference(before, after, confidence, paired=True)
+        share_difference(before, after, confidence, are_paired=True)
         if np.any(before != after)
         else (difference, difference)
     )

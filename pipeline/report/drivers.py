@@ -10,7 +10,7 @@ from pipeline.model.metrics import signed
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import NOTHING, UNDETERMINED, percent, percent_interval
 from pipeline.report.results import Cell
-from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, determined
+from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
 
 NAMED = 3
 """Errors that a row names."""
@@ -143,7 +143,7 @@ def _leading(table: pd.DataFrame, kind: str) -> pd.Series:
     """Determined indices of one kind by parameter, largest first; a share below 0 is noise."""
     rows = table[(table["kind"] == kind) & (table["parameter"] != SUM)]
     index = rows["index"].to_numpy(float)
-    certain = determined(index, rows["ci_low"].to_numpy(float), rows["ci_high"].to_numpy(float))
+    certain = are_determined(index, rows["ci_low"].to_numpy(float), rows["ci_high"].to_numpy(float))
     leading = rows[certain & ((index > 0) | (kind == RANK_CORRELATION))]
     indices = pd.Series(leading["index"].to_numpy(float), leading["parameter"].astype(str))
     return indices.sort_values(ascending=False, kind="stable", key=np.abs)

@@ -11,7 +11,7 @@ from pipeline.sampling.errors import (
     draw_with_parts,
     errors_at,
     errors_with_parts,
-    unmeasured,
+    unmeasured_dimensions,
     usual_beside,
 )
 from pipeline.sampling.pick_freeze import draw_mixed, drawn_units, error_groups
@@ -31,6 +31,6 @@ __all__ = [
     "oval_shift",
     "replicates",
     "uniforms",
-    "unmeasured",
+    "unmeasured_dimensions",
     "usual_beside",
 ]

@@ -13,7 +13,7 @@ SMALLEST_PROBABILITY = 2.0**-54
 """A generator may return 0, whose normal quantile is infinite; half of the smallest step stands for it."""
 
 
-def correlated(probability: Real, circumference: float, length: float) -> Real:
+def correlated_numbers(probability: Real, circumference: float, length: float) -> Real:
     """Uniform numbers of equally spaced elements on a circle, correlated like a machining drift.
 
     Parameters

@@ -42,7 +42,7 @@ def uniforms(samples: Samples, dimensions: int, start: int, stop: int) -> Real:
         case "monte_carlo":
             return independent_uniforms(samples.seed, dimensions, start, stop)
         case "sobol" | "latin_hypercube":
-            return _interleaved(samples, dimensions, start, stop)
+            return _interleaved_points(samples, dimensions, start, stop)
     raise ValueError(f"the experiment {samples.experiment!r} has no random numbers")
 
 
@@ -70,19 +70,19 @@ def independent_uniforms(seed: int, dimensions: int, start: int, stop: int) -> R
     return numbers[:, :dimensions]
 
 
-def _interleaved(samples: Samples, dimensions: int, start: int, stop: int) -> Real:
+def _interleaved_points(samples: Samples, dimensions: int, start: int, stop: int) -> Real:
     """Draw k is point k // randomisations of the replicate k % randomisations."""
     draw = np.arange(start, stop)
     point, replicate = np.divmod(draw, samples.randomisations)
     numbers = np.empty((len(draw), dimensions))
     for r in np.unique(replicate):
-        selected = replicate == r
-        first_point, last_point = int(point[selected][0]), int(point[selected][-1])
+        in_replicate = replicate == r
+        first_point, last_point = int(point[in_replicate][0]), int(point[in_replicate][-1])
         if samples.experiment == "sobol":
-            numbers[selected] = _sobol(samples.seed, int(r), dimensions, first_point, last_point + 1)
+            numbers[in_replicate] = _sobol(samples.seed, int(r), dimensions, first_point, last_point + 1)
         else:
             strata = samples.count // samples.randomisations
-            numbers[selected] = _hypercube(samples.seed, int(r), dimensions, strata)[first_point : last_point + 1]
+            numbers[in_replicate] = _hypercube(samples.seed, int(r), dimensions, strata)[first_point : last_point + 1]
     return numbers
 
 
@@ -91,7 +91,7 @@ def _generator(seed: int, replicate: int) -> np.random.Generator:
 
 
 def _sobol(seed: int, replicate: int, dimensions: int, start: int, stop: int) -> Real:
-    engine = deepcopy(_scrambled(seed, replicate, dimensions))
+    engine = deepcopy(_scrambled_sequence(seed, replicate, dimensions))
     if start > 0:
         engine.fast_forward(start)
     # SciPy warns of any other number than a power of two, for the sake of an error estimate that is not ours.
@@ -99,7 +99,7 @@ def _sobol(seed: int, replicate: int, dimensions: int, start: int, stop: int) ->
 
 
 @lru_cache(maxsize=64)
-def _scrambled(seed: int, replicate: int, dimensions: int) -> scipy.stats.qmc.Sobol:
+def _scrambled_sequence(seed: int, replicate: int, dimensions: int) -> scipy.stats.qmc.Sobol:
     """A Sobol' sequence at its first point; it moves on when it is drawn from, so only copies of it are."""
     return scipy.stats.qmc.Sobol(dimensions, scramble=True, rng=_generator(seed, replicate))
 

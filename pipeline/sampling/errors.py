@@ -14,7 +14,7 @@ from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Samples
 from pipeline.config.studies.tolerances import Tolerances
-from pipeline.sampling.correlation import correlated
+from pipeline.sampling.correlation import correlated_numbers
 from pipeline.sampling.designs import uniforms
 
 Real = NDArray[np.float64]
@@ -125,16 +125,16 @@ def draw(study: Drawn, start: int, stop: int) -> Errors:
     shift = int(study.samples.nominal_first)
     first_row, last_row = max(start - shift, 0), max(stop - shift, 0)
     drawn_errors = (
-        _listed(study, first_row, last_row)
+        _listed_errors(study, first_row, last_row)
         if study.samples.experiment == "cases"
         else _random(study, first_row, last_row)
     )
     if shift and start == 0 < stop:
-        drawn_errors = _joined(_nominal(study), drawn_errors)
+        drawn_errors = _joined_errors(_nominal(study), drawn_errors)
     return drawn_errors
 
 
-def draw_as_measured(study: Drawn, measured: Case, start: int, stop: int) -> Errors:
+def draw_as_measured(study: Drawn, case: Case, start: int, stop: int) -> Errors:
     """Errors of samples that have the deviations which a case states, and all others as the tolerances make them.
 
     What acts through a stated dimension, as an ovality through the pins' places, was measured with it.
@@ -142,20 +142,20 @@ def draw_as_measured(study: Drawn, measured: Case, start: int, stop: int) -> Err
     Parameters
     ----------
     study : as for `draw`, of samples that are drawn.
-    measured : a dimension that it does not name was not measured.
+    case : a dimension that it does not name was not measured.
     start, stop : first sample, and the one after the last.
     """
     counts = _counts(study.design)
     values = deviations_at(study, uniforms(study.samples, sum(dimensions(study).values()), start, stop))
     for name, dimension in dimension_library().items():
-        if _was_measured(measured, dimension):
-            values[name] = np.broadcast_to(measured.deviation_um(name), (stop - start, counts[name]))
+        if _was_measured(case, dimension):
+            values[name] = np.broadcast_to(case.deviation_um(name), (stop - start, counts[name]))
             if dimension.direction:
                 values[dimension.phase] = np.zeros((stop - start, counts[dimension.phase]))
     return _errors(values, study.design)
 
 
-def draw_with_parts(study: Drawn, measured: Mapping[str, Real], start: int, stop: int) -> Errors:
+def draw_with_parts(study: Drawn, measured_values: Mapping[str, Real], start: int, stop: int) -> Errors:
     """Errors of samples whose measured dimensions differ from sample to sample, and all others as the tolerances say.
 
     What acts through a measured dimension, as an ovality through the pins' places, was measured with it. Directions of
@@ -164,43 +164,45 @@ def draw_with_parts(study: Drawn, measured: Mapping[str, Real], start: int, stop
     Parameters
     ----------
     study : as for `draw`, of samples that are drawn.
-    measured : total deviations by dimension (stop - start, n_elements) [um]; one column for elements that are alike.
+    measured_values : total deviations by dimension (stop - start, n_elements) [um]; one column for equal elements.
     start, stop : first sample, and the one after the last.
     """
-    return errors_with_parts(study, measured, uniforms(study.samples, sum(dimensions(study).values()), start, stop))
+    return errors_with_parts(
+        study, measured_values, uniforms(study.samples, sum(dimensions(study).values()), start, stop)
+    )
 
 
-def errors_with_parts(study: Drawn, measured: Mapping[str, Real], numbers: Real) -> Errors:
+def errors_with_parts(study: Drawn, measured_values: Mapping[str, Real], numbers: Real) -> Errors:
     """As `draw_with_parts`, the other dimensions at points of the unit cube, ``numbers`` (n_samples, n_dimensions)."""
     counts = _counts(study.design)
     values = deviations_at(study, numbers)
     for name, dimension in dimension_library().items():
-        if name in measured:
-            values[name] = np.broadcast_to(measured[name], (len(numbers), counts[name]))
-        elif dimension.acts_on in measured:
+        if name in measured_values:
+            values[name] = np.broadcast_to(measured_values[name], (len(numbers), counts[name]))
+        elif dimension.acts_on in measured_values:
             values[name] = np.zeros((len(numbers), counts[name]))
     return _errors(values, study.design)
 
 
-def usual_beside(study: Drawn, measured: Case) -> Case:
+def usual_beside(study: Drawn, case: Case) -> Case:
     """The case with the mean of its tolerance [um] for each dimension that was not measured; none of a direction."""
     means = {}
     for name, dimension in dimension_library().items():
         tolerance = getattr(study.tolerances, name)
-        if not dimension.direction and not _was_measured(measured, dimension):
+        if not dimension.direction and not _was_measured(case, dimension):
             means[name] = tolerance.allowance_um + tolerance.average_um
-    return measured.model_copy(update={name: mean for name, mean in means.items() if mean})
+    return case.model_copy(update={name: mean for name, mean in means.items() if mean})
 
 
-def unmeasured(study: Drawn, measured: Case) -> tuple[str, ...]:
+def unmeasured_dimensions(study: Drawn, case: Case) -> tuple[str, ...]:
     """Names of the dimensions that vary from unit to unit in a study and that a case does not state."""
     library = dimension_library().items()
-    return tuple(name for name, dimension in library if varies(study, name) and not _was_measured(measured, dimension))
+    return tuple(name for name, dimension in library if varies(study, name) and not _was_measured(case, dimension))
 
 
-def _was_measured(measured: Case, dimension: Dimension) -> bool:
+def _was_measured(case: Case, dimension: Dimension) -> bool:
     """Whether a case states a dimension, or one that it acts through."""
-    return bool({dimension.name, dimension.acts_on} & measured.model_fields_set)
+    return bool({dimension.name, dimension.acts_on} & case.model_fields_set)
 
 
 def _random(study: Drawn, start: int, stop: int) -> Errors:
@@ -210,15 +212,15 @@ def _random(study: Drawn, start: int, stop: int) -> Errors:
 def varies(study: Drawn, name: str) -> bool:
     """Whether a tolerance varies from unit to unit; an ovality of fixed amplitude varies by its phase."""
     tolerance = getattr(study.tolerances, name)
-    directed = bool(dimension_library()[name].direction)
-    return tolerance.varies or (directed and tolerance.allowance_um + tolerance.limits_um[0] > 0)
+    has_direction = bool(dimension_library()[name].direction)
+    return tolerance.varies or (has_direction and tolerance.allowance_um + tolerance.limits_um[0] > 0)
 
 
 def dimensions(study: Drawn) -> dict[str, int]:
     """Dimensions of the design of experiment that belong to each tolerance and phase, in their order."""
     library = dimension_library().values()
-    unvaried = [d for d in library if d.counted_where_varied and not varies(study, d.name)]
-    names = {name for dimension in unvaried for name in (dimension.name, dimension.phase)}
+    constant_dimensions = [d for d in library if d.counted_where_varied and not varies(study, d.name)]
+    names = {name for dimension in constant_dimensions for name in (dimension.name, dimension.phase)}
     return {name: count for name, count in _counts(study.design).items() if name not in names}
 
 
@@ -246,28 +248,28 @@ def deviations_at(study: Drawn, numbers: Real) -> dict[str, Real]:
     """Deviations [um] and directions [rad] (n_samples, n_elements) of each tolerance at points of the unit cube."""
     sizes = dimensions(study)
     ends = np.cumsum(list(sizes.values()))
-    fixed = {name: np.full((len(numbers), count), 0.5) for name, count in _counts(study.design).items()}
-    columns = fixed | dict(zip(sizes, np.split(numbers, ends[:-1], axis=1), strict=True))
+    midpoints = {name: np.full((len(numbers), count), 0.5) for name, count in _counts(study.design).items()}
+    columns = midpoints | dict(zip(sizes, np.split(numbers, ends[:-1], axis=1), strict=True))
     values = {name: 2 * np.pi * columns.pop(name) for name in _directions()}
     for name, probability in columns.items():
         tolerance = getattr(study.tolerances, name)
         length = getattr(tolerance, "correlation_length_mm", None)
         if length is not None:
-            probability = _correlated(name, probability, study.design, length)
+            probability = _correlated_numbers(name, probability, study.design, length)
         values[name] = tolerance.allowance_um + tolerance.deviation(probability)
     return values
 
 
-def _correlated(name: str, probability: Real, design: Design, length: float) -> Real:
+def _correlated_numbers(name: str, probability: Real, design: Design, length: float) -> Real:
     """The uniform numbers (n_samples, n_elements), correlated along the circle of the elements of each disk."""
     elements = dimension_library()[name].elements
     if elements is None or elements.radius_mm is None:
         raise ValueError(f"{name} does not lie along a circle")
     circles = probability.reshape(-1, elements.count(design))
-    return correlated(circles, 2 * np.pi * elements.radius_mm(design), length).reshape(probability.shape)
+    return correlated_numbers(circles, 2 * np.pi * elements.radius_mm(design), length).reshape(probability.shape)
 
 
-def _listed(study: Drawn, start: int, stop: int) -> Errors:
+def _listed_errors(study: Drawn, start: int, stop: int) -> Errors:
     cases, counts = study.cases[start:stop], _counts(study.design)
     values = {
         name: np.array([np.broadcast_to(case.deviation_um(name), n) for case in cases]).reshape(len(cases), n)
@@ -296,7 +298,7 @@ def _errors(values: dict[str, Real], design: Design) -> Errors:
                 size = dimension.elements.count(design) * (disks if dimension.of_disk else 1)
                 errors[field] = values[name] if values[name].shape[1] else np.zeros((len(values[name]), size))
             else:
-                errors[field] = _alone(values[name], disks if dimension.of_disk and field == dimension.field else 1)
+                errors[field] = _per_disk(values[name], disks if dimension.of_disk and field == dimension.field else 1)
     for dimension in library:
         if dimension.shift:
             deviation = errors[dimension.field]
@@ -309,11 +311,11 @@ def _errors(values: dict[str, Real], design: Design) -> Errors:
     return Errors(**errors)
 
 
-def _alone(values: Real, disks: int) -> Real:
+def _per_disk(values: Real, disks: int) -> Real:
     """Values (n_samples,) of what a reducer has once, (n_samples, disks) of what each disk has; zero where none can."""
     values = values if values.shape[1] else np.zeros((len(values), disks))
     return values if disks > 1 else values[:, 0]
 
 
-def _joined(*parts: Errors) -> Errors:
+def _joined_errors(*parts: Errors) -> Errors:
     return Errors(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Errors)})

@@ -50,13 +50,13 @@ def draw_mixed(study: Study, start: int, stop: int) -> Errors:
     numbers = [np.empty((0, sum(sizes.values())))]
     for k in np.unique(part):
         rows = row[part == k]
-        base, resampled = (_numbers(study, sum(sizes.values()), rows + shift) for shift in (0, n))
+        base, second_base = (_numbers(study, sum(sizes.values()), rows + shift) for shift in (0, n))
         if k >= SETS:
             group = error_groups(study)[k - SETS]
             for name in {group, f"{group}_phase"} & set(sizes):
                 columns = slice(ends[name] - sizes[name], ends[name])
-                base[:, columns] = resampled[:, columns]
-        numbers.append(resampled if k == 1 else base)
+                base[:, columns] = second_base[:, columns]
+        numbers.append(second_base if k == 1 else base)
     return errors_at(study, np.concatenate(numbers))
 
 

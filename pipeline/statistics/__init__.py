@@ -6,7 +6,7 @@ from pipeline.statistics.variance_indices import (
     FIRST_ORDER,
     SUM,
     TOTAL,
-    determined,
+    are_determined,
     two_fidelity_indices,
     variance_indices,
 )
@@ -18,7 +18,7 @@ __all__ = [
     "TOTAL",
     "Estimate",
     "Indices",
-    "determined",
+    "are_determined",
     "distribution",
     "pass_share",
     "rank_correlation",

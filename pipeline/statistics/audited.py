@@ -42,29 +42,29 @@ def audited_share(passes: NDArray[np.bool_], confidence: float) -> Estimate:
     return Estimate(share, float(low), float(high), n)
 
 
-def audited_distribution(found: Real, shortfall: Real, confidence: float) -> dict[str, Estimate]:
+def audited_distribution(found_values: Real, shortfall: Real, confidence: float) -> dict[str, Estimate]:
     """Mean and the quantiles of `QUANTILES` of true values, by name.
 
     Parameters
     ----------
-    found : (n_units,) values of the search.
+    found_values : (n_units,) values of the search.
     shortfall : (n_audited,) what is to be added to the found values of the audited units.
 
     Notes
     -----
     A quantile's interval lies between the quantiles of the levels that the interval of its share has (Woodruff).
     """
-    mean = float(np.mean(found) + np.mean(shortfall))
-    spread = np.sqrt(_mean_variance(found) + _mean_variance(shortfall))
-    half = scipy.stats.t.ppf((1 + confidence) / 2, max(min(len(found), len(shortfall)) - 1, 1)) * spread
-    estimates = {"mean": Estimate(mean, mean - half, mean + half, len(found))}
-    values = np.add.outer(found, shortfall)
+    mean = float(np.mean(found_values) + np.mean(shortfall))
+    spread = np.sqrt(_mean_variance(found_values) + _mean_variance(shortfall))
+    half = scipy.stats.t.ppf((1 + confidence) / 2, max(min(len(found_values), len(shortfall)) - 1, 1)) * spread
+    estimates = {"mean": Estimate(mean, mean - half, mean + half, len(found_values))}
+    values = np.add.outer(found_values, shortfall)
     ascending = np.sort(values, axis=None)
     for name, level in QUANTILES.items():
         value = float(np.quantile(ascending, level))
         share = audited_share(values <= value, confidence)
         low, high = np.quantile(ascending, [share.ci_low, share.ci_high])
-        estimates[name] = Estimate(value, float(low), float(high), len(found))
+        estimates[name] = Estimate(value, float(low), float(high), len(found_values))
     return estimates
 
 

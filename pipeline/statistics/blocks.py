@@ -38,11 +38,11 @@ def max_t(gains: Real, resamples: int, seed: int) -> tuple[Real, Real]:
     """
     n = len(gains)
     mean, spread = gains.mean(axis=0), gains.std(axis=0, ddof=1) / np.sqrt(n)
-    safe = np.where(spread > 0, spread, np.inf)
-    t = mean / safe
-    resampled_gains = resampled_means(gains - mean, resamples, seed) / safe
-    largest = resampled_gains.max(axis=1)
-    p = (1 + np.sum(largest[:, None] >= t, axis=0)) / (resamples + 1)
+    scale = np.where(spread > 0, spread, np.inf)
+    t = mean / scale
+    resampled_gains = resampled_means(gains - mean, resamples, seed) / scale
+    largest_t = resampled_gains.max(axis=1)
+    p = (1 + np.sum(largest_t[:, None] >= t, axis=0)) / (resamples + 1)
     return t, p
 
 
@@ -66,9 +66,9 @@ def confidence_set(losses: Real, level: float, resamples: int, seed: int) -> NDA
         spread = np.sqrt(np.mean(noise**2, axis=0))
         if np.all(spread <= 0):
             break
-        safe = np.where(spread > 0, spread, np.inf)
-        worst = np.max(relative / safe)
-        if np.mean(np.max(noise / safe, axis=1) >= worst) >= 1 - level:
+        scale = np.where(spread > 0, spread, np.inf)
+        worst_t = np.max(relative / scale)
+        if np.mean(np.max(noise / scale, axis=1) >= worst_t) >= 1 - level:
             break
-        members[np.flatnonzero(members)[np.argmax(relative / safe)]] = False
+        members[np.flatnonzero(members)[np.argmax(relative / scale)]] = False
     return members

@@ -24,7 +24,7 @@ REACHES = np.geomspace(0.1, 2.0, 8)
 """Distances over which a group's curve is alike, in largest abscissas."""
 SIZES = np.geomspace(0.02, 2e3, 40)
 """Sizes of the departures at which a correlation is judged, in standard deviations of a mean's noise."""
-NOTHING = 1e-9
+RANK_TOLERANCE = 1e-9
 """Share of the largest singular value below which a column says nothing new."""
 CONFIDENCE = 0.95
 """Of the interval of the size."""
@@ -47,7 +47,7 @@ class CurveScatter:
     groups: int
 
     @property
-    def shown(self) -> float:
+    def significant_size(self) -> float:
         """The size where its interval excludes zero, else 0."""
         return self.size if self.ci_low > 0.0 else 0.0
 
@@ -80,44 +80,44 @@ def curve_scatter(
     The likelihood is that of contrasts of the whitened means which no shared curve and no zero reaches; in the axes of
     each correlation it is a sum, so that all sizes are evaluated at once.
     """
-    means = _averaged(abscissa, branch, group, values, sigma, bins)
+    means = _group_means(abscissa, branch, group, values, sigma, bins)
     if not means.group.size:
         return None
     columns = [_dummies(means.state), *([_dummies(means.group)] if own_zero else [])]
-    explained = np.linalg.svd(np.hstack(columns), full_matrices=False)
-    basis = explained[0][:, explained[1] > NOTHING * explained[1].max()]
+    decomposition = np.linalg.svd(np.hstack(columns), full_matrices=False)
+    basis = decomposition[0][:, decomposition[1] > RANK_TOLERANCE * decomposition[1].max()]
     if len(basis) == basis.shape[1]:
         return None
-    compared = len(basis) - len(np.unique(means.state))
+    freedom = len(basis) - len(np.unique(means.state))
     contrast = np.eye(len(basis)) - basis @ basis.T
     contrasts, noise = contrast @ means.value, contrast * means.noise**2
     square, of_noise = float(contrasts @ contrasts), float(np.trace(noise))
     correlation = _likeliest(means, basis, float(np.max(np.abs(abscissa))))
     departure = contrast @ correlation @ contrast
-    departure *= compared / np.trace(departure)  # of unit mean square about the mean of the groups
-    size = max(square - of_noise, 0.0) / compared
+    departure *= freedom / np.trace(departure)  # of unit mean square about the mean of the groups
+    size = max(square - of_noise, 0.0) / freedom
     total = size * departure + noise @ contrast
     independent = np.trace(total) ** 2 / np.sum(total**2)
     ends = square * independent / (2 * gammaincinv(0.5 * independent, [0.5 * (1 + CONFIDENCE), 0.5 * (1 - CONFIDENCE)]))
-    low, high = np.sqrt(np.maximum(ends - of_noise, 0.0) / compared).tolist()
+    low, high = np.sqrt(np.maximum(ends - of_noise, 0.0) / freedom).tolist()
     return CurveScatter(float(np.sqrt(size)), low, high, len(np.unique(means.group)))
 
 
-def _likeliest(means: _Means, explained: Real, top: float) -> Real:
+def _likeliest(means: _Means, basis: Real, top: float) -> Real:
     """The correlation (n, n) of the departures, at whichever size, of the largest restricted likelihood."""
-    weighted = qr(explained / means.noise[:, None])[0][:, explained.shape[1] :]
-    goal, unit = weighted.T @ (means.value / means.noise), float(np.median(means.noise))
-    best: tuple[float, Real] = (-np.inf, np.eye(len(means.value)))
+    complement = qr(basis / means.noise[:, None])[0][:, basis.shape[1] :]
+    goal, unit = complement.T @ (means.value / means.noise), float(np.median(means.noise))
+    likeliest: tuple[float, Real] = (-np.inf, np.eye(len(means.value)))
     for correlation in _correlations(means, top):
-        spread, axes = eigh(weighted.T @ (correlation / np.outer(means.noise, means.noise)) @ weighted)
+        spread, axes = eigh(complement.T @ (correlation / np.outer(means.noise, means.noise)) @ complement)
         variance = 1 + (unit * SIZES[:, None]) ** 2 * np.maximum(spread, 0.0)
         likelihood = float(np.max(-0.5 * np.sum(np.log(variance) + (axes.T @ goal) ** 2 / variance, axis=1)))
-        if likelihood > best[0]:
-            best = likelihood, correlation
-    return best[1]
+        if likelihood > likeliest[0]:
+            likeliest = likelihood, correlation
+    return likeliest[1]
 
 
-def _averaged(abscissa: Real, branch: Whole, group: Whole, values: Real, sigma: Real, bins: int) -> _Means:
+def _group_means(abscissa: Real, branch: Whole, group: Whole, values: Real, sigma: Real, bins: int) -> _Means:
     """The values averaged, their noise no less than what they scatter by within a state."""
     edges = np.linspace(abscissa.min(), abscissa.max(), bins + 1)
     interval = np.clip(np.searchsorted(edges, abscissa, side="right") - 1, 0, bins - 1)
@@ -130,10 +130,10 @@ def _averaged(abscissa: Real, branch: Whole, group: Whole, values: Real, sigma: 
     dx, dy = abscissa - middle[pair], values - mean[pair]
     slope = np.bincount(pair, weight * dx * dy) / np.maximum(np.bincount(pair, weight * dx**2), 1e-300)
     scatter = float(np.sum(weight * (dy - slope[pair] * dx) ** 2)) / max(len(values) - 2 * len(pairs), 1)
-    shared = np.bincount(pairs[:, 0])[pairs[:, 0]] > 1
-    state_of, group_of = pairs[shared].T
-    noise = np.sqrt(max(scatter, 1.0) / total[shared])
-    return _Means(middle[shared], states[state_of, 0], state_of, group_of, mean[shared], noise)
+    has_partner = np.bincount(pairs[:, 0])[pairs[:, 0]] > 1
+    state_of, group_of = pairs[has_partner].T
+    noise = np.sqrt(max(scatter, 1.0) / total[has_partner])
+    return _Means(middle[has_partner], states[state_of, 0], state_of, group_of, mean[has_partner], noise)
 
 
 def _correlations(means: _Means, top: float) -> Iterator[Real]:

@@ -22,9 +22,9 @@ RESAMPLED_VALUES = 500_000
 Replicate = NDArray[np.integer] | None
 
 
-def mean_difference(a: Real, b: Real, confidence: float, paired: bool) -> Interval:
+def mean_difference(a: Real, b: Real, confidence: float, are_paired: bool) -> Interval:
     """Student's t interval of the mean of ``b`` less that of ``a``, (n,) each; Welch's where they are not paired."""
-    return mean_interval(b - a, confidence) if paired else welch_interval(a, b, confidence)
+    return mean_interval(b - a, confidence) if are_paired else welch_interval(a, b, confidence)
 
 
 def welch_interval(a: Real, b: Real, confidence: float) -> Interval:
@@ -46,7 +46,7 @@ def welch_interval(a: Real, b: Real, confidence: float) -> Interval:
     return value - half, value + half
 
 
-def share_difference(a: NDArray[np.bool_], b: NDArray[np.bool_], confidence: float, paired: bool) -> Interval:
+def share_difference(a: NDArray[np.bool_], b: NDArray[np.bool_], confidence: float, are_paired: bool) -> Interval:
     """Newcombe's interval of the share of ``b`` that is true less that of ``a``, from Wilson's of each.
 
     Notes
@@ -62,14 +62,14 @@ def share_difference(a: NDArray[np.bool_], b: NDArray[np.bool_], confidence: flo
     """
     share_a, share_b = float(a.mean()), float(b.mean())
     (low_a, high_a), (low_b, high_b) = _wilson(a, confidence), _wilson(b, confidence)
-    phi = _pair_correlation(a, b) if paired else 0.0
+    phi = _pair_correlation(a, b) if are_paired else 0.0
     downward = np.array([share_b - low_b, high_a - share_a])
     upward = np.array([high_b - share_b, share_a - low_a])
     value = share_b - share_a
-    return value - _combined(downward, phi), value + _combined(upward, phi)
+    return value - _combined_distance(downward, phi), value + _combined_distance(upward, phi)
 
 
-def _combined(distances: Real, phi: float) -> float:
+def _combined_distance(distances: Real, phi: float) -> float:
     return float(np.sqrt(max(np.sum(distances**2) - 2 * phi * np.prod(distances), 0.0)))
 
 
@@ -88,7 +88,7 @@ def _pair_correlation(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
     return product / float(np.sqrt(margins))
 
 
-def order_differences(a: Real, b: Real, confidence: float, paired: bool, seed: int) -> dict[str, Interval]:
+def order_differences(a: Real, b: Real, confidence: float, are_paired: bool, seed: int) -> dict[str, Interval]:
     """Bootstrap intervals of std and of the quantiles of `QUANTILES`, of ``b`` (n_b,) less those of ``a`` (n_a,).
 
     Unbounded where fewer than `FEWEST_BEYOND` samples of either set are expected beyond a quantile: a resample knows
@@ -102,7 +102,7 @@ def order_differences(a: Real, b: Real, confidence: float, paired: bool, seed: i
     resamples = np.empty((RESAMPLES, 1 + len(QUANTILES)))
     at_once = max(1, RESAMPLED_VALUES // max(a.size, b.size))
     for start in range(0, RESAMPLES, at_once):
-        sizes = [a.size] if paired else [a.size, b.size]
+        sizes = [a.size] if are_paired else [a.size, b.size]
         draws = [[rng.integers(n, size=n) for n in sizes] for _ in range(min(at_once, RESAMPLES - start))]
         rows_a, rows_b = (np.stack([draw[side] for draw in draws]) for side in (0, -1))
         resamples[start : start + len(draws)] = _std_and_quantiles(b[rows_b]) - _std_and_quantiles(a[rows_a])
@@ -132,7 +132,7 @@ def replicated_difference(
     sets: tuple[Real, Real],
     replicate: tuple[NDArray[np.integer], NDArray[np.integer]],
     confidence: float,
-    paired: bool,
+    are_paired: bool,
 ) -> Interval:
     """Student's t interval of a statistic's difference from its values in the replicates of each set.
 
@@ -140,13 +140,13 @@ def replicated_difference(
     ----------
     sets : (n_a,) and (n_b,) values.
     replicate : the randomisation of each value.
-    paired : whether randomisation k of both sets has the same draws.
+    are_paired : whether randomisation k of both sets has the same draws.
 
     Notes
     -----
     About the difference of the whole sets, whose bias is smaller.
     """
     parts_a, parts_b = (by_replicate(statistic, *pair_of_sets) for pair_of_sets in zip(sets, replicate, strict=True))
-    low, high = mean_difference(parts_a, parts_b, confidence, paired)
+    low, high = mean_difference(parts_a, parts_b, confidence, are_paired)
     shift = statistic(sets[1]) - statistic(sets[0]) - 0.5 * (low + high)
     return low + shift, high + shift

@@ -151,9 +151,9 @@ def quantile_interval(values: Real, confidence: float, level: float) -> Interval
     The number of values below the quantile is binomial (n, level); the ranks are its quantiles, so that the coverage is
     at least `confidence`. A rank outside the sample leaves that side unbounded.
     """
-    n, ordered = values.size, np.sort(values)
+    n, order_statistics = values.size, np.sort(values)
     low, high = (int(rank) for rank in scipy.stats.binom.ppf([(1 - confidence) / 2, (1 + confidence) / 2], n, level))
-    return (ordered[low - 1] if low >= 1 else -np.inf), (ordered[high] if high < n else np.inf)
+    return (order_statistics[low - 1] if low >= 1 else -np.inf), (order_statistics[high] if high < n else np.inf)
 
 
 def share_interval(passes: Real, confidence: float) -> Interval:

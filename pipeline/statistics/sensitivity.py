@@ -78,9 +78,9 @@ def rank_correlation(
 def _spearman(columns: Real, metrics: Real) -> Real:
     """Rank correlations (n_columns, n_metrics)."""
     ranks = [scipy.stats.rankdata(values, axis=0) for values in (columns, metrics)]
-    centred = [rank - rank.mean(axis=0) for rank in ranks]
+    centred_ranks = [rank - rank.mean(axis=0) for rank in ranks]
     with np.errstate(invalid="ignore", divide="ignore"):  # a column that does not vary has no correlation
-        unit = [rank / np.linalg.norm(rank, axis=0) for rank in centred]
+        unit = [rank / np.linalg.norm(rank, axis=0) for rank in centred_ranks]
     return np.clip(unit[0].T @ unit[1], -1.0, 1.0)
 
 

@@ -36,7 +36,7 @@ class TailEstimate:
     ----------
     value, ci_low, ci_high : a bound that the values do not determine is infinite, of a share 0 or 1.
     units : units of phase 1.
-    solved : values that it rests on.
+    solved_units : values that it rests on.
     effective : independent units, all solved, that would know it as well; 0 where no value lies in the tail.
     """
 
@@ -44,19 +44,19 @@ class TailEstimate:
     ci_low: float
     ci_high: float
     units: int
-    solved: int
+    solved_units: int
     effective: float
 
 
-def exceedance_chance(predicted: Real, limit: float, scale: float) -> Real:
+def exceedance_chance(predicted_values: Real, limit: float, scale: float) -> Real:
     """Chance (n_units,) that a unit's value exceeds the limit, as far as its prediction tells.
 
     Parameters
     ----------
-    predicted : (n_units,) in the value's unit.
+    predicted_values : (n_units,) in the value's unit.
     scale : typical size of what the prediction misses, in the same unit.
     """
-    return np.asarray(special.stdtr(TAIL_FREEDOM, (predicted - limit) / scale))
+    return np.asarray(special.stdtr(TAIL_FREEDOM, (predicted_values - limit) / scale))
 
 
 def inclusion_probability(chance: Real, budget: float) -> Real:
@@ -136,12 +136,12 @@ def tail_quantile(values: Real, probability: Real, units: int, level: float, con
     order = np.argsort(values)[::-1]
     descending, weight = values[order], 1 / probability[order]
     weight_above = np.cumsum(weight)
-    value = _interpolated(1 - level, (weight_above - weight / 2) / units, descending)
+    value = _upper_quantile(1 - level, (weight_above - weight / 2) / units, descending)
     if not np.isfinite(value):
         return TailEstimate(np.nan, -np.inf, np.inf, units, values.size, 0.0)
     _, effective = _share(values >= value, probability, units)
     ends = 1 - rank_share(effective, level, confidence), rank_share(effective, 1 - level, confidence)
-    low, high = (_interpolated(share, weight_above / (units + 1), descending) for share in ends)
+    low, high = (_upper_quantile(share, weight_above / (units + 1), descending) for share in ends)
     return TailEstimate(
         value, -np.inf if np.isnan(low) else low, np.inf if np.isnan(high) else high, units, values.size, effective
     )
@@ -155,7 +155,7 @@ def _share(in_tail: NDArray[np.bool_], probability: Real, units: int) -> tuple[f
     return share, share * (1 - share) / variance if variance > 0 else float(units)
 
 
-def _interpolated(share: float, shares: Real, descending: Real) -> float:
+def _upper_quantile(share: float, shares: Real, descending: Real) -> float:
     """Value beyond which a share lies; NaN outside of the ascending shares."""
     if not shares[0] <= share <= shares[-1]:
         return np.nan

@@ -56,18 +56,18 @@ class VarianceIndices:
     n: int
 
 
-def determined(index: Real, ci_low: Real, ci_high: Real) -> NDArray[np.bool_]:
+def are_determined(index: Real, ci_low: Real, ci_high: Real) -> NDArray[np.bool_]:
     """Whether indices of any kind say something: their intervals are narrower than they are large."""
     return ci_high - ci_low < np.abs(index)  # an unknown index compares as false
 
 
-def variance_indices(base: Real, second_base: Real, mixed: Real, confidence: float) -> VarianceIndices:
+def variance_indices(base: Real, second_base: Real, mixed_bases: Real, confidence: float) -> VarianceIndices:
     """First-order and total indices of every group on one metric.
 
     Parameters
     ----------
     base, second_base : (n_rows,) the metric of two independent sets of units; NaN where a unit has none.
-    mixed : (n_groups, n_rows) the metric of the units of ``base`` with one group's errors taken from ``second_base``.
+    mixed_bases : (n_groups, n_rows) the metric of the units of ``base`` with one group's errors of ``second_base``.
     confidence : level of the intervals, in (0, 1).
 
     Returns
@@ -85,15 +85,15 @@ def variance_indices(base: Real, second_base: Real, mixed: Real, confidence: flo
     Saltelli, Annoni, Azzini, Campolongo, Ratto, Tarantola, Variance based sensitivity analysis of model output,
     Comput. Phys. Commun. 181 (2010) 259, table 2 (b) and (f); the total index is Jansen's, ibid. 117 (1999) 35.
     """
-    rows = np.column_stack([base, second_base, mixed.T])
+    rows = np.column_stack([base, second_base, mixed_bases.T])
     rows = rows[np.all(np.isfinite(rows), axis=1)]
-    groups = len(mixed)
+    groups = len(mixed_bases)
     if len(rows) < FEWEST_BASE_SAMPLES or np.ptp(rows[:, :2]) == 0:
         return _unknown_indices(groups, len(rows))
-    moments = _moments(_scaled(rows))
+    moments = _moments(_standardised_rows(rows))
     indices = _indices(moments.mean(axis=0), groups)
-    resampled = _indices(resampled_means(moments, RESAMPLES, SEED), groups)
-    return _with_intervals(indices, resampled, confidence, len(rows))
+    resampled_indices = _indices(resampled_means(moments, RESAMPLES, SEED), groups)
+    return _with_intervals(indices, resampled_indices, confidence, len(rows))
 
 
 def two_fidelity_indices(low: Real, high: Real, confidence: float) -> VarianceIndices:
@@ -123,24 +123,24 @@ def two_fidelity_indices(low: Real, high: Real, confidence: float) -> VarianceIn
     indices, SIAM/ASA J. Uncertainty Quantification 6 (2018) 683.
     """
     groups, complete = len(low) - 2, np.all(np.isfinite(low), axis=0)
-    chosen = complete & np.all(np.isfinite(high), axis=0)
-    if np.count_nonzero(chosen) < FEWEST_BASE_SAMPLES or np.ptp(high[:2, chosen]) == 0:
-        return _unknown_indices(groups, int(np.count_nonzero(chosen)))
-    of_high = _moments(_scaled(high[:, chosen].T))
-    of_low = _moments(_scaled(low[:, complete].T))
-    paired, rest = of_low[chosen[complete]], of_low[~chosen[complete]]
-    halves = np.arange(len(paired)) % 2
-    means, resampled = np.zeros(of_high.shape[1:]), np.zeros((RESAMPLES, *of_high.shape[1:]))
+    has_both = complete & np.all(np.isfinite(high), axis=0)
+    if np.count_nonzero(has_both) < FEWEST_BASE_SAMPLES or np.ptp(high[:2, has_both]) == 0:
+        return _unknown_indices(groups, int(np.count_nonzero(has_both)))
+    of_high = _moments(_standardised_rows(high[:, has_both].T))
+    of_low = _moments(_standardised_rows(low[:, complete].T))
+    low_pairs, low_rest = of_low[has_both[complete]], of_low[~has_both[complete]]
+    halves = np.arange(len(low_pairs)) % 2
+    means, resampled_moments = np.zeros(of_high.shape[1:]), np.zeros((RESAMPLES, *of_high.shape[1:]))
     for half in range(2):
-        own, other = halves == half, halves != half
-        coefficient = _control_coefficient(of_high[other], paired[other], len(rest))
-        difference, share = of_high[own] - coefficient * paired[own], np.mean(own)
+        in_half, in_other_half = halves == half, halves != half
+        coefficient = _control_coefficient(of_high[in_other_half], low_pairs[in_other_half], len(low_rest))
+        difference, share = of_high[in_half] - coefficient * low_pairs[in_half], np.mean(in_half)
         means = means + share * difference.mean(axis=0)
-        resampled = resampled + share * resampled_means(difference, RESAMPLES, SEED + half)
-        if len(rest):
-            means = means + share * coefficient * rest.mean(axis=0)
-            resampled = resampled + share * coefficient * resampled_means(rest, RESAMPLES, SEED + 2)
-    return _with_intervals(_indices(means, groups), _indices(resampled, groups), confidence, len(paired))
+        resampled_moments = resampled_moments + share * resampled_means(difference, RESAMPLES, SEED + half)
+        if len(low_rest):
+            means = means + share * coefficient * low_rest.mean(axis=0)
+            resampled_moments = resampled_moments + share * coefficient * resampled_means(low_rest, RESAMPLES, SEED + 2)
+    return _with_intervals(_indices(means, groups), _indices(resampled_moments, groups), confidence, len(low_pairs))
 
 
 def _control_coefficient(high: Real, low: Real, n_rest: int) -> Real:
@@ -151,35 +151,35 @@ def _control_coefficient(high: Real, low: Real, n_rest: int) -> Real:
     return slope * n_rest / (n_rest + 2 * len(low))
 
 
-def _scaled(rows: Real) -> Real:
+def _standardised_rows(rows: Real) -> Real:
     """Rows (n_rows, 2 + n_groups) less the mean of their base sets, over the standard deviation."""
     spread = rows[:, :2].std()
     return (rows - rows[:, :2].mean()) / (spread if spread > 0 else 1.0)
 
 
 def _unknown_indices(groups: int, n: int) -> VarianceIndices:
-    unknown = Shares(*np.full((3, groups + 1), np.nan))
-    return VarianceIndices(unknown, unknown, n)
+    missing_shares = Shares(*np.full((3, groups + 1), np.nan))
+    return VarianceIndices(missing_shares, missing_shares, n)
 
 
-def _with_intervals(indices: Real, resampled: Real, confidence: float, n: int) -> VarianceIndices:
+def _with_intervals(indices: Real, resampled_indices: Real, confidence: float, n: int) -> VarianceIndices:
     """Indices (2, n_groups + 1) with percentiles of resampled ones (2, n_resamples, n_groups + 1)."""
     tail = (1 - confidence) / 2
-    low, high = np.quantile(resampled, [tail, 1 - tail], axis=-2)
+    low, high = np.quantile(resampled_indices, [tail, 1 - tail], axis=-2)
     first_order, total = (Shares(indices[i], low[i], high[i]) for i in range(2))
     return VarianceIndices(first_order, total, n)
 
 
 def _moments(rows: Real) -> Real:
     """What each row adds to the estimators (n_rows, 2 + 2 n_groups): f and f^2 of the base sets, then both products."""
-    base, resampled, mixed = rows[:, :1], rows[:, 1:2], rows[:, 2:]
+    base, second_base, mixed_bases = rows[:, :1], rows[:, 1:2], rows[:, 2:]
     base_pair = rows[:, :2]
     return np.hstack(
         [
             base_pair.mean(axis=1, keepdims=True),
             (base_pair**2).mean(axis=1, keepdims=True),
-            resampled * (mixed - base),
-            (base - mixed) ** 2 / 2,
+            second_base * (mixed_bases - base),
+            (base - mixed_bases) ** 2 / 2,
         ]
     )
 

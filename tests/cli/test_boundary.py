@@ -12,7 +12,7 @@ import pytest
 
 from pipeline import cli, settings
 from pipeline.cli import boundary, studies
-from pipeline.engine.lock import locked
+from pipeline.engine.lock import lock_run
 from pipeline.errors import ChunkError, InputError
 
 ROOT = Path(__file__).parent.parent.parent
@@ -258,8 +258,8 @@ def test_clean_runs_during_a_run_removes_nothing(tmp_path: Path, monkeypatch, ca
     monkeypatch.setattr(settings, "RUNS", tmp_path)
     (tmp_path / "another").mkdir()
     (tmp_path / "another/a").touch()
-    script = "import sys; from pathlib import Path; from pipeline.engine.lock import locked\n"
-    script += "with locked(Path(sys.argv[1])): print('locked', flush=True); input()"
+    script = "import sys; from pathlib import Path; from pipeline.engine.lock import lock_run\n"
+    script += "with lock_run(Path(sys.argv[1])): print('locked', flush=True); input()"
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         [sys.executable, "-c", script, str(tmp_path / "quick")],
@@ -273,7 +273,7 @@ def test_clean_runs_during_a_run_removes_nothing(tmp_path: Path, monkeypatch, ca
         assert f"process {process.pid} is writing this run" in told(capsys, "clean-runs")
         assert (tmp_path / "another/a").exists()
         process.communicate("\n")
-    with locked(tmp_path / "quick"):
+    with lock_run(tmp_path / "quick"):
         pass
     assert cli.main(["clean-runs"]) == 0
 

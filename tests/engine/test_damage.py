@@ -18,7 +18,7 @@ from toy_study import ADD, DRAW, STAGES, Toy
 
 from pipeline.engine import record, runner
 from pipeline.engine.cache import ENTRY, Cache
-from pipeline.engine.lock import locked
+from pipeline.engine.lock import lock_run
 from pipeline.engine.processes.parallel import ChunkError
 from pipeline.engine.runner import Resources, run, why
 from pipeline.engine.store import Output, remove
@@ -224,7 +224,7 @@ def test_every_flipped_bit_of_a_part_is_found_when_it_is_read(tmp_path: Path, ou
     for position in places:
         flip(part, int(position), int(position) % 8)
         with pytest.raises(InputError, match="part-000000010.parquet: damaged"):
-            replace(output, _verified=set()).read("sums")
+            replace(output, _verified_files=set()).read("sums")
         part.write_bytes(data)
     assert len(places) > 200
     assert output.read("sums")["sample"].size == 40
@@ -281,7 +281,7 @@ def test_check_names_a_folder_that_is_no_stage_of_the_run(tmp_path: Path, output
 
 def test_check_takes_no_lock(tmp_path: Path, outputs) -> None:
     """An archive that nobody may write, or that another process reads, is verified all the same."""
-    with locked(tmp_path / "toy"):
+    with lock_run(tmp_path / "toy"):
         assert runner.damages(tmp_path / "toy") == []
 
 
@@ -323,7 +323,7 @@ def test_a_stray_chunk_note_adds_no_row(tmp_path: Path, monkeypatch, kind: str) 
     if kind == "of another state":
         moved["state"] = "f" * 64
     (work / f"chunks/{start:09d}.json").write_text(
-        json.dumps(moved if kind == "without a seal" else record.sealed(moved))
+        json.dumps(moved if kind == "without a seal" else record.with_seal(moved))
     )
     repeat = run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)
     assert hashes(repeat) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", RESOURCES))
@@ -442,7 +442,7 @@ def test_the_lock_of_a_killed_process_holds_nobody_up(tmp_path: Path) -> None:
     script += "with locked(Path(sys.argv[1])): os.kill(os.getpid(), 9)"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run([sys.executable, "-c", script, str(tmp_path / "toy")], env=environment, check=False)
-    with locked(tmp_path / "toy"):
+    with lock_run(tmp_path / "toy"):
         assert (tmp_path / "toy/.holder").read_text() == str(os.getpid())
 
 

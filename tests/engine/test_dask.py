@@ -14,7 +14,7 @@ import pytest
 from toy_study import STAGES, Toy
 
 from pipeline.engine.processes import cluster as cluster_module
-from pipeline.engine.processes.cluster import _authenticated, dask_cluster
+from pipeline.engine.processes.cluster import _is_authenticated, dask_cluster
 from pipeline.engine.runner import Resources, run
 from pipeline.errors import InputError
 
@@ -150,7 +150,7 @@ def test_scheduler_without_a_worker_is_an_input_error(cluster, monkeypatch) -> N
 def test_open_scheduler_beyond_the_loopback_is_refused_unless_the_user_says_so(
     scheduler: str, closed_case: bool
 ) -> None:
-    assert _authenticated(scheduler) == closed_case
+    assert _is_authenticated(scheduler) == closed_case
     if not closed_case:
         with pytest.raises(InputError, match="authenticates nobody.* --open-scheduler"), dask_cluster(scheduler):
             pass
@@ -158,7 +158,10 @@ def test_open_scheduler_beyond_the_loopback_is_refused_unless_the_user_says_so(
 
 def test_open_scheduler_that_is_trusted_is_asked(monkeypatch) -> None:
     monkeypatch.setattr("pipeline.engine.processes.cluster.PATIENCE", 1)
-    with pytest.raises(InputError, match="no Dask scheduler answers"), dask_cluster("tcp://192.0.2.1:9", trusted=True):
+    with (
+        pytest.raises(InputError, match="no Dask scheduler answers"),
+        dask_cluster("tcp://192.0.2.1:9", is_trusted=True),
+    ):
         pass
 
 

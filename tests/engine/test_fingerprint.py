@@ -9,7 +9,7 @@ from toy_study import ADD, Numbers, Toy
 
 from pipeline.engine import fingerprint as engine
 from pipeline.engine.fingerprint import fingerprint, remembered_sources, source_hashes
-from pipeline.engine.record import sealed
+from pipeline.engine.record import with_seal
 
 FILES = {
     "__init__.py": "",
@@ -98,14 +98,14 @@ def test_what_a_run_has_read_is_remembered_by_content_and_rules(
     content["sources"][key][0] = remembered
     memory.write_text(json.dumps(content))
     assert hashes() == original  # altered since it was written
-    memory.write_text(json.dumps(sealed(content)))
+    memory.write_text(json.dumps(with_seal(content)))
     assert hashes() == original | {near: remembered}
     edit(package / "near.py", "return 2 * x", "return 3 * x")
     assert hashes()[near] not in {remembered, original[near]}
     edit(package / "near.py", "return 3 * x", "return 2 * x")
-    memory.write_text(json.dumps(sealed(content | {"rules": "e" * 64})))
+    memory.write_text(json.dumps(with_seal(content | {"rules": "e" * 64})))
     assert hashes() == original
-    for misshapen in ("no JSON", "[]", '{"sources": 1}', json.dumps(sealed({**content, "sources": {key: [1]}}))):
+    for misshapen in ("no JSON", "[]", '{"sources": 1}', json.dumps(with_seal({**content, "sources": {key: [1]}}))):
         memory.write_text(misshapen)
         assert hashes() == original
 

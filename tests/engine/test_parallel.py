@@ -85,7 +85,7 @@ def test_shared_value_is_loaded_once_a_process_and_arrays_are_private(tmp_path: 
     with pytest.raises(InputError, match="not what was written"):
         Dumped(path, "f" * 64).load()  # nothing is unpickled that is not verified
     assert Dumped(path, sha256_of(path)).load()["a"][0] == 0.0
-    assert list(parallel._LOADED) == [sha256_of(path)]  # a worker does not keep what earlier stages shared
+    assert list(parallel._LOADED_VALUES) == [sha256_of(path)]  # a worker does not keep what earlier stages shared
 
 
 def test_a_chunk_without_upstream_rows_is_an_error_that_keeps_its_cause() -> None:

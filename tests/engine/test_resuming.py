@@ -15,7 +15,7 @@ import pytest
 from toy_runs import ONE, hashes, ran
 from toy_study import DRAW, STAGES, Numbers, Toy
 
-from pipeline.engine.lock import locked
+from pipeline.engine.lock import lock_run
 from pipeline.engine.processes.parallel import ChunkError
 from pipeline.engine.runner import Resources, run, why
 from pipeline.engine.stage import Job
@@ -158,7 +158,7 @@ def test_an_unreadable_record_is_a_stage_that_never_ran(tmp_path: Path, text: st
 
 
 def test_one_process_writes_a_run(tmp_path: Path) -> None:
-    with locked(tmp_path / "toy"):
+    with lock_run(tmp_path / "toy"):
         with pytest.raises(InputError, match=f"toy: process {os.getpid()} is writing this run"):
             run(STAGES, Toy(), ["draw"], tmp_path, ONE)
         run(STAGES, Toy(name="other"), ["draw"], tmp_path, ONE)

@@ -44,7 +44,7 @@ def test_a_size_is_found_and_lies_in_its_interval(groups, size, alike):
 
 def test_groups_alike_show_no_scatter():
     many = [curve_scatter(*drawn(seed, 3, 0.0)) for seed in range(40)]
-    assert sum(one.shown > 0 for one in many) <= 3
+    assert sum(one.significant_size > 0 for one in many) <= 3
     assert max(one.ci_high for one in many) < NOISE
 
 
@@ -70,5 +70,5 @@ def test_what_one_group_alone_has_cannot_be_compared():
 
 def test_a_common_zero_makes_offsets_scatter():
     torque, branch, group, values, sigma = drawn(3, 4, 0.0)
-    assert curve_scatter(torque, branch, group, values, sigma).shown == 0.0
-    assert curve_scatter(torque, branch, group, values, sigma, own_zero=False).shown > 1.0
+    assert curve_scatter(torque, branch, group, values, sigma).significant_size == 0.0
+    assert curve_scatter(torque, branch, group, values, sigma, own_zero=False).significant_size > 1.0

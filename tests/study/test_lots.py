@@ -21,7 +21,7 @@ from pipeline.decisions.lots.results import lot_fits, study_text
 from pipeline.decisions.selective_assembly import assembled
 from pipeline.errors import InputError
 from pipeline.sampling import draw
-from pipeline.sampling.correlation import correlated
+from pipeline.sampling.correlation import correlated_numbers
 
 ROOT = Path(__file__).parents[2]
 STUDY = load_study("quick", ROOT)
@@ -88,7 +88,7 @@ def test_the_correlation_of_neighbours_is_found_and_its_absence_too():
     circumference = 2 * np.pi * DIMENSIONS["lobe_profile"].elements.radius_mm(STUDY.design)
     rng = np.random.default_rng(4)
     independent = rng.random((40, 79))
-    length = correlation_length(correlated(independent, circumference, 8.0), circumference)
+    length = correlation_length(correlated_numbers(independent, circumference, 8.0), circumference)
     assert length == pytest.approx(8.0, rel=0.15)
     false_alarms = sum(correlation_length(rng.random((2, 79)), circumference) is not None for _ in range(100))
     assert false_alarms <= 13  # of 100 at a level of 5 %: more than 13 have a probability below 1e-3

@@ -24,10 +24,10 @@ from pipeline.sampling import (
     draw_as_measured,
     oval_shift,
     replicates,
-    unmeasured,
+    unmeasured_dimensions,
     usual_beside,
 )
-from pipeline.sampling.correlation import correlated
+from pipeline.sampling.correlation import correlated_numbers
 from pipeline.sampling.designs import uniforms
 from stages.sample import columns_of_errors, errors_of_columns
 
@@ -171,14 +171,14 @@ def test_a_normal_without_spread_is_its_mean():
 def test_scores_along_the_circle_have_exactly_the_correlation_asked(n, length):
     # The copula is linear in the normal scores: its response to one score at a time is the root of the matrix.
     step = 1e-3
-    root = stats.norm.ppf(correlated(stats.norm.cdf(step * np.eye(n)), 204.0, length)) / step
+    root = stats.norm.ppf(correlated_numbers(stats.norm.cdf(step * np.eye(n)), 204.0, length)) / step
     distance = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
     arc = 204.0 / n * np.minimum(distance, n - distance)
     np.testing.assert_allclose(root @ root.T, np.exp(-arc / length), atol=1e-9)
 
 
 def test_correlated_elements_keep_their_own_distribution():
-    numbers = correlated(np.random.default_rng(1).random((4000, 80)), 204.0, 8.0)
+    numbers = correlated_numbers(np.random.default_rng(1).random((4000, 80)), 204.0, 8.0)
     assert stats.kstest(numbers[:, 17], "uniform").pvalue > 0.01
     assert stats.spearmanr(numbers[:, 0], numbers[:, 79])[0] == pytest.approx(
         6 / np.pi * np.arcsin(np.exp(-204 / 80 / 8) / 2),
@@ -187,7 +187,7 @@ def test_correlated_elements_keep_their_own_distribution():
 
 
 def test_zero_of_a_generator_has_a_finite_score():
-    assert np.all(np.isfinite(correlated(np.array([[0.0, 0.5, 1.0, 0.2]]), 4.0, 1.0)))
+    assert np.all(np.isfinite(correlated_numbers(np.array([[0.0, 0.5, 1.0, 0.2]]), 4.0, 1.0)))
 
 
 def test_drift_of_a_study_runs_along_the_pins():
@@ -325,7 +325,7 @@ def test_units_as_measured_have_what_was_measured_and_the_tolerances_elsewhere()
     np.testing.assert_array_equal(units.pin_tangential, drawn.pin_tangential)
     np.testing.assert_array_equal(units.roller_diameter, drawn.roller_diameter)
     others = {"lobe_profile", "pin_tangential", "pin_radius", "eccentricity", "roller_diameter"}
-    assert set(unmeasured(STUDY, measured)) == others
+    assert set(unmeasured_dimensions(STUDY, measured)) == others
     usual = usual_beside(STUDY, measured)
     assert (usual.disk_profile, usual.pin_radial, usual.ovality_2) == (11.0, 2.0, 0.0)
     assert usual.roller_diameter == pytest.approx(-4.0)

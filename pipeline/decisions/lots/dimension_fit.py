@@ -20,7 +20,7 @@ from pipeline.config.dimensions import Dimension
 from pipeline.config.distributions import Distribution, Spread
 from pipeline.decisions.lots.fitted_distribution import FittedKind, fitted_kinds
 from pipeline.decisions.lots.measured_lot import FEWEST_PARTS
-from pipeline.sampling.correlation import correlated
+from pipeline.sampling.correlation import correlated_numbers
 from pipeline.statistics import Estimate
 
 Real = NDArray[np.float64]
@@ -187,7 +187,7 @@ def _replicates(
     for _ in range(REPLICATES):
         probability = rng.random(shape)
         if circumference and length:
-            probability = correlated(probability, circumference, length)
+            probability = correlated_numbers(probability, circumference, length)
         lots.append(distribution.allowance_um + distribution.deviation(probability))
     return lots
 

@@ -9,7 +9,7 @@ from itertools import islice
 from typing import Any
 from urllib.parse import urlsplit
 
-from pipeline.engine.processes.parallel import Backend, SolvedChunk, Value, attempted
+from pipeline.engine.processes.parallel import Backend, SolvedChunk, Value, try_chunk
 from pipeline.engine.stage import Chunk, Stage
 from pipeline.errors import ChunkError, InputError
 
@@ -17,19 +17,19 @@ IN_FLIGHT = 4
 """Chunks a thread that are sent before the first comes back: it never waits, and this process holds few."""
 PATIENCE = 10
 """Seconds in which a scheduler must answer and a first worker must have joined it."""
-AUTHENTICATED = ("tls", "wss")
+AUTHENTICATED_SCHEMES = ("tls", "wss")
 """Transports on which both ends show a certificate."""
 
 
 @contextmanager
-def dask_cluster(scheduler: str, trusted: bool = False) -> Iterator[Backend]:
+def dask_cluster(scheduler: str, is_trusted: bool = False) -> Iterator[Backend]:
     """The workers of a Dask cluster, connected while the context lasts.
 
     Parameters
     ----------
     scheduler : str
         Address, as in tls://192.0.2.1:8786.
-    trusted : bool
+    is_trusted : bool
         Whether the user says that nobody else reaches an address whose transport authenticates nobody.
 
     Raises
@@ -42,7 +42,7 @@ def dask_cluster(scheduler: str, trusted: bool = False) -> Iterator[Backend]:
         from distributed import Client
     except ImportError:
         raise InputError("--backend dask: Dask is not installed; pip install 'distributed'") from None
-    if not trusted and not _authenticated(scheduler):
+    if not is_trusted and not _is_authenticated(scheduler):
         raise InputError(
             f"--scheduler = {scheduler}; authenticates nobody: whoever reaches it runs programs on every worker and on "
             "this machine; use tls://, or say --open-scheduler if nobody else can reach it"
@@ -59,10 +59,10 @@ def dask_cluster(scheduler: str, trusted: bool = False) -> Iterator[Backend]:
         yield Backend("dask")
 
 
-def _authenticated(scheduler: str) -> bool:
+def _is_authenticated(scheduler: str) -> bool:
     """Whether an address is on the loopback, which no other machine reaches, or its transport asks for certificates."""
     address = urlsplit(scheduler if "://" in scheduler else f"tcp://{scheduler}")
-    if address.scheme in AUTHENTICATED:
+    if address.scheme in AUTHENTICATED_SCHEMES:
         return True
     try:
         return address.hostname == "localhost" or ipaddress.ip_address(address.hostname or "").is_loopback
@@ -71,7 +71,7 @@ def _authenticated(scheduler: str) -> bool:
 
 
 def solved_on_cluster(
-    stage: Stage, shared: Any, chunks: Sequence[tuple[int, int]], read: Callable[[int, int], Chunk], code: str
+    stage: Stage, shared_value: Any, chunks: Sequence[tuple[int, int]], read: Callable[[int, int], Chunk], code: str
 ) -> Generator[SolvedChunk]:
     """Solve chunks on the workers of the connected cluster; parameters, result and errors as `solved_chunks`.
 
@@ -81,17 +81,17 @@ def solved_on_cluster(
     from distributed import as_completed, get_client
 
     client = get_client()
-    handle = client.submit(Value, shared, pure=False)
+    handle = client.submit(Value, shared_value, pure=False)
     waiting = iter(chunks)
 
-    def submitted(number: int) -> list[Any]:
+    def submit(number: int) -> list[Any]:
         return [
-            client.submit(attempted, stage, handle, read(start, stop), code, pure=False)
+            client.submit(try_chunk, stage, handle, read(start, stop), code, pure=False)
             for start, stop in islice(waiting, number)
         ]
 
     errors: list[Exception] = []
-    running = as_completed(submitted(IN_FLIGHT * max(1, sum(client.ncores().values()))))
+    running = as_completed(submit(IN_FLIGHT * max(1, sum(client.ncores().values()))))
     for future in running:
         try:
             result = future.result()
@@ -102,6 +102,6 @@ def solved_on_cluster(
         else:
             yield result
         if not errors:
-            running.update(submitted(1))
+            running.update(submit(1))
     if errors:
         raise errors[0]

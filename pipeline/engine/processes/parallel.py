@@ -51,7 +51,7 @@ class SolvedChunk:
     start: int
     stop: int
     parts: Mapping[str, Part]
-    failed: int
+    failed_items: int
 
 
 @dataclass(frozen=True)
@@ -83,18 +83,18 @@ class Dumped:
         InputError
             If the file is not what was written.
         """
-        if self.key not in _LOADED:
+        if self.key not in _LOADED_VALUES:
             if sha256_of(self.path) != self.key:
                 raise InputError(f"{self.path}: not what was written; run the same command again")
-            _LOADED.clear()  # a worker serves one stage after the other
-            _LOADED[self.key] = joblib.load(self.path, mmap_mode="c")
-        return _LOADED[self.key]
+            _LOADED_VALUES.clear()  # a worker serves one stage after the other
+            _LOADED_VALUES[self.key] = joblib.load(self.path, mmap_mode="c")
+        return _LOADED_VALUES[self.key]
 
 
-_LOADED: dict[str, Any] = {}
+_LOADED_VALUES: dict[str, Any] = {}
 
 
-def solve_chunk(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> SolvedChunk:
+def solve_chunk(stage: Stage, shared_value: Value | Dumped, chunk: Chunk) -> SolvedChunk:
     """Solve one chunk; runs in a worker.
 
     Raises
@@ -106,7 +106,7 @@ def solve_chunk(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> SolvedChu
     """
     try:
         assert stage.solve is not None
-        tables = stage.solve(shared.load(), chunk)
+        tables = stage.solve(shared_value.load(), chunk)
         parts = {name: part for name, part in parts_of(stage, tables).items() if part.rows}
         _check_items(stage, parts, chunk)
         return SolvedChunk(chunk.start, chunk.stop, parts, stage.failures(tables) if stage.failures else 0)
@@ -119,7 +119,7 @@ def solve_chunk(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> SolvedChu
         ) from error
 
 
-def attempted(stage: Stage, shared: Value | Dumped, chunk: Chunk, code: str = "") -> SolvedChunk | Exception:
+def try_chunk(stage: Stage, shared_value: Value | Dumped, chunk: Chunk, code: str = "") -> SolvedChunk | Exception:
     """As `solve_chunk`, with an error as a value: raised, it would end the other workers and lose their results.
 
     `code` is that of the process which asks: a worker elsewhere that has another refuses.
@@ -130,7 +130,7 @@ def attempted(stage: Stage, shared: Value | Dumped, chunk: Chunk, code: str = ""
                 f"worker {os.getpid()} on {platform.node()}: has another version of the program, of a library or of "
                 "Python; install this checkout with its constraints.txt there, and start the worker again"
             )
-        return solve_chunk(stage, shared, chunk)
+        return solve_chunk(stage, shared_value, chunk)
     except (ChunkError, InputError) as error:
         if error.__cause__:  # which does not cross between processes
             error.add_note("".join(traceback.format_exception(error.__cause__)))
@@ -139,22 +139,22 @@ def attempted(stage: Stage, shared: Value | Dumped, chunk: Chunk, code: str = ""
 
 def parts_of(stage: Stage, tables: Tables) -> dict[str, Part]:
     """What a body returned as Parquet files; raises TypeError unless it is exactly what its stage declares."""
-    expected = {table.name for table in stage.tables}
-    if set(tables) != expected:
-        raise TypeError(f"stage {stage.name} returned tables {sorted(tables)}, its contract is {sorted(expected)}")
+    table_names = {table.name for table in stage.tables}
+    if set(tables) != table_names:
+        raise TypeError(f"stage {stage.name} returned tables {sorted(tables)}, its contract is {sorted(table_names)}")
     return {table.name: table.part(tables[table.name]) for table in stage.tables}
 
 
 def _check_items(stage: Stage, parts: Mapping[str, Part], chunk: Chunk) -> None:
     for name in (table.name for table in stage.tables if ITEM in table.schema.names and table.name in parts):
-        first_item, last_item = parts[name].first, parts[name].last
+        first_item, last_item = parts[name].first_item, parts[name].last_item
         if first_item is None or last_item is None or first_item < chunk.start or last_item >= chunk.stop:
             raise TypeError(f"table {name}: column {ITEM} must be sorted and inside the chunk")
 
 
 def solved_chunks(
     stage: Stage,
-    shared: Any,
+    shared_value: Any,
     chunks: Sequence[tuple[int, int]],
     read: Callable[[int, int], Chunk],
     scratch: Path,
@@ -172,7 +172,7 @@ def solved_chunks(
     read : callable
         `read(start, stop)`: a chunk with its input rows; called when a worker is nearly free, not before.
     scratch : Path
-        Folder for the file in which `shared` goes to processes of this machine.
+        Folder for the file in which `shared_value` goes to processes of this machine.
     jobs : int
         Processes; with one (or one chunk) everything happens in this process.
     backend : Backend
@@ -188,9 +188,9 @@ def solved_chunks(
     if backend.name == "loky" and min(jobs, len(chunks)) == 1:
         with threadpool_limits(1):
             for start, stop in chunks:
-                yield solve_chunk(stage, Value(shared), read(start, stop))
+                yield solve_chunk(stage, Value(shared_value), read(start, stop))
         return
-    handle = _handle(shared, scratch, backend)
+    handle = _handle(shared_value, scratch, backend)
     waiting = iter(chunks)
     options: dict[str, Any] = {}
     if backend.name == "loky":
@@ -211,7 +211,7 @@ def _wave(
             for start, stop in chunks:
                 if errors:
                     return
-                yield joblib.delayed(attempted)(stage, handle, read(start, stop))
+                yield joblib.delayed(try_chunk)(stage, handle, read(start, stop))
         except Exception as error:  # joblib asks for tasks in a thread of its own, where an error would be lost
             errors.append(error)
 
@@ -231,10 +231,10 @@ def _wave(
         raise errors[0]
 
 
-def _handle(shared: Any, scratch: Path, backend: Backend) -> Value | Dumped:
+def _handle(shared_value: Any, scratch: Path, backend: Backend) -> Value | Dumped:
     """What stands for the shared value in a task."""
     if backend.name != "loky":
-        return Value(shared)
+        return Value(shared_value)
     path = scratch / "shared.joblib"
-    joblib.dump(shared, path)
+    joblib.dump(shared_value, path)
     return Dumped(path, sha256_of(path))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.figures.labels import parameter_title
 from pipeline.figures.style import INK, MUTED, new_figure, styled
 from pipeline.model.metrics import signed
-from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, determined
+from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
 
 Real = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ def draw_shares(axes: Axes, rows: pd.DataFrame, kinds: tuple[str, ...]) -> Axes:
 
 def _bars(axes: Axes, rows: pd.DataFrame, positions: Real, height: float, colours: list[str]) -> None:
     value, low, high = (rows[name].to_numpy(float) for name in ("index", "ci_low", "ci_high"))
-    certain = determined(value, low, high)
+    certain = are_determined(value, low, high)
     for y, number, sure, colour in zip(positions, value, certain, colours, strict=True):
         (bar,) = axes.barh(y, number, height=0.92 * height, color=colour)
         if not sure:

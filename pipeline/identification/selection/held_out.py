@@ -185,7 +185,7 @@ def _unknown(data: Data, fit: Fit, training: Truth, left_open: Real) -> Real:
     """
     scatter = position_scatter(data, fit.predicted, training)
     unseen = ~np.isin(data.position, data.position[training])
-    return np.hypot(left_open, np.where(unseen, scatter.shown if scatter else 0.0, 0.0))
+    return np.hypot(left_open, np.where(unseen, scatter.significant_size if scatter else 0.0, 0.0))
 
 
 def _carried(fitter: Fitter, fit: Fit, training: Truth) -> tuple[Real, Real, float]:

@@ -15,7 +15,7 @@ from pipeline.identification.selection.statements.statement import title_of
 from pipeline.report.layout.wording import counted, listed, plain
 from pipeline.report.unit.numbers import capitalised, digits, interval, shown_unit
 from pipeline.report.unit.remainder_cards import scatter_words
-from pipeline.sampling import unmeasured
+from pipeline.sampling import unmeasured_dimensions
 
 
 def discrepancy_facts(
@@ -76,7 +76,7 @@ def tolerances_sentence(identification: Identification) -> str:
     modes = f"{counted(identification.problem.n_modes, 'mode')} represent how units of the study's"
     if unit.dimensions is None:
         return f"The tolerances were not measured: {modes} distributions differ."
-    names = [name.replace("_", " ") for name in unmeasured(unit.study, unit.dimensions)]
+    names = [name.replace("_", " ") for name in unmeasured_dimensions(unit.study, unit.dimensions)]
     if not names:
         return "All tolerances are as measured."
     file = unit.settings.as_measured

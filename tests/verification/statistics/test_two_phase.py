@@ -68,7 +68,7 @@ def test_share_of_a_thousandth_is_unbiased_covered_and_five_times_cheaper(misjud
     assert np.mean(value) == pytest.approx(exact, abs=3.5 * np.std(value) / np.sqrt(REPEATS))
     covered = sum(run_estimate.ci_low <= exact <= run_estimate.ci_high for run_estimate in results)
     assert stats.binom.ppf(1e-3, REPEATS, 0.93) <= covered <= stats.binom.ppf(1 - 1e-3, REPEATS, 0.97)
-    mean_solved = np.mean([run_estimate.solved for run_estimate in results])
+    mean_solved = np.mean([run_estimate.solved_units for run_estimate in results])
     assert mean_solved == pytest.approx(BUDGET, rel=0.01)
     reference = exact * (1 - exact) / np.var(value)  # units of Monte Carlo with the variance that the repeats have
     assert reference > 5 * mean_solved
