@@ -1,12 +1,13 @@
-"""The small study of the examples: 60 units of the paper's reducer at two crank angles, on a coarse mesh."""
+"""The small study of the examples: 60 units of the paper's reducer at two crank angles, coarse mesh, one process."""
 
 from pipeline import load_study
 from pipeline.config import Study
 
 SMALL = {
     "samples.count": 60,
-    "run.jobs": 2,
+    "run.jobs": 1,
     "cycle.levels_per_branch": 4,
+    "cycle.rigid_angles": 13,
     "reduce.flank_edges_per_lobe": 12,
     "reduce.patch_half_width_mm": 0.3,
     "reduce.growth": 1.0,

@@ -24,7 +24,7 @@ for supplier, shift_um in (("supplier_a", 0.0), ("supplier_b", 4.0)):
 
 # %%
 # The answer in sentences: the yield of each lot beside that of the tolerances as drawn.
-answer = lots(files, small_study("gallery_lots"), units=60, jobs=2)
+answer = lots(files, small_study("gallery_lots"), units=60, jobs=1)
 print(answer)
 
 # %%

@@ -8,7 +8,7 @@ library and says which one the data support, how large it is, or that they do no
 
 from pipeline import identify
 
-answer = identify("friction_example", jobs=2)
+answer = identify("friction_example", jobs=1)
 print(answer)
 
 # %%

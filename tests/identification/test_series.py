@@ -15,7 +15,13 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_units
 from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED
 from pipeline.identification.series import shared_effects
-from pipeline.identification.series.results import NOT_SHARED, effect_sizes, identify_measurements, state_errors
+from pipeline.identification.series.results import (
+    NOT_SHARED,
+    effect_sizes,
+    identify_measurements,
+    state_errors,
+    trend_sentence,
+)
 from pipeline.identification.series.states import series_of
 from pipeline.identification.series.trends import trends_of
 
@@ -173,6 +179,9 @@ def test_what_the_distance_of_the_torques_makes_is_no_trend_and_what_is_real_is(
         series = series_of(write_series(tmp_path / str(rows), frictions, [40.0] * 4, rows=rows))
         trends, table = trends_of(series)
         assert {trend.number.kind.name for trend in trends if trend.shown} == shown
+        sentence = trend_sentence("turns", trends)
+        assert ("measure at more torques about zero" in sentence) == (not shown)
+        assert ("friction grows by +" in sentence and "for each 1 of turns" in sentence) == bool(shown)
     (trend,) = (trend for trend in trends if trend.number.kind.name == "friction")
     assert trend.slope == pytest.approx(2.5 ** (1 / 3) - 1, rel=0.1)
     by_scatter_alone = table.layout.contrast([-1.0, 0.0, 0.0, 1.0]).family.p

@@ -30,6 +30,8 @@ Real = NDArray[np.float64]
 
 VERDICT_FILE = "verdict.json"
 NOT_SHARED = "no shared effect shown"
+DIFFERS = 0.05
+"""p of a number by itself below which the states are said to differ in it."""
 UNIT_OF = {name: number.unit for name, number in numbers_of(frozenset()).items()}
 STATES = Table(
     "states",
@@ -148,14 +150,7 @@ class SeriesAnswer:
     @property
     def trend_sentence(self) -> str:
         """Trends that are claimed, in words."""
-        shown = [trend for trend in self.trends if trend.shown]
-        if not self.series.variable:
-            differing = [trend.number.title for trend in self.trends if trend.p_differ < 0.05]
-            listing = "; ".join(differing) if differing else "none"
-            return f"No variable orders the states. Numbers in which they differ (p < 0.05 each): {listing}."
-        if not shown:
-            return f"No trend over {self.series.variable} is shown beyond the scatter of mounting."
-        return f"Over {self.series.variable}: {'; '.join(trend_words(trend) for trend in shown)}."
+        return trend_sentence(self.series.variable, self.trends)
 
     @property
     def advice(self) -> str:
@@ -221,15 +216,33 @@ def effect_sizes(effect: TriedEffect) -> dict[str, tuple[float, float, float, st
     }
 
 
-def trend_words(trend: Trend) -> str:
+def trend_sentence(variable: str | None, trends: Sequence[Trend]) -> str:
+    """Trends over a variable in words, or which numbers differ between the states."""
+    differing = ", ".join(trend.number.title for trend in trends if trend.p_differ < DIFFERS)
+    shown = [trend_words(trend, variable) for trend in trends if trend.shown] if variable else []
+    if not variable:
+        return (
+            f"No variable orders the states. Numbers in which they differ (p < {DIFFERS} each): {differing or 'none'}."
+        )
+    if shown:
+        return f"Over {variable}: {'; '.join(shown)}."
+    none = f"No trend over {variable} is shown beyond the scatter of mounting and the distance of the measured torques."
+    coarse = (
+        f" Beyond the scatter of mounting alone the states differ in: {differing}. Few torques can make such a "
+        "difference; to test it, measure at more torques about zero."
+    )
+    return f"{none}{coarse}" if differing else none
+
+
+def trend_words(trend: Trend, variable: str) -> str:
     """A trend in words."""
     scale, unit = (100, "%") if trend.number.kind.positive else (1, trend.number.kind.unit)
     direction = trend.number.kind.grows if trend.slope > 0 else trend.number.kind.falls
     low, high = scale * trend.slope_low, scale * trend.slope_high
     bent = "" if trend.straight else ", not in a straight line"
     return (
-        f"{direction} by {scale * trend.slope:+.3g} {unit} for each 1 ({low:+.3g} to {high:+.3g}; p = {trend.p:.2g}; "
-        f"loops to {trend.number.size.label}{bent})"
+        f"{direction} by {scale * trend.slope:+.3g} {unit} for each 1 of {variable} ({low:+.3g} to {high:+.3g}; "
+        f"p = {trend.p:.2g}; loops to {trend.number.size.label}{bent})"
     )
 
 
