@@ -1,8 +1,8 @@
-"""The verdict on a record, by the rule of ``selection.criteria`` and its constants."""
+"""The verdict on a record, by the rule of ``selection.criteria``."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -10,16 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.record.evidence import CONFIDENCE, Points, Posterior, RecordEvidence, Structure
 from pipeline.identification.record.terms import Term
-from pipeline.identification.selection.criteria import (
-    FORM,
-    LEFT,
-    ODDS,
-    best_of,
-    prior_log_odds,
-)
+from pipeline.identification.selection.criteria import Choice, Rule, form_limit
 from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
     EQUIVALENT,
@@ -101,11 +94,6 @@ class Judgement:
         return self.trials[self.members[0] if self.members else self.best]
 
 
-def form_limit(rms: float) -> float:
-    """Structure, in the noise of a point, that the form of the model may leave of a misfit."""
-    return float(np.hypot(LEFT, FORM * rms))
-
-
 def parts_of(points: Points, by: str | None) -> tuple[str, Whole]:
     """What is left out at once, "torque", "temperature", "sense" or "" where nothing can be, and its numbers (n,)."""
     groups = {"torque": points.level, "temperature": points.warmth, "sense": (points.sense < 0).astype(np.int64)}
@@ -117,7 +105,7 @@ def parts_of(points: Points, by: str | None) -> tuple[str, Whole]:
     return "", np.zeros(len(points), np.int64)
 
 
-class RecordJudge:
+class RecordJudge(Rule[Trial]):
     """The rule on one record.
 
     Parameters
@@ -127,48 +115,42 @@ class RecordJudge:
     """
 
     def __init__(self, evidence: RecordEvidence, effects: list[Term], parts: Whole, n_passes: int):
-        self.evidence, self.parts, self.n_passes = evidence, parts, n_passes
-        self.tried = len(effects)
+        super().__init__(len(effects), n_passes, "passes")
+        self.evidence, self.parts = evidence, parts
         self.names = [effect.name for effect in effects]
 
     def judgement(self) -> Judgement:
         """Every effect and the pairs that promise most, tried and judged."""
         base = self._trial((), np.inf)
         limit = form_limit(base.rms)
-        trials = {"": base} | {name: self._trial((name,), limit) for name in self.names}
-        odds = {name: self._odds(trials[name], base) for name in self.names}
+        trials = {name: self._trial((name,), limit) for name in self.names}
+        odds = self.odds(base.value, {name: trial.value for name, trial in trials.items()})
         leaders = sorted(self.names, key=lambda name: -odds[name])
         pairs = sorted(combinations(leaders, 2), key=lambda pair: -(odds[pair[0]] + odds[pair[1]]))[:PAIRED]
-        for pair in pairs:
-            trials["+".join(pair)] = self._trial(pair, limit)
-            odds["+".join(pair)] = self._odds(trials["+".join(pair)], base)
-        best = best_of(odds, {})
-        reasons: dict[str, str] = {}
-        for leader in dict.fromkeys([best, best_of({n: odds[n] for n in self.names}, {})]):
-            near = self._alike(leader, odds) if leader else []
-            reasons |= {name: self._objection(trials[name], base) for name in near}
-            members = tuple(name for name in near if not reasons[name])
-            if members:
-                word = IDENTIFIED if len(members) == 1 else EQUIVALENT
-                return Judgement(word, trials, odds, members, reasons, best)
-        return self._without(trials, odds, reasons, best, limit)
+        trials |= {"+".join(pair): self._trial(pair, limit) for pair in pairs}
+        choice = self.choice(base, trials)
+        trials = {"": base} | trials
+        if choice.members:
+            word = IDENTIFIED if len(choice.members) == 1 else EQUIVALENT
+            return Judgement(word, trials, choice.odds, choice.members, choice.reasons, choice.best)
+        return self._without(trials, choice, limit)
 
-    def _without(
-        self, trials: dict[str, Trial], odds: dict[str, float], reasons: dict[str, str], best: str, limit: float
-    ) -> Judgement:
+    def _without(self, trials: Mapping[str, Trial], choice: Choice, limit: float) -> Judgement:
         """The judgement where nothing is named."""
-        finding = ""
-        if best and TOLERABLE in reasons.get(best, ""):
-            return Judgement(WITHIN, trials, odds, (), reasons, best, f"{best.replace('_', ' ')}: {reasons[best]}")
-        if best:
-            finding = f"the most probable, {best.replace('_', ' ')}, is not named: {reasons.get(best, '')}"
+        verdict, finding, best = UNEXPLAINED, "", choice.best
+        reason = choice.reasons.get(best, "")
+        if best and TOLERABLE in reason:
+            verdict, finding = WITHIN, f"{best.replace('_', ' ')}: {reason}"
+        elif best:
+            finding = f"the most probable, {best.replace('_', ' ')}, is not named: {reason}"
         elif trials[""].structure.size > limit:
             finding = f"structure of {trials[''].structure.size:.2g} times the noise is left, {limit:.2g} may be"
         elif len(np.unique(self.parts)) < 2:
-            return Judgement(NOT_TESTABLE, trials, odds, (), reasons, best, "nothing can be held out")
+            verdict, finding = NOT_TESTABLE, "nothing can be held out"
         else:
             finding = self._missed(trials[""], trials[""])
-        return Judgement(UNEXPLAINED if finding else ADEQUATE, trials, odds, (), reasons, best, finding)
+            verdict = UNEXPLAINED if finding else ADEQUATE
+        return Judgement(verdict, trials, choice.odds, (), choice.reasons, best, finding)
 
     def _trial(self, names: tuple[str, ...], limit: float) -> Trial:
         evidence = self.evidence
@@ -186,37 +168,42 @@ class RecordJudge:
             limited = evidence.posterior(names, evidence.most_likely(names, limit)).value
         return Trial(names, structure, posterior, predictive, rms, limited)
 
-    def _odds(self, trial: Trial, base: Trial) -> float:
-        return trial.value - base.value + prior_log_odds(len(trial.effects), self.tried)
+    def value(self, trial: Trial, limit: float = np.inf) -> float:
+        """Logarithm of the evidence; with a limit, of the structure that the form of the model may leave."""
+        return trial.value if np.isinf(limit) else trial.limited
 
-    @staticmethod
-    def _alike(leader: str, odds: Mapping[str, float]) -> list[str]:
-        """Models of as many effects that are within the odds of a leading one, the most probable first."""
-        near = [n for n in odds if odds[n] >= odds[leader] - ODDS and n.count("+") == leader.count("+")]
-        return sorted(near, key=lambda name: -odds[name])
+    def predictive(self, trial: Trial) -> Real:
+        """Log density (n_parts,) of each part, predicted from all others."""
+        return trial.predictive
 
-    def _explains(self, trial: Trial, base: Trial) -> bool:
-        """Whether a model that leaves no more than its form does is more probable than a discrepancy of any size."""
-        return trial.limited - base.value + prior_log_odds(len(trial.effects), self.tried) >= ODDS
+    def misfit(self, trial: Trial) -> float:
+        """Root mean square of what a trial leaves, in the noise."""
+        return trial.rms
 
-    def _objection(self, trial: Trial, base: Trial) -> str:
-        """Why a model that the data prefer to "no effect" is not named, or ""."""
-        if self.n_passes < FEWEST_BLOCKS:
-            return f"with fewer than {FEWEST_BLOCKS} passes no effect is named"
-        if len(trial.predictive) < 2 or np.sum(trial.predictive - base.predictive) <= 0:
-            return "data that were left out are not predicted better with it"
+    def effects(self, trial: Trial) -> Sequence[str]:
+        """Names of the effects of a trial."""
+        return trial.effects
+
+    def distance(self, trial: Trial, effect: str) -> float:
+        """Distance of the size of an effect from zero, in that of the edge of its 95 % region."""
+        return trial.posterior.distance(self.evidence.columns_of(trial.effects, effect))
+
+    def implausible(self, trial: Trial) -> Iterator[str]:
+        """Sizes beyond the twist of the drive, and waves that errors of parts within their tolerances cause."""
         for name in trial.effects:
             columns = self.evidence.columns_of(trial.effects, name)
-            if not trial.posterior.distance(columns) > 1:
-                return f"the interval of the size of {name} reaches zero"
-            if np.linalg.norm(trial.posterior.mean[columns]) > LARGEST_SHARE * self.evidence.span:
-                return f"the size of {name} is larger than the twist of the drive"
+            size = np.linalg.norm(trial.posterior.mean[columns])
+            if size > LARGEST_SHARE * self.evidence.span:
+                yield f"the size of {name} is larger than the twist of the drive"
             wave = columns.stop - columns.start > 1 and name.startswith("compliance_")
-            if wave and np.linalg.norm(trial.posterior.mean[columns]) < TOLERATED * self.evidence.span:
-                return f"{TOLERABLE} cause waves as large as {name}"
-        if not self._explains(trial, base):
-            return "a discrepancy of no known form describes the unit as well"
-        return self._missed(trial, base)
+            if wave and size < TOLERATED * self.evidence.span:
+                yield f"{TOLERABLE} cause waves as large as {name}"
+
+    def objections(self, trial: Trial, base: Trial) -> Iterator[str]:
+        """The clauses (b) to (f) that a model does not meet."""
+        yield from super().objections(trial, base)
+        if missed := self._missed(trial, base):
+            yield missed
 
     def _missed(self, trial: Trial, base: Trial) -> str:
         """Why unused data are not predicted as a right model would, or "".

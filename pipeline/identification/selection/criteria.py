@@ -19,8 +19,10 @@ as a class, are the models that are at least a twentieth as probable as the best
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +36,7 @@ from pipeline.identification.selection.recalibration import UNLIKELY, tolerance_
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
+T = TypeVar("T")
 
 FAMILYWISE = 0.05
 """Posterior probability of "no effect", over all that were tried, up to which an effect is named."""
@@ -115,7 +118,7 @@ class Selection:
     @property
     def limit(self) -> float:
         """Structure, in the noise of a cell, that the form of the model may leave."""
-        return form_limit(self.base)
+        return form_limit(self.base.rms)
 
     @property
     def nearest(self) -> str:
@@ -129,9 +132,9 @@ def unnamed(selection: Selection, reason: str) -> Selection:
     return replace(selection, members=(), reasons={**selection.reasons, selection.claimed: reason})
 
 
-def form_limit(base: Trial) -> float:
-    """Structure, in the noise of a cell, that the form of the model may leave of a misfit."""
-    return float(np.hypot(LEFT, FORM * base.rms))
+def form_limit(rms: float) -> float:
+    """Structure, in the noise of a cell, that the form of the model may leave of a misfit of ``rms`` noises."""
+    return float(np.hypot(LEFT, FORM * rms))
 
 
 def prior_log_odds(n_effects: int, tried: int) -> float:
@@ -139,7 +142,95 @@ def prior_log_odds(n_effects: int, tried: int) -> float:
     return -float(np.log(tried if n_effects == 1 else max(tried * (tried - 1) / 2, 1.0)))
 
 
-class Judge:
+@dataclass(frozen=True)
+class Choice:
+    """What the clauses choose of some models; attributes as of ``Selection``."""
+
+    odds: Mapping[str, float]
+    reasons: Mapping[str, str]
+    best: str
+    members: tuple[str, ...]
+
+
+class Rule(ABC, Generic[T]):
+    """The clauses on trials of models of any kind of data; models are named by their effects, joined by +.
+
+    Parameters
+    ----------
+    tried : number of effects that the data can test.
+    n_repeats, repeats : number of what is measured again and again, and the word for it: branches or passes.
+    """
+
+    def __init__(self, tried: int, n_repeats: int, repeats: str):
+        self.tried, self.n_repeats, self.repeats = tried, n_repeats, repeats
+
+    @abstractmethod
+    def value(self, trial: T, limit: float = np.inf) -> float:
+        """Logarithm of the evidence of a trial whose structure is no larger than a limit."""
+
+    @abstractmethod
+    def predictive(self, trial: T) -> Real:
+        """Log density (n_parts,) of each part, predicted from all others."""
+
+    @abstractmethod
+    def misfit(self, trial: T) -> float:
+        """Root mean square of what a trial leaves, in the noise."""
+
+    @abstractmethod
+    def effects(self, trial: T) -> Sequence[str]:
+        """Names of the effects of a trial."""
+
+    @abstractmethod
+    def distance(self, trial: T, effect: str) -> float:
+        """Distance of the size of an effect from zero, in that of the edge of its 95 % region."""
+
+    @abstractmethod
+    def implausible(self, trial: T) -> Iterator[str]:
+        """Reasons why the sizes of a trial are not plausible."""
+
+    def choice(self, base: T, trials: Mapping[str, T]) -> Choice:
+        """What may be named of some trials."""
+        odds = self.odds(self.value(base), {name: self.value(trial) for name, trial in trials.items()})
+        best = best_of(odds)
+        reasons: dict[str, str] = {}
+        for leader in dict.fromkeys([best, best_of(_singles(odds))]):
+            near = alike(leader, odds) if leader else ()
+            reasons |= {name: self.why_not(trials[name], base) for name in near}
+            members = tuple(name for name in near if not reasons[name])
+            if members:
+                return Choice(odds, reasons, best, members)
+        return Choice(odds, reasons, best, ())
+
+    def odds(self, base_value: float, values: Mapping[str, float]) -> dict[str, float]:
+        """Logarithms of posterior odds of models that may be named against "no effect"."""
+        return {
+            name: value - base_value + prior_log_odds(_size(name), self.tried)
+            for name, value in values.items()
+            if _size(name) <= MOST_NAMED
+        }
+
+    def why_not(self, trial: T, base: T) -> str:
+        """Why a model that the data prefer to "no effect" is not named, or ""."""
+        return next(self.objections(trial, base), "")
+
+    def objections(self, trial: T, base: T) -> Iterator[str]:
+        """The clauses (b) to (e) that a model does not meet."""
+        if self.n_repeats < FEWEST_BLOCKS:
+            yield f"with fewer than {FEWEST_BLOCKS} {self.repeats} no effect is named"
+        gain = self.predictive(trial) - self.predictive(base)
+        if len(gain) < 2 or np.sum(gain) <= 0:
+            yield "data that were left out are not predicted better with it"
+        for effect in self.effects(trial):
+            if not self.distance(trial, effect) > 1:
+                yield f"the interval of the size of {effect} reaches zero"
+        yield from self.implausible(trial)
+        limited = self.value(trial, form_limit(self.misfit(base)))
+        prior = prior_log_odds(len(self.effects(trial)), self.tried)
+        if not limited - self.value(base) + prior >= ODDS:
+            yield "a discrepancy of no known form describes the unit as well"
+
+
+class Judge(Rule[Trial]):
     """The rule on the trials of one problem's cells.
 
     Parameters
@@ -149,60 +240,42 @@ class Judge:
     """
 
     def __init__(self, fitter: Fitter, cells: Truth, tried: int):
-        self.fitter, self.cells, self.tried = fitter, cells, tried
+        super().__init__(tried, len(np.unique(fitter.problem.data.block[cells])), "branches")
+        self.fitter, self.cells = fitter, cells
 
     def judged(self, base: Trial, trials: Mapping[str, Trial], screened: Mapping[str, float]) -> Selection:
         """What may be named of some trials."""
-        values = {name: trial.evidence.value for name, trial in trials.items()}
-        odds = self._odds(base.evidence.value, values, trials)
-        best = best_of(odds, trials)
-        reasons: dict[str, str] = {}
-        for leader in dict.fromkeys([best, best_of(_singles(odds), trials)]):
-            if leader:
-                reasons |= {name: self.why_not(trials[name], base) for name in alike(leader, odds, trials)}
-                members = tuple(name for name in alike(leader, odds, trials) if not reasons[name])
-                if members:
-                    return Selection(base, trials, screened, odds, reasons, best, members)
-        return Selection(base, trials, screened, odds, reasons, best)
+        choice = self.choice(base, trials)
+        return Selection(base, trials, screened, choice.odds, choice.reasons, choice.best, choice.members)
 
     def chosen_without(self, selection: Selection, part: int) -> str:
         """Name of the model that the same odds choose from all cells but those of a part; "" for none."""
         values = {name: trial.evidence.training[part] for name, trial in selection.trials.items()}
-        odds = self._odds(selection.base.evidence.training[part], values, selection.trials)
-        return best_of(odds, selection.trials)
+        return best_of(self.odds(selection.base.evidence.training[part], values))
 
-    def _odds(self, base_value: float, values: Mapping[str, float], trials: Mapping[str, Trial]) -> dict[str, float]:
-        """Logarithms of posterior odds of models that may be named against "no effect"."""
-        counts = {name: trials[name].fit.model.n_effects for name in values}
-        return {
-            name: values[name] - base_value + prior_log_odds(counts[name], self.tried)
-            for name in values
-            if counts[name] <= MOST_NAMED
-        }
+    def value(self, trial: Trial, limit: float = np.inf) -> float:
+        """Logarithm of the evidence of a trial whose structure is no larger than a limit."""
+        return trial.evidence.value if np.isinf(limit) else trial.evidence.limited(limit)
 
-    def why_not(self, trial: Trial, base: Trial) -> str:
-        """Why a model that the data prefer to "no effect" is not named, or ""."""
-        return next(self._objections(trial, base), "")
+    def predictive(self, trial: Trial) -> Real:
+        """Log density (n_parts,) of each part, predicted from all others."""
+        return trial.evidence.predictive
 
-    def _objections(self, trial: Trial, base: Trial) -> Iterator[str]:
-        blocks = len(np.unique(self.fitter.problem.data.block[self.cells]))
-        if blocks < FEWEST_BLOCKS:
-            yield f"with fewer than {FEWEST_BLOCKS} branches no effect is named"
-        gain = trial.evidence.predictive - base.evidence.predictive
-        if len(gain) < 2 or np.sum(gain) <= 0:
-            yield "data that were left out are not predicted better with it"
-        for effect in trial.fit.model.effects:
-            if not trial.evidence.distance(effect.name) > 1:
-                yield f"the interval of the size of {effect.name} reaches zero"
-        yield from self._implausible(trial.fit)
-        share = tolerance_share(trial.fit, trial.evidence)
-        if share < UNLIKELY:
-            yield f"it needs tolerances that {share:.1g} of the study's units have"
-        if not self._explains(trial, base):
-            yield "a discrepancy of no known form describes the unit as well"
+    def misfit(self, trial: Trial) -> float:
+        """Root mean square of what a trial leaves, in the noise."""
+        return trial.rms
 
-    def _implausible(self, fit: Fit) -> Iterator[str]:
-        """Sizes at a bound of the library, and time constants that are longer than the record."""
+    def effects(self, trial: Trial) -> Sequence[str]:
+        """Names of the effects of a trial."""
+        return [effect.name for effect in trial.fit.model.effects]
+
+    def distance(self, trial: Trial, effect: str) -> float:
+        """Distance of the size of an effect from zero, in that of the edge of its 95 % region."""
+        return trial.evidence.distance(effect)
+
+    def implausible(self, trial: Trial) -> Iterator[str]:
+        """Sizes at a bound, time constants that are longer than the record, tolerances that no unit has."""
+        fit = trial.fit
         bounds, start = self.fitter.bounds(fit.model), 0
         for effect in fit.model.effects:
             for k, parameter in enumerate(effect.parameters, start):
@@ -213,14 +286,12 @@ class Judge:
                 if parameter.record and value > self.fitter.problem.record[parameter.record]:
                     yield f"{parameter.name} = {value:.3g} of {effect.name} is longer than the record"
             start += len(effect.parameters)
-
-    def _explains(self, trial: Trial, base: Trial) -> bool:
-        """Whether a model that leaves no more than its form does is more probable than a discrepancy of any size."""
-        prior = prior_log_odds(trial.fit.model.n_effects, self.tried)
-        return trial.evidence.limited(form_limit(base)) - base.evidence.value + prior >= ODDS
+        share = tolerance_share(fit, trial.evidence)
+        if share < UNLIKELY:
+            yield f"it needs tolerances that {share:.1g} of the study's units have"
 
 
-def best_of(odds: Mapping[str, float], trials: Mapping[str, Trial]) -> str:
+def best_of(odds: Mapping[str, float]) -> str:
     """The most probable model, of two effects only where it beats the best of one by the odds.
 
     "" where "no effect" is not rejected.
@@ -232,12 +303,16 @@ def best_of(odds: Mapping[str, float], trials: Mapping[str, Trial]) -> str:
     return pair if pair and (not best or odds[pair] - odds[best] >= ODDS) else best
 
 
-def alike(leader: str, odds: Mapping[str, float], trials: Mapping[str, Trial]) -> Sequence[str]:
+def alike(leader: str, odds: Mapping[str, float]) -> Sequence[str]:
     """Models of as many effects that are within the odds of a leading one, the most probable first."""
-    count = trials[leader].fit.model.n_effects
-    near = [name for name in odds if odds[name] >= odds[leader] - ODDS and trials[name].fit.model.n_effects == count]
+    near = [name for name in odds if odds[name] >= odds[leader] - ODDS and _size(name) == _size(leader)]
     return sorted(near, key=lambda name: -odds[name])
 
 
 def _singles(odds: Mapping[str, float]) -> dict[str, float]:
-    return {name: value for name, value in odds.items() if "+" not in name}
+    return {name: value for name, value in odds.items() if _size(name) == 1}
+
+
+def _size(name: str) -> int:
+    """Number of effects of a model."""
+    return name.count("+") + 1

@@ -166,8 +166,8 @@ def test_a_refused_name_stays_the_nearest_with_its_reason():
 
 
 def test_what_the_form_may_leave_grows_with_the_misfit():
-    assert form_limit(trial("", Known(0.0), 1.0)) == pytest.approx(np.hypot(0.75, 0.05))
-    assert form_limit(trial("", Known(0.0), 40.0)) == pytest.approx(np.hypot(0.75, 2.0))
+    assert form_limit(1.0) == pytest.approx(np.hypot(0.75, 0.05))
+    assert form_limit(40.0) == pytest.approx(np.hypot(0.75, 2.0))
 
 
 DATA = replace(
