@@ -47,6 +47,8 @@ OVER_ALL = "turn"
 """What a metric of the whole turn is over."""
 LOST = "a metric has no value at some pitch of the output turn"
 """Status of a unit whose loops at the angles of the study have results."""
+UNFOUND = "the play of finite motions is not found at the crank angle of the largest one"
+"""Status of a unit whose clearance backlash is missing for it."""
 SAMPLES_AT_ONCE = 10_000
 """Samples whose loops are read together: at most a few million rows."""
 METRICS = Table(
@@ -157,7 +159,13 @@ class _Block:
     @cached_property
     def turns(self) -> dict[str, Turn]:
         """The metrics over the turn."""
-        return metric_turns(self.job.study, self.metrics, self._of_rigid_bodies("backlash_arcmin"))
+        backlash = self._of_rigid_bodies("backlash_arcmin")
+        return metric_turns(self.job.study, self.metrics, backlash, self._finite_motion)
+
+    @cached_property
+    def _finite_motion(self) -> np.ndarray:
+        """What finite motions add to the backlash (n, n_angles) [arcmin]; missing where it is not found."""
+        return self._kinematic["finite_motion_arcmin"].reshape(self.stop - self.start, -1)
 
     @cached_property
     def readings(self) -> TurnReadings:
@@ -185,6 +193,7 @@ class _Block:
         lost = np.any(
             [np.isnan(found[f"{name}_worst"]) & ~np.isnan(of_angles[f"{name}_worst"]) for name in self.turns], axis=0
         )
+        unfound = np.isnan(self._finite_motion).any(axis=1)
         n = self.stop - self.start
         return {
             "sample": self.samples,
@@ -195,7 +204,7 @@ class _Block:
             "n_angles": np.full(n, angles),
             "n_searched": np.full(n, searched_pitches(study)),
             "n_rigid_angles": np.full(n, angles_of_turn(study, 1, of_play=True)),
-            "status": np.where((status == "ok") & lost, LOST, status),
+            "status": np.select([status != "ok", unfound, lost], [status, UNFOUND, LOST], "ok"),
         }
 
 

@@ -7,7 +7,7 @@ whole drive has turned in the housing: it is the same one with the errors of oth
 of many steps are solved together.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -147,13 +147,25 @@ class TurnDrives:
         Pairs that one drive serves are solved together.
         """
         values = np.empty((len(steps), len(library())))
+        for part, step, turned in self._together(steps, rows, units):
+            values[part] = self.solved(step, turned)[2]
+        return values
+
+    def backlash_change_at(self, steps: Index, rows: Index, units: Units) -> Real:
+        """What finite motions add to the rigid backlash (n_pairs,) [rad] of pairs (n_pairs,) of a step and a unit."""
+        change = np.empty(len(steps))
+        for part, step, turned in self._together(steps, rows, units):
+            change[part] = self.drive(step, turned).backlash_change
+        return change
+
+    def _together(self, steps: Index, rows: Index, units: Units) -> Iterator[tuple[Index, int, Units]]:
+        """Numbers of pairs (n_pairs,) that one drive serves, its step, and the units as they are there."""
         turns, first_steps = np.divmod(steps, self._period) if self.repeats else (np.zeros_like(steps), steps)
         order = np.argsort(first_steps, kind="stable")
         found, start = np.unique(first_steps[order], return_index=True)
         for step, group in zip(found, np.split(order, start[1:]), strict=True):
             for part in np.split(group, np.arange(SOLVED_AT_ONCE, len(group), SOLVED_AT_ONCE)):
-                values[part] = self.solved(int(step), self._turned(units.some(rows[part]), turns[part]))[2]
-        return values
+                yield part, int(step), self._turned(units.some(rows[part]), turns[part])
 
     def _turned(self, units: Units, turns: Index) -> Units:
         """Units (n,) as they are after so many (n,) times as many pitches as there are lobes, turned back."""

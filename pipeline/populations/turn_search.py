@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.model.metrics import library
+from pipeline.model.units import ARCMIN
 from pipeline.populations.turn_drives import TurnDrives, Units
 from pipeline.populations.turn_ranking import Ranking, SeparateGaps, Springs, fitted_slopes, place_compliance, waves
 from pipeline.populations.turn_residuals import fitted_correlation, upper_bounds
@@ -87,6 +88,20 @@ class _Best:
             best = order[first[:, None] + np.arange(BEST_CLIMBED)]
             self.value[:, metric], self.step[:, metric] = all_values[best], all_steps[best]
 
+    def move_finitely(self, drives: TurnDrives, units: Units) -> None:
+        """Give metrics of the play what finite motions add at the worst steps, and put the worst first again."""
+        for number, metric in enumerate(library().values()):
+            if not metric.turn_of_rigid_bodies:
+                continue
+            value, step = self.value[:, number], self.step[:, number]
+            rows, place = np.nonzero(np.isfinite(value))
+            change = drives.backlash_change_at(step[rows, place], rows, units)
+            self.missing[rows[np.isnan(change)], number] = True
+            value[rows, place] += self.sign[number] * ARCMIN * change
+            order = np.argsort(-value, axis=1, kind="stable")
+            self.value[:, number] = np.take_along_axis(value, order, axis=1)
+            self.step[:, number] = np.take_along_axis(step, order, axis=1)
+
     def worst(self) -> Worst:
         value, step = self.value[..., 0], self.step[..., 0]
         values = np.where(self.missing | ~np.isfinite(value), np.nan, self.sign * value)
@@ -151,6 +166,7 @@ def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
         if drives.study.design.cycloid.pins > MANY_PINS:
             offsets, climbed = [offsets[0], offsets[-1]], 1
         _solve_beside(drives, units, _steps(best.step[:, ranked, :climbed]), offsets, best)
+    best.move_finitely(drives, units)
     return best.worst()
 
 
@@ -271,4 +287,5 @@ def audit(drives: TurnDrives, units: Units) -> Worst:
     _solve_pairs(drives, units, np.stack([drives.phases * pitches.ravel(), rows.ravel()], axis=1), best)
     if drives.phases > 1:
         _solve_beside(drives, units, _steps(best.step), _offsets(drives), best)
+    best.move_finitely(drives, units)
     return best.worst()

@@ -57,7 +57,9 @@ def strides_of(study: Study) -> list[int]:
 def worst_of_stride(turns: Mapping[str, Turn], stride: int) -> dict[str, np.ndarray]:
     """The worst of every metric (n,) over every so many of its even angles; over all angles for a stride of 1."""
     return {
-        name: library()[name].over_turn(turn.values[:, turn.even][:, ::stride] if stride > 1 else turn.values)[0]
+        name: library()[name].over_turn(
+            turn.worst_values[:, turn.even][:, ::stride] if stride > 1 else turn.worst_values
+        )[0]
         for name, turn in turns.items()
     }
 

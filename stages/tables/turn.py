@@ -43,10 +43,12 @@ class Turn:
     Attributes
     ----------
     values : (n, n_angles); all missing of a sample without a result at some loaded angle.
+    worst_values : (n, n_angles) likewise, with what finite motions add where the backlash is largest.
     even : (n_angles,) which of them stand evenly over the turn, as far as they are of one kind.
     """
 
     values: np.ndarray
+    worst_values: np.ndarray
     even: np.ndarray
 
 
@@ -67,13 +69,19 @@ def loop_metrics(study: Study, loops: Mapping[str, np.ndarray]) -> dict[str, np.
     return columns
 
 
-def metric_turns(study: Study, metrics: Mapping[str, np.ndarray], rigid_backlash: np.ndarray) -> dict[str, Turn]:
+def metric_turns(
+    study: Study,
+    metrics: Mapping[str, np.ndarray],
+    rigid_backlash: np.ndarray,
+    finite_motion: np.ndarray | None = None,
+) -> dict[str, Turn]:
     """Every metric over the turn: at the loaded angles, and the clearance backlash of rigid bodies between them.
 
     Parameters
     ----------
     metrics : (n_loops,) each, the loaded angles of a unit one after the other.
     rigid_backlash : (n, n_rigid_angles) [arcmin] at `rigid_angles`; missing where contacts interfere.
+    finite_motion : (n, n_rigid_angles) [arcmin] what finite motions add to the backlash; None: small ones alone.
 
     Notes
     -----
@@ -87,7 +95,8 @@ def metric_turns(study: Study, metrics: Mapping[str, np.ndarray], rigid_backlash
         even_angles = np.full(values.shape[1], True)
         if metric.turn_of_rigid_bodies:
             values, even_angles = _with_rigid(study, values, rigid_backlash), _rigid_even(study)
-        turns[name] = Turn(values, even_angles)
+        with_motion = metric.turn_of_rigid_bodies and finite_motion is not None
+        turns[name] = Turn(values, values + finite_motion if with_motion else values, even_angles)
     return turns
 
 
@@ -166,7 +175,7 @@ def over_turn_columns(turns: Mapping[str, Turn]) -> dict[str, np.ndarray]:
     """Worst, mean and best of every metric over the turn (n,), by column; missing of a unit without a result."""
     columns: dict[str, np.ndarray] = {}
     for name, turn in turns.items():
-        worst, best = library()[name].over_turn(turn.values)
+        worst, best = library()[name].over_turn(turn.worst_values)[0], library()[name].over_turn(turn.values)[1]
         # in the order of rows, in which a single unit is summed as among many: to the bit
         mean = np.ascontiguousarray(turn.values[:, turn.even]).mean(axis=1)
         columns |= {f"{name}_worst": worst, f"{name}_mean": mean, f"{name}_best": best}

@@ -39,16 +39,17 @@ def found_columns(study: Study, turns: Mapping[str, Turn], search: Mapping[str, 
     for name, turn in turns.items():
         metric = library()[name]
         angles = rigid_angles(study) if metric.turn_of_rigid_bodies else np.array(study.cycle.crank_deg)
-        bad = np.where(np.isnan(turn.values), -np.inf, -turn.values if metric.smaller_is_worse else turn.values)
+        values = turn.worst_values
+        bad = np.where(np.isnan(values), -np.inf, -values if metric.smaller_is_worse else values)
         place = bad.argmax(axis=1)
-        worst, crank = turn.values[np.arange(len(place)), place], angles[place]
+        worst, crank = values[np.arange(len(place)), place], angles[place]
         if len(search):
             searched = search[f"{name}_worst"]
             worse = searched < worst if metric.smaller_is_worse else searched > worst
             lost = np.isnan(searched) & (search["n_solved"] > 0)
             worst = np.where(lost, np.nan, np.where(worse, searched, worst))
             crank = np.where(worse, search[f"{name}_at_crank_deg"], crank)
-        missing = np.isnan(turn.values).any(axis=1) | np.isnan(worst)
+        missing = np.isnan(values).any(axis=1) | np.isnan(worst)
         columns[f"{name}_worst"] = np.where(missing, np.nan, worst)
         columns[f"{name}_at_crank_deg"] = np.where(missing, np.nan, crank)
         columns[f"{name}_at_crank_turn"] = columns[f"{name}_at_crank_deg"] // CRANK_DEG_PER_TURN

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drives import RATED, small_drive
+from exact_play import exact_disk_play
 from reducers import PAPER, SMALL, errors_of, reducer_at
 
 from pipeline.model.geometry.clearance import gaps
-from pipeline.model.geometry.finite_rotation import exact_disk_play
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.response import respond

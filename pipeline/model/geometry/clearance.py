@@ -299,6 +299,39 @@ def _closing(profile: CycloidProfile, disk: DiskPose, errors: Errors, method: st
     return exact_closing(profile, disk, displacements, errors.pin_roundness)
 
 
+def pin_gaps(
+    profile: CycloidProfile,
+    disk: DiskPose,
+    errors: Errors,
+    *,
+    method: str,
+    disk_reading: str,
+    motion: tuple[Complex, Real] | None = None,
+) -> Real:
+    """Gaps of the pins of one disk, (n, n_pins) [mm].
+
+    Parameters
+    ----------
+    errors : of the disk.
+    motion : finite motion of the disk from its nominal pose, translation (n,) complex [mm] and rotation (n,) [rad].
+
+    Notes
+    -----
+    Seen from a disk that moves its pins move the other way: exact where ``method`` is.
+    """
+    errors = _with_pins_turned(disk, errors)
+    if motion is not None:
+        translation, rotation = (values[:, None] for values in motion)
+        radial = disk.pins.centre / np.abs(disk.pins.centre)
+        pin = disk.pins.centre + radial * (errors.pin_radial + 1j * errors.pin_tangential)
+        from_centre = pin - (disk.eccentricity + errors.eccentricity[:, None]) * np.exp(1j * disk.crank)
+        travel = (from_centre - translation) * np.exp(-1j * rotation) - from_centre
+        errors = _with_pins_moved(errors, travel * np.conj(radial))
+    errors = _with_pins_off_centre(disk, errors)
+    gap = {"exact": exact_gaps, "first_order": first_order_gaps}[method](profile, disk, errors, disk_reading)
+    return gap - _closing(profile, disk, errors, method) if np.any(errors.pin_roundness) else gap
+
+
 def gaps(
     profile: CycloidProfile,
     reducer: Reducer,
@@ -321,17 +354,13 @@ def gaps(
     ValueError
         If there is not one roller error for each contact of the output with a disk, and for each behind all disks.
     """
-    of_pins = {"exact": exact_gaps, "first_order": first_order_gaps}[method]
     rollers = len(reducer.output_rows[0]), reducer.n_behind
     if errors.roller_diameter.shape[1] != sum(rollers):
         raise ValueError(f"{errors.roller_diameter.shape[1]} roller errors for {sum(rollers)} rollers")
     of_rollers, of_behind = np.split(errors.roller_diameter, rollers[:1], axis=1)
     parts = []
     for number, disk in enumerate(reducer.disks):
-        of_disk = _with_pins_turned(disk, errors.of_disk(number))
-        of_disk = _with_pins_off_centre(disk, of_disk)
-        gap = of_pins(profile, disk, of_disk, disk_reading)
-        parts.append(gap - _closing(profile, disk, of_disk, method) if np.any(errors.pin_roundness) else gap)
+        parts.append(pin_gaps(profile, disk, errors.of_disk(number), method=method, disk_reading=disk_reading))
     rows_behind = np.arange(len(reducer.contacts) - reducer.n_behind, len(reducer.contacts))
     groups = [
         *((number, rows, of_rollers) for number, rows in enumerate(reducer.output_rows)),

@@ -16,6 +16,7 @@ from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria, solve
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
+from pipeline.model.geometry.rigid_play.finite_motion import backlash_change
 
 NO_TORQUE = np.array([-0.0, 0.0])
 """The limits of no torque from below and from above [N mm]."""
@@ -75,6 +76,12 @@ class Drive:
     def gap(self) -> Real:
         """Gap of every contact at the nominal pose (n, n_contacts) [mm]."""
         return self.gap_of_errors + self.shift
+
+    @property
+    def backlash_change(self) -> Real:
+        """What finite motions add to the backlash of small ones (n,) [rad]; see ``finite_motion.backlash_change``."""
+        reading = self.reading.disk_reading
+        return backlash_change(self.profile, self.reducer, self.errors, reading, self.gap, self.bearing_clearance)
 
     @cached_property
     def first(self) -> "Drive":

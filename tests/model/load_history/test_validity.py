@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drives import RATED, small_drive
+from exact_play import exact_disk_play, gaps_after_rotation
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reducers import MICROMETRE, PAPER, SMALL, errors_of, reducer_at
@@ -16,7 +17,6 @@ from pipeline.model.effects.elasticity.output_torsion import LinearSpring
 from pipeline.model.elements import Friction
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.cycloid_profile import disk_rotation
-from pipeline.model.geometry.finite_rotation import exact_disk_play, gaps_after_rotation
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 from pipeline.model.load_history import validity
 from pipeline.model.load_history.load_cycle import LoadCycle

@@ -91,7 +91,7 @@ def _by_arm(contact: Index, arm: Real) -> tuple[Index, Real, int, int]:
     return contact[order], ascending, int(ascending.searchsorted(0.0)), int(ascending.searchsorted(0.0, "right"))
 
 
-def _rotation_play(gap: Real, contact: Index, arm: Real) -> tuple[Real, Real, Real]:
+def rotation_play(gap: Real, contact: Index, arm: Real) -> tuple[Real, Real, Real]:
     """Ends (plus, minus) of the rotation that keeps gap[:, contact] + arm phi >= 0, and the overlap where none does."""
     contact, arm, arms_below, arms_up_to = _by_arm(contact, arm)
     plus, minus, tight = _rotation_ends(gap, contact, arm, arms_below, arms_up_to)
@@ -128,7 +128,7 @@ def _least_penetration(gap, arm, one_end, other_end):
 
 
 def _floating_play(gap: Real, side: np.ndarray, arm: Real) -> tuple[Real, Real, Real]:
-    """As ``_rotation_play`` for bodies that may also shift across the slide: gap + side y + arm phi >= 0.
+    """As ``rotation_play`` for bodies that may also shift across the slide: gap + side y + arm phi >= 0.
 
     A shift y exists exactly if every pair of contacts on opposite faces leaves room between its two limits,
     so the pairs are contacts of a pure rotation; an overlap is shared by the two faces.
@@ -136,7 +136,7 @@ def _floating_play(gap: Real, side: np.ndarray, arm: Real) -> tuple[Real, Real, 
     upper, lower = np.flatnonzero(side > 0), np.flatnonzero(side < 0)
     pair_gap = (gap[:, upper, None] + gap[:, None, lower]).reshape(len(gap), -1)
     pairs = np.arange(pair_gap.shape[1])
-    plus, minus, overlap = _rotation_play(pair_gap, pairs, np.add.outer(arm[upper], arm[lower]).ravel())
+    plus, minus, overlap = rotation_play(pair_gap, pairs, np.add.outer(arm[upper], arm[lower]).ravel())
     return plus, minus, 0.5 * overlap
 
 
@@ -199,7 +199,7 @@ def _parallel_play(reducer: Reducer, gap: Real) -> RigidPlay:
 def _parts(reducer: Reducer, gap: Real) -> Real:
     """Ends plus, minus and overlap of each disk among its pins, and of the output in it, (2, 3, n, n_disks)."""
     arm = reducer.contacts.arm
-    parts = [[_rotation_play(gap, rows, arm[rows]) for rows in pair] for pair in _disk_contacts(reducer)]
+    parts = [[rotation_play(gap, rows, arm[rows]) for rows in pair] for pair in _disk_contacts(reducer)]
     return np.moveaxis(np.array(parts), 0, -1)
 
 
@@ -242,7 +242,7 @@ def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
     contacts, motions = reducer.contacts, reducer.motions
     poses = {end: np.zeros((len(gap), len(motions))) for end in ("plus", "minus")}
     of_pins = np.flatnonzero(contacts.kind == PIN)
-    plus, minus, overlap = _rotation_play(gap, of_pins, contacts.arm[of_pins])
+    plus, minus, overlap = rotation_play(gap, of_pins, contacts.arm[of_pins])
     ends = {"plus": plus, "minus": minus}
     for end, pose in poses.items():
         pose[:, motions.index("disk_phi")] = ends[end]
@@ -254,7 +254,7 @@ def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
             gaps_of_disk, side = gap[:, rows], np.where(np.real(np.conj(normal[0]) * normal) > 0, 1, -1)
             plus, minus, part = _floating_play(gaps_of_disk, side, arm)
         else:
-            plus, minus, part = _rotation_play(gap, rows, arm)
+            plus, minus, part = rotation_play(gap, rows, arm)
         overlap = np.maximum(overlap, part)
         for end, phi in (("plus", plus), ("minus", minus)):
             ends[end] = ends[end] + phi
