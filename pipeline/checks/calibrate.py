@@ -4,8 +4,7 @@ The disk is condensed at the start of a round and held while the numbers are fit
 settle, so that the compliance is the fitted geometry's own. The intervals are those of the last round.
 """
 
-import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +16,8 @@ from pipeline.checks.response import METRICS, Condensed, condensed, metrics_of, 
 from pipeline.config import Design, Study, parse_design
 from pipeline.config.files.keys import with_value
 from pipeline.config.files.section import nearest_name, number_at
+from pipeline.config.files.table_file import TableFile, read_table, shortened_list
+from pipeline.config.files.text_file import LARGEST_VALUE
 from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.consistency import number_keys
 from pipeline.engine.store import write_atomic
@@ -83,27 +84,21 @@ def read_targets(path: Path, study: Study) -> tuple[Target, ...]:
     InputError
         If the file is missing or names a case or a metric that the study does not have.
     """
-    rows = _rows(path, tuple(Target.__dataclass_fields__))
-    cases = [case.label for case in study.cases]
-    problems = []
-    for line, row in enumerate(rows, 2):
-        for column, names in (("case", cases), ("metric", METRICS)):
-            if row[column] not in names:
-                problems.append(
-                    f"{path.name}: line {line}: {column} = {row[column]!r}; {nearest_name(row[column], names)}"
-                )
-    numbers = ("tolerance_disk_um", "tolerance_roller_um", "value")
-    values = _numbers(path, rows, numbers, problems)
+    table = _table(path, tuple(Target.__dataclass_fields__))
+    names = {"case": [case.label for case in study.cases], "metric": METRICS}
+    _raise_faults(table, names, ("tolerance_disk_um", "tolerance_roller_um", "value"))
+    columns = {"source": table.texts("source"), **{column: table.texts(column) for column in names}}
     return tuple(
-        Target(
-            row["case"],
-            cells["tolerance_disk_um"],
-            cells["tolerance_roller_um"],
-            row["metric"],
-            cells["value"],
-            row["source"],
+        Target(case, disk, roller, metric, value, source)
+        for case, disk, roller, metric, value, source in zip(
+            columns["case"],
+            table.numbers("tolerance_disk_um").tolist(),
+            table.numbers("tolerance_roller_um").tolist(),
+            columns["metric"],
+            table.numbers("value").tolist(),
+            columns["source"],
+            strict=True,
         )
-        for row, cells in zip(rows, values, strict=True)
     )
 
 
@@ -115,15 +110,11 @@ def read_parameters(path: Path, design: Design) -> tuple[FittedNumber, ...]:
     InputError
         If the file is missing, a key is no number of the design, or its value lies outside bounds that must be > 0.
     """
-    rows = _rows(path, ("key", "lower", "upper"))
-    numbers = number_keys(design.model_dump())
-    problems = [
-        f"{path.name}: key = {row['key']!r}; {nearest_name(row['key'], numbers)}"
-        for row in rows
-        if row["key"] not in numbers
-    ]
-    values = _numbers(path, rows, ("lower", "upper"), problems)
-    parameters = tuple(FittedNumber(row["key"], **value) for row, value in zip(rows, values, strict=True))
+    table = _table(path, ("key", "lower", "upper"))
+    _raise_faults(table, {"key": number_keys(design.model_dump())}, ("lower", "upper"))
+    bounds = zip(table.texts("key"), table.numbers("lower").tolist(), table.numbers("upper").tolist(), strict=True)
+    parameters = tuple(FittedNumber(key, lower, upper) for key, lower, upper in bounds)
+    problems = []
     for parameter in parameters:
         value = number_at(design, parameter.key)
         if not 0 < parameter.lower < value < parameter.upper:
@@ -235,32 +226,25 @@ def _design_file(calibration: Calibration, source: str) -> str:
     return toml_of(content)
 
 
-def _rows(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
+def _table(path: Path, columns: tuple[str, ...]) -> TableFile:
     if not path.is_file():
         raise InputError(f"{path.name}: no such file; give a CSV file, or the stem of one in data/published")
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            reader = csv.DictReader(file, restval="")
-            if tuple(reader.fieldnames or ()) != columns:
-                columns_of_file = ", ".join(reader.fieldnames or ())
-                raise InputError(f"{path.name}: columns {columns_of_file}; must be {', '.join(columns)}")
-            return list(reader)
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path.name}: no table: {error}; give a CSV file") from None
+    table = read_table(path, path.name)
+    if tuple(table.cells) != columns:
+        raise InputError(f"{path.name}: columns {', '.join(table.cells)}; must be {', '.join(columns)}")
+    return table
 
 
-def _numbers(
-    path: Path, rows: list[dict[str, str]], columns: tuple[str, ...], problems: list[str]
-) -> list[dict[str, float]]:
-    """The columns of every row as numbers; raises InputError with ``problems`` and all that is no number."""
-    values: list[dict[str, float]] = []
-    for line, row in enumerate(rows, 2):
-        values.append({})
-        for column in columns:
-            try:
-                values[-1][column] = float(row[column])
-            except ValueError:
-                problems.append(f"{path.name}: line {line}: {column} = {row[column]!r}; must be a number")
+def _raise_faults(table: TableFile, names: Mapping[str, Sequence[str]], numbers: Sequence[str]) -> None:
+    """Raise InputError where a cell is none of the names of its column, or no number of a measured size."""
+    problems = [
+        f"{table.place(row)}: {column} = {text!r}; {nearest_name(text, known)}"
+        for column, known in names.items()
+        for row, text in enumerate(table.texts(column))
+        if text not in known
+    ]
+    for column in numbers:
+        wrong = ~(np.abs(table.numbers(column)) <= LARGEST_VALUE)
+        problems += table.faults(column, wrong, f"must be a number up to {LARGEST_VALUE:g}")
     if problems:
-        raise InputError(problems)
-    return values
+        raise InputError(shortened_list(problems, table.name))
