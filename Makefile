@@ -103,7 +103,7 @@ blind: $(VENV)/installed  ## test the identification on units whose truth it can
 test: $(VENV)/installed  ## run the tests
 	$(VENV)/bin/python -m pytest
 
-attack: $(VENV)/installed  ## run what make test runs in part at full size: 500 random designs, 3 million rows
+attack: $(VENV)/installed  ## run what make test runs in part at full size: 10,000 fuzzed inputs, 50 kills, 500 random designs
 	$(VENV)/bin/python -m pytest -n 0 -s -m attack -o faulthandler_timeout=7200
 
 mutants: $(VENV)/installed  ## change one operator, constant or bound at a time and see which no test notices: make mutants COUNT=200

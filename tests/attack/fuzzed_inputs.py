@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
 import re
 from collections.abc import Callable
@@ -45,16 +46,21 @@ def _cell(rng: random.Random, text: str) -> str:
     return "".join(lines)
 
 
-def _column(rng: random.Random, text: str) -> str:
-    """All cells of a column are another value, or times a factor."""
+def scaled_column(rng: random.Random, text: str) -> str:
+    """All numbers of a column times a factor."""
     rows = [line.rstrip("\n").split(",") for line in _lines(text)]
-    column, factor, odd = rng.randrange(len(rows[0])), rng.choice([0.0, -1.0, 60.0, 1e-3, 1e6]), rng.choice(ODD)
-    scaled = rng.random() < 0.6
+    column, factor = rng.randrange(len(rows[0])), rng.choice([0.0, -1.0, 60.0, 1e-3, 1e6])
     for row in rows[1:]:
-        try:
-            row[column] = f"{factor * float(row[column]):g}" if scaled else odd
-        except (ValueError, IndexError):
-            continue
+        with contextlib.suppress(ValueError):
+            row[column] = f"{factor * float(row[column]):g}"
+    return "".join(",".join(row) + "\n" for row in rows)
+
+
+def _column(rng: random.Random, text: str) -> str:
+    """All cells of a column are one other value."""
+    rows = [line.rstrip("\n").split(",") for line in _lines(text)]
+    column, odd = rng.randrange(len(rows[0])), rng.choice(ODD)
+    rows[1:] = [[*row[:column], odd, *row[column + 1 :]] for row in rows[1:]]
     return "".join(",".join(row) + "\n" for row in rows)
 
 
@@ -68,7 +74,7 @@ def _separator_in_row(rng: random.Random, text: str) -> str:
     return "".join(lines)
 
 
-def _exchanged_columns(rng: random.Random, text: str) -> str:
+def exchanged_columns(rng: random.Random, text: str) -> str:
     """Two names of the header change places."""
     head, _, rest = text.partition("\n")
     names = head.split(",")
@@ -114,7 +120,7 @@ def _characters(rng: random.Random, text: str) -> str:
     return "".join(characters)
 
 
-def _dialect(rng: random.Random, text: str) -> str:
+def other_dialect(rng: random.Random, text: str) -> str:
     """Another separator, decimal mark or end of line: sound in itself."""
     separator = rng.choice([";", "\t", ","])
     if separator != ",":
@@ -124,7 +130,8 @@ def _dialect(rng: random.Random, text: str) -> str:
 
 
 TABLE_MUTATIONS: tuple[Mutation, ...] = (
-    _cell, _column, _separator_in_row, _exchanged_columns, _header, _order, _cut, _characters, _dialect,
+    _cell, _column, scaled_column, _separator_in_row, exchanged_columns, _header, _order, _cut, _characters,
+    other_dialect,
 )  # fmt: skip
 
 

@@ -184,6 +184,25 @@ def test_data_that_do_not_tell_their_noise_support_no_verdict(tmp_path):
     assert all(fault.severity == "note" for fault in faults.values())
 
 
+def test_exchanged_columns_are_found_where_no_row_is_near_zero():
+    """The angle jumps through the play: once it is taken for the torque, one row alone is near zero, by its noise."""
+    torque = np.tile(np.concatenate([np.linspace(a, b, 41)[1:] for a, b in ((0, 12), (12, -12), (-12, 0))]), 2)
+    net = torque - 0.5 * np.sign(np.gradient(torque))
+    angle = net / 5 + 0.5 * np.tanh(2 * net)
+    angle[np.abs(angle) < 0.2] = 0.3
+    assert not gains_energy(torque, angle)
+    assert gains_energy(angle, torque)
+
+
+def test_an_angle_that_is_likely_in_another_unit_is_noted(tmp_path):
+    """Degrees read as minutes are 1/60 of the angle, minutes read as degrees sixtyfold: a tenth of what can be."""
+    table = measured()
+    for factor, expected in ((1.0, []), (60.0, ["unit"])):
+        scaled = table.assign(angle_arcmin=factor * table["angle_arcmin"])
+        faults, _ = judged(tmp_path / f"{factor:g}", {"rows.csv": scaled})
+        assert [kind for kind in faults if kind == "unit"] == expected
+
+
 def test_positions_with_their_own_offset_under_a_common_one(tmp_path):
     table = measured().assign(angle_arcmin=lambda t: t["angle_arcmin"] + t["crank_deg"])
     faults, _ = judged(tmp_path / "a", {"rows.csv": table})

@@ -32,10 +32,16 @@ LARGEST_PLAY = 0.5
 """Gap of the pins in parts of their radius that no drive has."""
 LARGEST_TWIST = 500.0
 """Twist over T / (E t r^2) of the disk that no drive has: the paper's reducer has about 10, the printed drives 100."""
+LIKELY_TWIST = 200.0
+"""The same that a drive is likely to have at most: twice the printed drives'."""
 
 
-def largest_span(design: Design, torque: float) -> float:
+def largest_span(design: Design, torque: float, twisted: float = LARGEST_TWIST) -> float:
     """Span of the angle [arcmin] that no reducer of a design can have at a torque [N m]: play and twist.
+
+    Parameters
+    ----------
+    twisted : largest twist over that of the disk, T / (E t r^2).
 
     Notes
     -----
@@ -46,7 +52,7 @@ def largest_span(design: Design, torque: float) -> float:
     arm = gear.eccentricity_mm * gear.lobes
     play = 2 * LARGEST_PLAY * gear.pin_radius_mm / arm
     modulus, thickness = design.materials[design.disk.material].youngs_modulus_MPa, design.disk.thickness_mm
-    twist = 2 * LARGEST_TWIST * 1e3 * torque / (modulus * thickness * arm**2)
+    twist = 2 * twisted * 1e3 * torque / (modulus * thickness * arm**2)
     return float(ARCMIN * (play + twist))
 
 
@@ -62,9 +68,11 @@ def gains_energy(torque: Real, angle: Real) -> bool:
     -----
     The work taken is the integral of the torque over the angle, which of a passive drive is not negative over a closed
     cycle. With the columns exchanged, or the rows reversed in time, it has the other sign. Rows before the first and
-    after the last visit of no torque belong to no closed loop: a record may end under load. There the way that closes
-    it does no work, whatever the angle drifts by. A record without a cycle of half of the torque's range is not judged.
+    after the last visit of no torque, at a row or between two, belong to no closed loop: a record may end under load.
+    There the way that closes it does no work, whatever the angle drifts by. A record without a cycle of half of the
+    torque's range is not judged.
     """
+    torque, angle = _with_crossings(torque, angle)
     unloaded = np.flatnonzero(np.abs(torque) <= CLOSED * np.ptp(torque))
     closed = slice(unloaded[0], unloaded[-1] + 1) if len(unloaded) else slice(None)
     whole_range = float(np.ptp(torque))
@@ -73,6 +81,14 @@ def gains_energy(torque: Real, angle: Real) -> bool:
         return False
     work = 0.5 * float(np.sum((torque + np.roll(torque, -1)) * (np.roll(angle, -1) - angle)))
     return work < -GAINED * float(np.ptp(torque) * np.ptp(angle))
+
+
+def _with_crossings(torque: Real, angle: Real) -> tuple[Real, Real]:
+    """Torque and angle with the points on the straight lines between rows at which the torque is zero."""
+    before = np.flatnonzero(torque[:-1] * torque[1:] < 0)
+    share = torque[before] / (torque[before] - torque[before + 1])
+    crossed = angle[before] + share * (angle[before + 1] - angle[before])
+    return np.insert(torque, before + 1, 0.0), np.insert(angle, before + 1, crossed)
 
 
 def _bend(load: Real, twist: Real) -> float:
