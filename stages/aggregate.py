@@ -41,7 +41,15 @@ from stages.tables.turn import (
     turn_readings,
     unit_status,
 )
-from stages.tables.whole_turn import FOUND_AT, WHOLE_TURN, found_columns, shortfalls, whole_turn_estimates
+from stages.tables.whole_turn import (
+    CONTINUOUS_TURN,
+    FOUND_AT,
+    WHOLE_TURN,
+    found_columns,
+    left_between,
+    shortfalls,
+    whole_turn_estimates,
+)
 
 OVER_ALL = "turn"
 """What a metric of the whole turn is over."""
@@ -95,7 +103,8 @@ DISTRIBUTIONS = Table(
             "",
             "angle: at one crank angle; worst, mean or best: of each unit over the turn, as in the table units; turn: "
             "metric of the turn; whole_turn: the worst over the whole turn of the output, corrected by the audited "
-            "units, with an interval for the sampling and the search together",
+            "units, with an interval for the sampling and the search together; continuous_turn: bound in the mean of "
+            "the same over all angles between, from what finer angles add to the audited units",
         ),
         Column("crank_deg", "float64", "deg", "crank angle; null but for over = angle"),
         Column("statistic", "label", "", "mean, std, quantile, or yield: the share within the limit"),
@@ -292,11 +301,14 @@ def over_turn(units: pd.DataFrame, turn_value: str) -> pd.DataFrame:
     return solved_units[[*metric_columns, *turn_library(), "preloaded"]].rename(columns=metric_columns)
 
 
-def _distributions(study: Study, per_angle: PerAngle, units: pd.DataFrame, shortfall: pd.DataFrame) -> Columns:
+def _distributions(
+    study: Study, per_angle: PerAngle, units: pd.DataFrame, shortfalls: Mapping[str, pd.DataFrame]
+) -> Columns:
     rows = []
-    for metric, name, estimate in whole_turn_estimates(study, over_turn(units, "worst"), shortfall):
-        keys = {"metric": metric, "over": WHOLE_TURN, "crank_deg": np.nan, "statistic": name}
-        rows.append({**keys, **vars(estimate), "n_angles": searched_pitches(study)})
+    for turn_value, shortfall in shortfalls.items():
+        for metric, name, estimate in whole_turn_estimates(study, over_turn(units, "worst"), shortfall):
+            keys = {"metric": metric, "over": turn_value, "crank_deg": np.nan, "statistic": name}
+            rows.append({**keys, **vars(estimate), "n_angles": searched_pitches(study)})
     single = dict.fromkeys(library(), 1)
     for angle in np.argsort(study.cycle.crank_deg):
         part = pd.DataFrame(per_angle.at(int(angle))).iloc[int(study.samples.nominal_first) :]
@@ -327,11 +339,14 @@ def _run(job: Job) -> WholeTables:
         per_angle = PerAngle(file, (*library(), "preloaded"), len(study.cycle.crank_deg))
         columns = _columns(job, per_angle)
         units = pd.DataFrame(columns.units)
-        shortfall = shortfalls(units, job.read("worst", "audit"))
+        audit = job.read("worst", "audit")
+        missed, between = {WHOLE_TURN: shortfalls(units, audit)}, left_between(audit)
+        if between is not None:
+            missed[CONTINUOUS_TURN] = missed[WHOLE_TURN] + between
         counted = units[[f"{name}_worst" for name in library()]].notna().any(axis=1).to_numpy(copy=True)
         counted[: int(study.samples.nominal_first)] = False
         units = units.iloc[int(study.samples.nominal_first) :]
-        distributions = _distributions(study, per_angle, units, shortfall)
+        distributions = _distributions(study, per_angle, units, missed)
     whole = study.samples.rows <= SAMPLES_AT_ONCE
     return {
         "metrics": next(_blocks(job)).metrics if whole else (block.metrics for block in _blocks(job)),

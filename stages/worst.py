@@ -32,7 +32,15 @@ FOUND = tuple(
 )
 SOLVED = Column("n_solved", "int32", "1", "pitches and phases of them at which the sample was load-solved")
 SEARCH = Table("found", "sample", (SAMPLE, *FOUND, SOLVED))
-AUDIT = Table("audit", "sample that was solved at every pitch", (SAMPLE, *FOUND, SOLVED))
+OF_PITCHES = {
+    name: Column(f"{name}_at_pitches", "float64", metric.unit, f"{metric.inline}, the worst of one phase of each pitch")
+    for name, metric in library().items()
+}
+"""Columns of the worst at all pitches, without the phases between them, by metric."""
+N_PHASES = Column("n_phases", "int32", "1", "phases of a pitch that are looked at beside the worst pitches; 1: none")
+AUDIT = Table(
+    "audit", "sample that was solved at every pitch", (SAMPLE, *FOUND, SOLVED, *OF_PITCHES.values(), N_PHASES)
+)
 
 
 @dataclass(frozen=True)
@@ -91,8 +99,15 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
     units = units_of(drives.study, {name: chunk.tables[f"sample/{name}"] for name in SAMPLED})
     audited = np.flatnonzero(np.isin(samples, shared.audited))
     found = _columns(drives, samples, search(drives, shared.ranking, units))
-    whole = _columns(drives, samples[audited], audit(drives, units.some(audited))) if len(audited) else AUDIT.empty()
-    return {"found": found, "audit": whole}
+    return {"found": found, "audit": _audit(drives, samples[audited], units.some(audited))}
+
+
+def _audit(drives: TurnDrives, samples: NDArray[np.intp], units: Units) -> dict[str, np.ndarray]:
+    if not len(samples):
+        return AUDIT.empty()
+    of_pitches, worst = audit(drives, units)
+    columns = {OF_PITCHES[name].name: values for name, values in of_pitches.value.items()}
+    return _columns(drives, samples, worst) | columns | {N_PHASES.name: np.full(len(samples), drives.phases)}
 
 
 def _columns(drives: TurnDrives, samples: NDArray[np.intp], worst: Worst) -> dict[str, np.ndarray]:

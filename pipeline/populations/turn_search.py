@@ -8,6 +8,7 @@ misses is seen on units that are solved at every pitch and beside the worst of t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -280,12 +281,14 @@ def _solve_pairs(drives: TurnDrives, units: Units, pairs: Index, best: _Best) ->
     return values
 
 
-def audit(drives: TurnDrives, units: Units) -> Worst:
-    """The worst of units that are solved at every pitch, and between them beside the worst of each metric."""
+def audit(drives: TurnDrives, units: Units) -> tuple[Worst, Worst]:
+    """The worst of units solved at every pitch; and with the steps between them beside the worst of each metric."""
     best = _Best(len(units))
     pitches, rows = np.meshgrid(np.arange(drives.pitches), np.arange(len(units)), indexing="ij")
     _solve_pairs(drives, units, np.stack([drives.phases * pitches.ravel(), rows.ravel()], axis=1), best)
+    of_pitches = deepcopy(best)
     if drives.phases > 1:
         _solve_beside(drives, units, _steps(best.step), _offsets(drives), best)
-    best.move_finitely(drives, units)
-    return best.worst()
+    for worst in (of_pitches, best):
+        worst.move_finitely(drives, units)
+    return of_pitches.worst(), best.worst()

@@ -74,6 +74,10 @@ class Results:
             turn_value = "whole_turn"
         return self._estimates.get((metric, turn_value, crank, statistic), (np.nan, np.nan, np.nan))
 
+    def value_over(self, turn_value: str, metric: str, statistic: str) -> float:
+        """A statistic of the whole or the continuous turn; NaN where there is none."""
+        return self._estimates.get((metric, turn_value, None, statistic), (np.nan,) * 3)[0]
+
     def _cell(self, metric: str, statistic: str, crank: float | None = None) -> Cell:
         value, low, high = self.estimate(metric, statistic, crank)
         quantity = METRICS[metric]

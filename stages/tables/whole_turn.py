@@ -12,9 +12,12 @@ from pipeline.statistics import Estimate
 from pipeline.statistics.audited import audited_distribution, audited_share
 from stages.clearance import rigid_angles
 from stages.tables.turn import Turn
+from stages.worst import N_PHASES, OF_PITCHES
 
 WHOLE_TURN = "whole_turn"
 """What estimates for the whole turn are over."""
+CONTINUOUS_TURN = "continuous_turn"
+"""What bounds for all angles between the pitches and their phases are over."""
 CRANK_DEG_PER_TURN = 360.0
 """Degrees of a turn of the crank."""
 FOUND_AT = tuple(
@@ -65,6 +68,24 @@ def shortfalls(units: pd.DataFrame, audit: Columns) -> pd.DataFrame:
         difference = whole[f"{name}_worst"] - found[f"{name}_worst"]
         beyond[name] = difference.clip(upper=0.0) if metric.smaller_is_worse else difference.clip(lower=0.0)
     return pd.DataFrame(beyond)
+
+
+def left_between(audit: Columns) -> pd.DataFrame | None:
+    """What angles between those of the audit add to each metric's worst of the audited units in the mean, at most.
+
+    None where one phase of each pitch is looked at.
+
+    Notes
+    -----
+    A worst value that lies between angles is missed by some power of their distance: by the first at a kink, where
+    another contact becomes the worst, by the second at a smooth peak. For kinks, what angles leave to denser ones is
+    in proportion to their distance: angles ``n`` times as dense add n - 1 parts of n, and leave one.
+    """
+    rows = pd.DataFrame(dict(audit)).set_index("sample")
+    if not len(rows) or rows[N_PHASES.name].iloc[0] < 2:
+        return None
+    share = 1.0 / (rows[N_PHASES.name] - 1)
+    return pd.DataFrame({name: share * (rows[f"{name}_worst"] - rows[OF_PITCHES[name].name]) for name in library()})
 
 
 def whole_turn_estimates(

@@ -17,6 +17,7 @@ from pipeline.model.metrics import library
 from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks, turned_blocks
 from pipeline.populations.turn_ranking import SeparateGaps
 from pipeline.populations.turn_residuals import Correlation, fitted_correlation, upper_bounds
+from pipeline.populations.turn_search import audit
 from pipeline.sampling import draw
 from pipeline.statistics.audited import audited_distribution, audited_share
 from stages.chain import STAGES
@@ -171,6 +172,26 @@ def test_the_estimate_for_the_whole_turn_is_that_of_all_pitches(tables: dict[str
         known = np.maximum(whole[f"{name}_worst"].to_numpy(), found).mean()
         assert rows.loc[name, "value"] == pytest.approx(known, rel=1e-9)
         assert rows.loc[name, "ci_low"] < known < rows.loc[name, "ci_high"]
+
+
+def test_five_times_finer_angles_find_no_more_than_the_bound_of_the_continuous_turn(
+    tables: dict[str, pd.DataFrame],
+) -> None:
+    """25 phases of a pitch in place of 5 beside the worst pitches of the same units."""
+    study = small("printed_drive", "rigid", 30, loaded_angles=11, audited_units=30)
+    samples = tables["audit"]["sample"].to_numpy()
+    contacts = len(assembly.reducer(study.design, 0.0).contacts)
+    drives = TurnDrives.of(study, 25, [np.zeros((1, contacts, contacts))] * 25)
+    finer = audit(drives, Units.of(study, draw(study, 0, 31)).some(samples))[1]
+    rows = tables["distributions"].query("statistic == 'mean'").set_index(["over", "metric"])["value"]
+    added = []
+    for name in ("clearance_backlash_arcmin", "lost_motion_arcmin", "peak_pressure_MPa"):
+        found = tables["units"].set_index("sample").loc[samples, f"{name}_worst"].to_numpy()
+        known = np.maximum(finer.value[name], found).mean()
+        estimate, bound = rows["whole_turn", name], rows["continuous_turn", name]
+        added.append((known - estimate) / (bound - estimate))
+    assert min(added) > 0.3  # it is no empty one either
+    assert max(added) < 1.05  # kinks alone would give 1 in the mean
 
 
 def test_intervals_of_audited_estimates_hold_the_truth() -> None:

@@ -10,9 +10,11 @@ from tiny_pages import tiny_study, written
 
 from pipeline.config.studies.study import ALL_LIMITS, Limits, PublishedUnit
 from pipeline.figures.labels import METRICS
+from pipeline.report.convergence import ESTIMATES, ConvergenceTable
 from pipeline.report.explorer import explorer
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import percent
+from pipeline.report.results import Results
 from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges, next_target
 from pipeline.statistics import pass_share
 
@@ -131,6 +133,32 @@ def test_the_yield_of_the_whole_turn_stands_before_that_of_the_angles(frames):
     assert "58.8 % of the units fail" in page
     assert "It holds for the whole turn of the output: 6,320 pitches" in page
     assert "upper bound" not in page
+    assert "whole turn: the search, corrected by the audited units" not in page  # no means
+
+
+def test_the_table_of_convergence_ends_with_the_bound_of_the_continuous_turn(frames):
+    rows = pd.DataFrame(
+        [
+            {"metric": metric, "over": over, "crank_deg": np.nan, "statistic": statistic, "value": value}
+            for over, size in (("whole_turn", 1.0), ("continuous_turn", 1.1))
+            for metric, statistic, value in (
+                ("lost_motion_arcmin", "mean", 2.345 * size),
+                (ALL_LIMITS, "yield", 0.5 / size),
+            )
+        ]
+    )
+    failing = failing_on_pressure(frames)
+    bounded = replace(failing, distributions=pd.concat([failing.distributions, rows]))
+    table = ConvergenceTable(bounded, Results(bounded))
+    labels = [label for label, _ in table.rows]
+    assert labels[-2:] == list(ESTIMATES.values())
+    assert labels[-3].endswith("loaded angles")
+    column = [title for title, _ in table.headings].index("Lost motion")
+    cells = [cells for _, cells in table.rows]
+    assert [row[column] for row in cells[-2:]] == ["2.35", "2.58"]
+    assert [row[-1] for row in cells[-2:]] == ["50.0 %", "45.5 %"]
+    assert len({len(row) for row in cells}) == 1
+    assert "continuous turn: at most" in written(bounded)
 
 
 def test_the_explorer_holds_the_worst_units(frames, monkeypatch):

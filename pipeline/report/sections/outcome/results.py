@@ -10,11 +10,12 @@ import pandas as pd
 from pipeline.figures.samples.distributions import crank_figure, distributions_figure
 from pipeline.figures.samples.units import units_figure
 from pipeline.report.cases import ROWS_SHOWN, case_crank_rows, case_rows
+from pipeline.report.convergence import ConvergenceTable
 from pipeline.report.drawing import Drawing
 from pipeline.report.explorer.explorer import UNITS_SHOWN, WORST_SHOWN, explored_units
 from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.layout.wording import counted, plain
-from pipeline.report.results import STATISTICS
+from pipeline.report.results import STATISTICS, Results
 from pipeline.report.sections.section import Page, Section
 
 
@@ -26,6 +27,7 @@ def _values(page: Page) -> Mapping[str, object]:
         "rows_shown": ROWS_SHOWN,
         "explorer": page.explorer,
         "statistics": list(STATISTICS.values()),
+        "convergence": ConvergenceTable(frames, Results(frames)),
     }
 
 
