@@ -27,7 +27,7 @@ ALLOWED_NOTATION = {
     "limits_mm": '"+0.000/-0.004" or "±0.002": limits as on a drawing [mm], in place of lower_um and upper_um',
     "iso": '"6h5": a code of ISO 286, in place of lower_um and upper_um',
     "of": '"diameter" or "radius": what limits_mm are of',
-    "position": '"dia 0.02": diameter of a circular zone [mm], for positions',
+    "position": '"dia 0.02": diameter of a circular zone [mm], for positions; of housing pins: pin_position',
     "convention": '"drawing" (a larger part is positive) or "material_off": sign of limits_mm of a profile',
 }
 GAP_WORDS = {1: "opens gaps", -1: "closes gaps", 0: "either"}

@@ -21,6 +21,7 @@ from pipeline.config.notation import with_notation
 from pipeline.config.studies.cases import Case, case_problems
 from pipeline.config.studies.consistency import provenance_problems, study_problems, with_turn
 from pipeline.config.studies.costs import Costs, cost_problems
+from pipeline.config.studies.mesh_defaults import ANY_MESH, with_mesh
 from pipeline.config.studies.study import Study
 from pipeline.config.studies.tolerances import Tolerances, tolerance_problems
 from pipeline.config.temperature.drawn import (
@@ -182,6 +183,8 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
         if "crank_turns" in raw["cycle"]:
             unreadable.append(Mistake("cycle.crank_turns", raw["cycle"]["crank_turns"], CRANK_TURNS))
         raw["cycle"] = with_turn(raw["cycle"], design)
+    if isinstance(raw.get("reduce", {}), dict):
+        raw["reduce"] = with_mesh(raw.get("reduce", {}), design) if design else {**ANY_MESH, **raw.get("reduce", {})}
     problems, parts = validated(Study, {**raw, "name": name, "design": design})
     problems = unreadable + [problem for problem in problems if problem.key != "design"]
     problems += study_problems(parts, raw)

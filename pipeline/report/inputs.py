@@ -106,6 +106,20 @@ def tolerance_rows(tolerances: Tolerances) -> list[ToleranceRow]:
     return [_tolerance_row(name, tolerance) for name, tolerance in tolerances if not _is_zero(tolerance)]
 
 
+def nominal_outside(tolerances: Tolerances) -> list[str]:
+    """Tolerances whose limits leave the nominal reducer out, with the zone and its middle [um]."""
+    rows = []
+    for name, tolerance in tolerances:
+        low, high = tolerance.limits_um
+        if not low <= 0 <= high:
+            zone = f"{plain(tolerance.allowance_um + low)} to {plain(tolerance.allowance_um + high)}"
+            middle = plain(tolerance.allowance_um + 0.5 * (low + high))
+            rows.append(
+                f"{PARAMETERS[name]} (zone {zone} \u00b5m, middle {middle}, nominal {plain(tolerance.allowance_um)})"
+            )
+    return rows
+
+
 def zero_tolerances(tolerances: Tolerances) -> list[str]:
     """Names of the tolerances that are zero."""
     return [PARAMETERS[name] for name, tolerance in tolerances if _is_zero(tolerance)]

@@ -33,6 +33,7 @@ def test_types_bounds_units_defaults_and_examples_are_those_of_the_sections():
     lower = by_path["tolerances.<dimension>.lower_um"]
     assert (lower.kind, lower.unit, lower.allowed) == ("number", "um", ">= -1000 and <= 1000")
     assert by_path["cycle.rigid_angles"].default == "181"
+    assert by_path["reduce.patch_half_width_mm"].default == "a tenth of the pin's radius"
     assert '"monte_carlo", "sobol"' in by_path["samples.experiment"].allowed
     assert '"uniform"' in by_path["tolerances.<dimension>.distribution"].allowed, "choices of all distributions"
     assert by_path["temperature.disk_C"].unit == "deg C"

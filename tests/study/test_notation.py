@@ -191,6 +191,28 @@ def test_a_position_is_a_circular_zone(text):
 
 
 @pytest.mark.parametrize(
+    ("name", "shape", "limit"), [("normal", "dia 0.012", 6.0), ("uniform", "dia 0.02", 8.660254038)]
+)
+def test_a_position_of_the_housing_pins_is_split_into_two_directions(name, shape, limit):
+    """Normal: limits at three sigma, as the zone has. Uniform: the variance of a disc, a quarter of R squared."""
+    split = tolerances(pin_position={"distribution": name, "position": shape, "correlation_length_mm": 8.0})
+    for coordinate in (split.pin_radial, split.pin_tangential):
+        assert coordinate.limits_um == pytest.approx((-limit, limit))
+        assert coordinate.correlation_length_mm == 8.0
+    if name == "uniform":
+        probability = (np.arange(1000) + 0.5) / 1000
+        assert np.mean(split.pin_radial.deviation(probability) ** 2) == pytest.approx(10.0**2 / 4, rel=1e-5)
+
+
+def test_a_position_of_the_housing_pins_stands_alone():
+    with pytest.raises(InputError, match="stands beside pin_radial; keep the one or the other"):
+        tolerances(
+            pin_position={"distribution": "normal", "position": "dia 0.02"},
+            pin_radial={"distribution": "normal", "lower_um": -3.0, "upper_um": 3.0},
+        )
+
+
+@pytest.mark.parametrize(
     ("name", "settings", "message"),
     [
         ("output_pin_position", {"position": "0.02"}, 'position = "0.02"; must be as "dia 0.02"'),
@@ -198,7 +220,10 @@ def test_a_position_is_a_circular_zone(text):
         ("output_pin_position", {"position": "dia 0.02", "upper_um": 3.0}, "stands beside position"),
         ("output_pin_position", {"position": "dia 0.02", "distribution": "triangular"}, "must be uniform or normal"),
         ("output_pin_position", {"lower_um": 0.0, "upper_um": 3.0}, 'write position = "dia 0.02"'),
-        ("pin_radial", {"position": "dia 0.02"}, "is no point in a zone; take limits_mm"),
+        ("pin_radial", {"position": "dia 0.02"}, "take [tolerances.pin_position] for both directions, or limits_mm"),
+        ("eccentricity", {"position": "dia 0.02"}, "is no point in a zone; take limits_mm"),
+        ("pin_position", {"lower_um": 0.0, "upper_um": 3.0}, 'pin_position.position is missing; must be as "dia 0.02"'),
+        ("pin_position", {"position": "dia 0.02", "distribution": "triangular"}, "must be uniform or normal"),
         ("pin_radial", {"distribution": "uniform_in_disc", "radius_um": 3.0}, "is a number; take one with limits"),
         ("bush_bore", {"lower_um": 0.0, "upper_um": 3.0}, "acts on nothing: it needs bushes"),
     ],

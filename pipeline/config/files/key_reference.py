@@ -11,6 +11,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from pipeline.config.files.section import Derived
+
 UNITS = {
     "_Nm_per_arcmin": "N m/arcmin",
     "_N_per_mm_power": "N/mm^n",
@@ -94,6 +96,9 @@ def _key(path: str, field: FieldInfo, model: type[BaseModel]) -> Key:
 
 
 def _default(field: FieldInfo) -> str:
+    for mark in field.metadata:
+        if isinstance(mark, Derived):
+            return mark.rule
     if field.is_required():
         return REQUIRED
     value = field.default if field.default is not PydanticUndefined else None

@@ -29,6 +29,13 @@ LONGEST_SHOWN = 100
 """Characters of a value that a message echoes."""
 
 
+@dataclass(frozen=True)
+class Derived:
+    """Mark of a key whose default follows from others, with the rule in words."""
+
+    rule: str
+
+
 class Section(BaseModel):
     """A table of a TOML file: immutable, without unknown keys, without silent conversion ("50" is no number)."""
 

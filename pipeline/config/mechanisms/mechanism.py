@@ -132,6 +132,10 @@ class OutputMechanism(Section):
     def contact_radius_mm(self) -> float:
         """Radius of the smaller body of a contact."""
 
+    def patch_half_width_mm(self, share: float) -> float:
+        """Half width of a contact's patch on the disk where a study states none: a share of the radius."""
+        return share * self.contact_radius_mm
+
     @abstractmethod
     def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Mistake]:
         """What cannot be built, of itself and with the valid ones of the other sections."""

@@ -27,6 +27,9 @@ PARTS: tuple[Part, Part] = ("output", "between")
 ROLLERS_BESIDE = 12
 """Roller radii between the outermost roller of a drawing and its edge."""
 
+SPREAD = 0.8
+"""Default half width of the stretch over which a roller's force enters the slice, over its radius."""
+
 
 class RollerPlate(OutputMechanism):
     """Sliding plate between disk and output, on two crossed tongues with rows of rollers along their faces.
@@ -87,6 +90,10 @@ class RollerPlate(OutputMechanism):
     def contact_radius_mm(self) -> float:
         """Radius of the smaller body of a contact, the roller."""
         return self.roller_radius_mm
+
+    def patch_half_width_mm(self, share: float) -> float:
+        """Most of the radius of a roller: the tongue spreads its force before it enters the slice."""
+        return SPREAD * self.roller_radius_mm
 
     def contact_length_mm(self, thickness_mm: float) -> float:
         """Length of a roller."""

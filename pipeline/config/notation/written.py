@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from math import isclose
+from collections.abc import Mapping, Sequence
+from math import isclose, sqrt
 from typing import Any
 
 from pipeline.config.designs.design import Design
@@ -21,6 +21,12 @@ PLAIN = ("lower_um", "upper_um")
 RADIUS = "radius_um"
 IN_DISC = {"uniform": "uniform_in_disc", "normal": "normal_in_disc"}
 """Distributions in a circular zone by the names that the file gives beside one."""
+PIN_POSITION = "pin_position"
+"""Position of the housing's pins in a zone, which the file may give in place of both of these dimensions."""
+PIN_COORDINATES = ("pin_radial", "pin_tangential")
+COORDINATE_SHARE = {"normal": 1.0, "uniform": 0.5 * sqrt(3.0)}
+"""Limits of either coordinate over the radius of the zone. A normal one has its limits at three standard deviations, as
+the zone has; a uniform one has the standard deviation of a point that is uniform in the disc, half of the radius."""
 SIZES = ("diameter", "radius")
 NUMBER = r"([+-]?\d*\.?\d+)"
 PAIR = re.compile(rf"\s*{NUMBER}\s*/\s*{NUMBER}\s*")
@@ -36,8 +42,16 @@ def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[
     """
     if not isinstance(tolerances, Mapping):
         return tolerances, []
-    resolved, problems = {}, []
+    resolved: dict[str, Any] = {}
+    problems: list[Mistake] = []
     for name, settings in tolerances.items():
+        if name == PIN_POSITION:
+            split = _split_zone(settings, [other for other in PIN_COORDINATES if other in tolerances])
+            if isinstance(split, Mistake):
+                problems.append(split)
+            else:
+                resolved |= split
+            continue
         dimension = dimension_library().get(name)
         if not isinstance(settings, Mapping) or not set(NOTATION) & set(settings) or dimension is None:
             resolved[name] = settings
@@ -55,11 +69,35 @@ def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[
     return resolved, problems
 
 
+def _split_zone(settings: object, stated_beside: Sequence[str]) -> dict[str, Any] | Mistake:
+    """Radial and tangential limits of the housing's pins in a circular zone, or what is wrong."""
+    key = f"tolerances.{PIN_POSITION}"
+    if not isinstance(settings, Mapping) or POSITION not in settings:
+        return Mistake(f"{key}.{POSITION}", MISSING, 'must be as "dia 0.02": the diameter of the zone in mm, above 0')
+    if stated_beside:
+        return Mistake(key, settings[POSITION], f"stands beside {stated_beside[0]}; keep the one or the other")
+    zone = _disc(key, settings)
+    if isinstance(zone, Mistake):
+        return zone
+    limit = round(COORDINATE_SHARE[settings["distribution"]] * zone[RADIUS], 9)
+    remaining = {name: value for name, value in settings.items() if name != POSITION}
+    return {name: {**remaining, "lower_um": -limit, "upper_um": limit} for name in PIN_COORDINATES}
+
+
 def _zone(dimension: Dimension, settings: Mapping[str, Any]) -> dict[str, Any] | Mistake:
     """Radius of a circular zone [um] and its distribution, or what is wrong."""
     key, text = f"tolerances.{dimension.name}", settings[POSITION]
     if not dimension.zone:
-        return Mistake(f"{key}.{POSITION}", text, f"{dimension.title} is no point in a zone; take {LIMITS}")
+        zone_of_pins = f"[tolerances.{PIN_POSITION}] for both directions, or " * (dimension.name in PIN_COORDINATES)
+        return Mistake(
+            f"{key}.{POSITION}", text, f"{dimension.title} is no point in a zone; take {zone_of_pins}{LIMITS}"
+        )
+    return _disc(key, settings)
+
+
+def _disc(key: str, settings: Mapping[str, Any]) -> dict[str, Any] | Mistake:
+    """Radius [um] of the zone of a position and its distribution, or what is wrong."""
+    text = settings[POSITION]
     for other_key in (LIMITS, ISO, OF, CONVENTION, RADIUS, *PLAIN):
         if other_key in settings:
             return Mistake(

@@ -11,7 +11,7 @@ from pydantic import Field, create_model, model_validator
 
 from pipeline.config.designs.contact_laws import LawName
 from pipeline.config.designs.design import Design
-from pipeline.config.files.section import Millimetres, NotNegative, Section
+from pipeline.config.files.section import Derived, Millimetres, NotNegative, Section
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.costs import Costs
 from pipeline.config.studies.model_forms import ModelForms
@@ -85,15 +85,17 @@ class Reduce(Section):
 
     `roller_patch_half_width_mm` is that of the output's contacts: on the tongue's faces, or on the walls of the disk's
     holes, which are then meshed with edges of half of it. A disk that is `"rigid"` has no mesh: its contacts are those
-    of solid bodies, as in many published models.
+    of solid bodies, as in many published models. Numbers that a study leaves out follow from its design (`with_mesh`).
     """
 
     disk: Literal["elastic", "rigid"] = "elastic"
-    flank_edges_per_lobe: Annotated[int, Field(ge=8, le=2000)]
-    patch_half_width_mm: Millimetres
-    growth: Annotated[float, Field(ge=0.01, le=2)]
-    largest_edge_mm: Millimetres
-    roller_patch_half_width_mm: Millimetres
+    flank_edges_per_lobe: Annotated[int, Field(ge=8, le=2000), Derived("two edges under half of a patch")]
+    patch_half_width_mm: Annotated[Millimetres, Derived("a tenth of the pin's radius")]
+    growth: Annotated[float, Field(ge=0.01, le=2), Derived("0.35")]
+    largest_edge_mm: Annotated[Millimetres, Derived("a 30th of the radius of the pin circle")]
+    roller_patch_half_width_mm: Annotated[
+        Millimetres, Derived("a tenth of the radius of pin or hole; of rollers 0.8 of it")
+    ]
 
 
 LOADED_ANGLES = 31
@@ -114,7 +116,9 @@ class Cycle(Section):
     turn: Literal["output", "crank"] = "output"
     crank_turns: Annotated[int, Field(ge=1, exclude=True)] = 1
     loaded_angles: Annotated[int, Field(ge=1, le=3600)] | None = None
-    crank_deg: Annotated[tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=1)]
+    crank_deg: Annotated[
+        tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=1), Derived("loaded_angles evenly over the turn")
+    ]
     rigid_angles: Annotated[int, Field(ge=1, le=36_000)] = 181
     audited_units: Annotated[int, Field(ge=10, le=10_000)] = 40
     curve_angles: Annotated[int, Field(ge=1, le=3600)] = 4

@@ -212,3 +212,14 @@ def test_only_the_first_samples_are_read_for_bands(page_outputs, tmp_path, monke
     monkeypatch.setattr(style, "save", lambda figure, stem: stem.with_suffix(".svg").write_bytes(b""))
     REPORT.run(job(page_outputs, tmp_path))
     assert sum("The band is over the first 5 samples." in caption for caption in captions) == 3
+
+
+def test_the_page_says_whether_nominal_lies_outside_of_its_own_zone(frames):
+    inside = "The nominal reducer lies within all of its tolerance zones."
+    assert inside in written(frames)
+    one_sided = {"distribution": "uniform", "lower_um": 1.0, "upper_um": 4.0, "allowance_um": 10.0}
+    study = tiny_study("tiny", tolerances={"disk_profile": one_sided})
+    page = written(replace(frames, study=study)).replace("\u00a0", " ")
+    assert "lies outside of its own tolerance zone" in page
+    assert "(zone 11 to 14 µm, middle 12.5, nominal 10)" in page
+    assert inside not in page

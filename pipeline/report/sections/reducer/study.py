@@ -31,6 +31,7 @@ def _values(page: Page) -> Mapping[str, object]:
         "study_facts": inputs.study_facts(page.frames),
         "tolerance_rows": inputs.tolerance_rows(study.tolerances),
         "zero_tolerances": inputs.zero_tolerances(study.tolerances),
+        "nominal_outside": inputs.nominal_outside(study.tolerances),
         "case_titles": [inputs.PARAMETERS[name] for name in cases],
         "case_inputs": [(case.label, inputs.case_cells(case, cases)) for case in study.cases[:ROWS_SHOWN]],
     }
