@@ -7,11 +7,12 @@ from itertools import groupby
 
 import numpy as np
 import pandas as pd
-from joblib import Parallel, delayed
+from joblib import delayed
 from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.config.studies.study import Study
+from pipeline.engine.processes.parallel import worker_results
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.errors import InputError
@@ -217,8 +218,9 @@ def _run(job: Job) -> Tables:
     if calibrated_numbers(study.design):
         rigidity = _Body.of(job, study).mean_rigidity(study, units.some(slice(RIGIDITY_UNITS)))
     grouped = groupby(sorted(suitable, key=partial(_disks, job, study)), key=partial(_disks, job, study))
-    parts = Parallel(job.jobs)(
-        delayed(_solve)(job, study, group, units, rigidity) for group in sorted(map(_listed, grouped), key=len)[::-1]
+    parts = worker_results(
+        job.jobs,
+        (delayed(_solve)(job, study, group, units, rigidity) for group in sorted(map(_listed, grouped), key=len)[::-1]),
     )
     results = [result for part in parts for result in part]
     results += [_Result(form, False, np.nan, {}, form.unsuitable) for form in forms if form.unsuitable]

@@ -4,9 +4,10 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from pipeline.config.studies.study import Study
+from pipeline.engine.processes.parallel import worker_results
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
@@ -79,9 +80,12 @@ def _surrogate(job: Job, stop: int) -> Columns:
     metrics = loop_metrics(study, job.read_items("hysteresis", "loops", 0, stop))
     loaded = {name: metrics[name].reshape(stop, -1) for name in library()}
     pilot = dict(rough(draw(study, 0, stop)))
-    parts = Parallel(job.jobs)(
-        delayed(surrogate_values)(study, start, min(start + BATCH, stop), rough, loaded, pilot)
-        for start in range(0, stop, BATCH)
+    parts = worker_results(
+        job.jobs,
+        (
+            delayed(surrogate_values)(study, start, min(start + BATCH, stop), rough, loaded, pilot)
+            for start in range(0, stop, BATCH)
+        ),
     )
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 

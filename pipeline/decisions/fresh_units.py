@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 from numpy.typing import NDArray
 
 from pipeline.config.studies.study import Study
+from pipeline.engine.processes.parallel import worker_results
 from pipeline.sampling import Errors, draw
 from pipeline.statistics import Estimate, pass_share
 
@@ -26,8 +27,8 @@ def fresh_values(study: Study, start: int, units: int, solve: Solve, jobs: int) 
     stop = start + units
     samples = {"count": stop, "experiment": "monte_carlo", "nominal_first": False}
     larger_study = study.model_copy(update={"samples": study.samples.model_copy(update=samples)})
-    parts = Parallel(jobs)(
-        delayed(_over_turn)(larger_study, solve, a, min(a + BATCH, stop)) for a in range(start, stop, BATCH)
+    parts = worker_results(
+        jobs, (delayed(_over_turn)(larger_study, solve, a, min(a + BATCH, stop)) for a in range(start, stop, BATCH))
     )
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from joblib import Parallel, delayed
+from joblib import delayed
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
@@ -23,6 +23,7 @@ from pipeline.decisions.fresh_units import BATCH, Solve
 from pipeline.decisions.lots.lot_yield import passed
 from pipeline.decisions.lots.measured_lot import MeasuredLot
 from pipeline.engine.frames import write_tables
+from pipeline.engine.processes.parallel import worker_results
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
@@ -161,8 +162,8 @@ def _errors(study: Study, measured: Mapping[str, Real], start: int, stop: int) -
 def _solved(study: Study, measured: Mapping[str, Real], solve: Solve, jobs: int) -> dict[str, Real]:
     """Each metric over the turn (n,) of units with these parts."""
     n = len(next(iter(measured.values())))
-    parts = Parallel(jobs)(
-        delayed(solve)(_errors(study, measured, start, min(start + BATCH, n))) for start in range(0, n, BATCH)
+    parts = worker_results(
+        jobs, (delayed(solve)(_errors(study, measured, start, min(start + BATCH, n))) for start in range(0, n, BATCH))
     )
     return {name: np.concatenate([part[1][name] for part in parts]) for name in parts[0][1]}
 

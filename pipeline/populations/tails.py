@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 from numpy.typing import NDArray
 
 from pipeline.config.designs.design import Design
@@ -20,6 +20,7 @@ from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Samples, Study
 from pipeline.config.studies.tails import limited_under_load, without_tails
 from pipeline.config.studies.tolerances import Tolerances
+from pipeline.engine.processes.parallel import worker_results
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import LEVEL, Tail, TailPrediction
@@ -100,7 +101,7 @@ def far_tails(study: Study, units: int, budget: int, rough: Solve, solve: Solve,
     """
     tails, large_population = tails_of(study), population(study, units)
     starts = range(0, units, BATCH)
-    parts = Parallel(jobs)(delayed(_drawn)(large_population, rough, a, min(a + BATCH, units)) for a in starts)
+    parts = worker_results(jobs, (delayed(_drawn)(large_population, rough, a, min(a + BATCH, units)) for a in starts))
     rough_units = _joined(parts)
     pilot = draw(large_population, units, units + PILOT)
     loaded_pilot, rough_pilot = solve(pilot), rough(pilot)
@@ -108,9 +109,12 @@ def far_tails(study: Study, units: int, budget: int, rough: Solve, solve: Solve,
     probability = inclusion_probability(np.sum([metric.demand for metric in predictions], axis=0), budget)
     rng = np.random.default_rng(np.random.SeedSequence(study.samples.seed, spawn_key=(SELECTION,)))
     selected_units = np.flatnonzero(rng.random(units) < probability)
-    parts = Parallel(jobs)(
-        delayed(_solved)(large_population, solve, selected_units[a : a + BATCH])
-        for a in range(0, selected_units.size, BATCH)
+    parts = worker_results(
+        jobs,
+        (
+            delayed(_solved)(large_population, solve, selected_units[a : a + BATCH])
+            for a in range(0, selected_units.size, BATCH)
+        ),
     )
     values = _joined(parts)
     rows = []

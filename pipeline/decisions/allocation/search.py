@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 from numpy.typing import NDArray
 
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
 from pipeline.decisions.allocation.priced import Priced, scaled
 from pipeline.decisions.fresh_units import BATCH, Angles, Solve, fresh_yields
+from pipeline.engine.processes.parallel import worker_results
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import Tail, predicted_turn
 from pipeline.sampling import Errors, draw
@@ -143,7 +144,7 @@ class Search:
 
     def linear(self, scale: Real, start: int) -> LinearUnits:
         """The units from ``start`` on about scales (n_groups,): load-solved there, their slopes by the rough model."""
-        parts = Parallel(self.jobs)(delayed(_followed)(self, scale, *ends) for ends in self.batches(start))
+        parts = worker_results(self.jobs, (delayed(_followed)(self, scale, *ends) for ends in self.batches(start)))
         angles, turns, chosen, *moved_parts = (_joined([part[k] for part in parts]) for k in range(len(parts[0])))
         values, slopes = [], []
         for tail in tails(self.study):

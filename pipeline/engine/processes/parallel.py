@@ -31,6 +31,11 @@ WAVE = 32
 that, which bounds memory; waiting for the last of a wave costs about half a chunk in 32."""
 
 
+ENDED_FROM_OUTSIDE = (
+    "a worker process was ended from outside, by the system perhaps for want of memory. "
+    "Finished chunks are kept: the same command goes on; with smaller chunks or one job it needs less memory"
+)
+
 # joblib measures the memory of a worker after its first chunk, of whichever stage, and replaces it when it has grown by
 # 300 MB. Workers serve all stages: what a later one maps, keeps and compiles is no leak, and the search of the worst
 # over the turn grows to 540 MB and stays there.
@@ -192,13 +197,33 @@ def solved_chunks(
         return
     handle = _handle(shared_value, scratch, backend)
     waiting = iter(chunks)
-    options: dict[str, Any] = {}
-    if backend.name == "loky":
-        options = {"inner_max_num_threads": 1, "initializer": end_with_parent, "initargs": (os.getpid(),)}
-    with joblib.parallel_config(backend=backend.name, n_jobs=jobs, **options):
+    with _workers(jobs, backend):
         wave = WAVE * joblib.effective_n_jobs()
         while batch := list(islice(waiting, wave)):
             yield from _wave(stage, handle, batch, read)
+
+
+def worker_results(jobs: int, tasks: Iterable[Any]) -> list[Any]:
+    """What tasks (``joblib.delayed``) return, in their order, by the same workers that solve chunks.
+
+    Raises
+    ------
+    ChunkError
+        If a worker was ended from outside.
+    """
+    try:
+        with _workers(jobs, Backend()):
+            return list(joblib.Parallel()(tasks))
+    except BrokenExecutor as error:
+        raise ChunkError(ENDED_FROM_OUTSIDE) from error
+
+
+def _workers(jobs: int, backend: Backend) -> Any:
+    """Within it joblib's workers of this machine end with this process, and have one BLAS thread each."""
+    options: dict[str, Any] = {}
+    if backend.name == "loky":
+        options = {"inner_max_num_threads": 1, "initializer": end_with_parent, "initargs": (os.getpid(),)}
+    return joblib.parallel_config(backend=backend.name, n_jobs=jobs, **options)
 
 
 def _wave(
@@ -223,10 +248,7 @@ def _wave(
             else:
                 yield result
     except BrokenExecutor as error:
-        raise ChunkError(
-            f"{stage.name}: a worker process was ended from outside, by the system perhaps for want of memory. "
-            "Finished chunks are kept: the same command goes on; with smaller chunks or one job it needs less memory"
-        ) from error
+        raise ChunkError(f"{stage.name}: {ENDED_FROM_OUTSIDE}") from error
     if errors:
         raise errors[0]
 
