@@ -13,7 +13,7 @@ from pipeline.report.results import Results
 
 ESTIMATES = {
     "whole_turn": "whole turn: the search, corrected by the audited units",
-    "continuous_turn": "continuous turn: at most",
+    "continuous_turn": "continuous turn: at worst",
 }
 """Rows of estimates after those of angles, by what they are over."""
 

@@ -1,6 +1,6 @@
 """A load step that Newton does not solve from where it starts: from an interior point, and on by a primal active set.
 
-Few steps need it, so it is compiled by itself, when the first of them comes: that takes as long as all else.
+It is an entry point of its own: the loop over load steps is compiled without it, and faster for that.
 """
 
 from pipeline.model.compiled import borrowing_entry

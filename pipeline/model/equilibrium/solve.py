@@ -25,6 +25,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numba import typeof
 
 from pipeline.model.compiled import algebraic_part, borrowing_entry, compiled_before
 from pipeline.model.contact.friction_elements import Sliders
@@ -207,11 +208,14 @@ def _solve_batch(system, work, torques, gap, clearance, start, progress, motion,
 
 def solver_is_compiled() -> bool:
     """Whether some process has compiled the solver from these sources."""
-    return compiled_before(_solve_batch)
+    return compiled_before(_solve_batch) and compiled_before(solved_afresh)
 
 
 def compile_solver() -> None:
-    """Compile the solver for a reducer whose contacts are one block, or find it compiled; it solves no sample."""
+    """Compile the solver for a reducer whose contacts are one block, or find it compiled; it solves no sample.
+
+    The start from an interior point too: else the first step that needs it would wait for it amid a study.
+    """
     row, square, index = np.zeros(1), np.zeros((1, 1)), np.zeros(1, np.int64)
     system = System(
         *(square, square, row, np.zeros((1, 2), np.int64), index, np.zeros((1, 1), np.bool_)),
@@ -224,7 +228,9 @@ def compile_solver() -> None:
     )
     samples, states = np.zeros((0, 1)), np.zeros((0, 1, 1))
     progress, rows = np.zeros(3, np.int64), (states, states, np.zeros((0, 1), np.int64), samples)
-    _solve_batch(system, workspace(system), row, samples, samples, (samples, samples), progress, *rows)
+    work = workspace(system)
+    _solve_batch(system, work, row, samples, samples, (samples, samples), progress, *rows)
+    solved_afresh.compile(tuple(typeof(value) for value in (system, None, 1.0, row, row, work)))
 
 
 def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, Index]:

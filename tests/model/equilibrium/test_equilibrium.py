@@ -11,7 +11,15 @@ from solved_reducers import BEARINGS, EACH_BEARING, PLATES, TORQUES, Model, asse
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.elastic.pressure_patches import boundary_patches
-from pipeline.model.equilibrium.solve import ACCEPTED, _solve_batch, compile_solver, solver_is_compiled
+from pipeline.model.equilibrium.residual import workspace
+from pipeline.model.equilibrium.restart import solved_afresh
+from pipeline.model.equilibrium.solve import (
+    ACCEPTED,
+    ElasticReducer,
+    _solve_batch,
+    compile_solver,
+    solver_is_compiled,
+)
 from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.reducer import Bearing
 
@@ -204,3 +212,16 @@ def test_solver_compiled_ahead_solves_any_layout_of_torques():
     np.testing.assert_allclose(backward.force[:, ::-1], forward.force, atol=1e-6)
     model.solve(gap, TORQUES[::2])
     assert set(_solve_batch.signatures) == compiled
+
+
+def test_a_hard_step_finds_its_start_compiled_ahead():
+    """Compiled amid a study it would take 17 s; the signature is that of a step of a real reducer."""
+    compile_solver()
+    compiled = set(solved_afresh.signatures)
+    assert compiled
+    model = Model()
+    system, order = ElasticReducer(model.at, model.bearing, model.laws, model.compliance).full_system
+    gap = np.ascontiguousarray(random_gaps(model, 1, 3)[:, order])
+    _, residual = solved_afresh(system, None, float(TORQUES[0]), gap[0], np.zeros((1, 1))[0], workspace(system))
+    assert residual <= ACCEPTED
+    assert set(solved_afresh.signatures) == compiled

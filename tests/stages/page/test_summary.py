@@ -158,7 +158,7 @@ def test_the_table_of_convergence_ends_with_the_bound_of_the_continuous_turn(fra
     assert [row[column] for row in cells[-2:]] == ["2.35", "2.58"]
     assert [row[-1] for row in cells[-2:]] == ["50.0 %", "45.5 %"]
     assert len({len(row) for row in cells}) == 1
-    assert "continuous turn: at most" in written(bounded)
+    assert "continuous turn: at worst" in written(bounded)
 
 
 def test_the_explorer_holds_the_worst_units(frames, monkeypatch):
