@@ -58,7 +58,11 @@ LOST = "a metric has no value at some pitch of the output turn"
 UNFOUND = "the play of finite motions is not found at the crank angle of the largest one"
 """Status of a unit whose clearance backlash is missing for it."""
 SAMPLES_AT_ONCE = 10_000
-"""Samples whose loops are read together: at most a few million rows."""
+"""Samples that are read together at most."""
+ROWS_AT_ONCE = 2_000_000
+"""Rows of a table that are read together at most: many crank angles leave fewer samples."""
+READ_IN_BLOCKS = (("clearance", "kinematic"), ("hysteresis", "loops"), ("hysteresis", "bearings"))
+"""Stage and table of what is read of some samples at a time."""
 METRICS = Table(
     "metrics",
     "sample, loaded crank",
@@ -218,9 +222,15 @@ class _Block:
 
 
 def _blocks(job: Job) -> Iterator[_Block]:
-    rows = job.study.samples.rows
-    for start in range(0, rows, SAMPLES_AT_ONCE):
-        yield _Block(job, start, min(start + SAMPLES_AT_ONCE, rows))
+    samples = job.study.samples.rows
+    at_once = _samples_at_once(job)
+    for start in range(0, samples, at_once):
+        yield _Block(job, start, min(start + at_once, samples))
+
+
+def _samples_at_once(job: Job) -> int:
+    rows = max(job.inputs[stage].record["tables"][table]["rows"] for stage, table in READ_IN_BLOCKS)
+    return max(1, min(SAMPLES_AT_ONCE, ROWS_AT_ONCE * job.study.samples.rows // max(1, rows)))
 
 
 @dataclass(frozen=True)
@@ -347,7 +357,7 @@ def _run(job: Job) -> WholeTables:
         counted[: int(study.samples.nominal_first)] = False
         units = units.iloc[int(study.samples.nominal_first) :]
         distributions = _distributions(study, per_angle, units, missed)
-    whole = study.samples.rows <= SAMPLES_AT_ONCE
+    whole = study.samples.rows <= _samples_at_once(job)
     return {
         "metrics": next(_blocks(job)).metrics if whole else (block.metrics for block in _blocks(job)),
         "units": columns.units,

@@ -27,11 +27,11 @@ from stages.tables.curves import CONTACTS
 from stages.tables.running import TURN_CONTACTS
 
 SAMPLES_AT_ONCE = 10_000
-"""Samples whose metrics are read together."""
+"""Samples whose metrics are read together at most."""
 BAND_SAMPLES = 2000
 """Samples that a band of the figures is drawn from: more change it by less than its line's width."""
-BAND_ROWS = 2_000_000
-"""Rows of a table that are read for the bands at most; many crank angles leave fewer samples."""
+ROWS_AT_ONCE = 2_000_000
+"""Rows of a table that are read together at most; many crank angles leave fewer samples."""
 PRINTED_WITH = ("matplotlib", "jinja2", "joblib", "pydantic")
 
 
@@ -41,10 +41,13 @@ def _table(job: Job, stage: str, name: str) -> pd.DataFrame:
 
 def _first_rows(job: Job, stage: str, table: str) -> pd.DataFrame:
     """Rows of the first samples, as many as the bands need."""
-    samples: int = job.study.samples.rows
-    rows = max(1, job.inputs[stage].record["tables"][table]["rows"])
-    band_samples = min(BAND_SAMPLES + 1, max(1, BAND_ROWS * samples // rows))
-    return pd.DataFrame(job.read_items(stage, table, 0, band_samples))
+    return pd.DataFrame(job.read_items(stage, table, 0, _at_once(job, stage, table, BAND_SAMPLES + 1)))
+
+
+def _at_once(job: Job, stage: str, table: str, most: int) -> int:
+    """Samples, at most so many, whose rows of a table are read together."""
+    rows: int = max(1, job.inputs[stage].record["tables"][table]["rows"])
+    return min(most, max(1, ROWS_AT_ONCE * job.study.samples.rows // rows))
 
 
 def _kept_contacts(job: Job, table: Table, samples: list[int]) -> pd.DataFrame:
@@ -62,8 +65,9 @@ def _named_metrics(job: Job) -> pd.DataFrame:
     One row with a hysteresis loss, if there is any, says that there is friction.
     """
     parts = []
-    for start in range(0, job.study.samples.rows, SAMPLES_AT_ONCE):
-        part = pd.DataFrame(job.read_items("aggregate", "metrics", start, start + SAMPLES_AT_ONCE))
+    at_once = _at_once(job, "aggregate", "metrics", SAMPLES_AT_ONCE)
+    for start in range(0, job.study.samples.rows, at_once):
+        part = pd.DataFrame(job.read_items("aggregate", "metrics", start, start + at_once))
         first, unsound = part["sample"] < ROWS_SHOWN, part["status"] != OK
         named = np.array(first | unsound | part[list(METRICS)].isna().all(axis=1))
         named[np.flatnonzero(part["hysteresis_loss_arcmin"] > 0)[:1]] = True
