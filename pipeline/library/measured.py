@@ -11,6 +11,7 @@ import numpy as np
 
 from pipeline import assembly, settings
 from pipeline.config import Study
+from pipeline.errors import InputError
 from pipeline.identification.change import results as change_results
 from pipeline.identification.change.results import ChangeAnswer
 from pipeline.identification.described import results as described_results
@@ -43,7 +44,9 @@ from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 
 @dataclass(frozen=True)
-class UnitAnswer(Answer[results.Findings | FaultyUnit | Description | Measurement | RecordAnswer | TurnRecord]):
+class UnitAnswer(
+    Answer[results.Findings | FaultyUnit | Description | SeriesAnswer | Measurement | RecordAnswer | TurnRecord]
+):
     """The answer on one measured unit.
 
     Attributes
@@ -81,6 +84,8 @@ def explained(measurement: Measurement | TurnRecord, jobs: int | Workers | None 
     if isinstance(measurement, TurnRecord):
         return _of_record(measurement, folder)
     if measurement.unit.designed is None:
+        if not measurement.fatal and series_results.turns_within_its_loops(measurement):
+            return _turning(measurement, folder)
         return _described(measurement, folder)
 
     def condensed(study: Study, cranks: Sequence[float]) -> list[np.ndarray]:
@@ -113,6 +118,16 @@ def _described(measurement: Measurement, folder: Path) -> UnitAnswer:
         description.verdict, described_results.sentence(description), described_results.advice(description)
     )
     return UnitAnswer(description, sentences, folder, frames, verdict=description.verdict)
+
+
+def _turning(measurement: Measurement, folder: Path) -> UnitAnswer:
+    """The answer on a drive of which no design is known and whose crank turns within its loops."""
+    with determined(measurement.unit.name):
+        answer = identify_measurements([measurement])
+    frames = series_results.write(answer, folder)
+    write_series_page(answer, folder, settings.shown(folder))
+    sentences = _sentences(answer.verdict, answer.sentence, answer.advice)
+    return UnitAnswer(answer, sentences, folder, frames, verdict=answer.verdict)
 
 
 def _of_record(record: TurnRecord, folder: Path) -> UnitAnswer:
@@ -188,8 +203,16 @@ def compared_states(states: Sequence[Measurement]) -> Answer[ChangeAnswer]:
 
 
 def series_of(folder: str | Path) -> list[Measurement]:
-    """Measurements of all states of a drive, each in its folder of one; raises InputError where one cannot be read."""
-    return [Measurement.read(unit) for unit in load_measured_units(str(folder), settings.ROOT)]
+    """Measurements of all states of a drive, each in its folder of one.
+
+    Raises
+    ------
+    InputError : one cannot be read, or there are fewer than two.
+    """
+    units = load_measured_units(str(folder), settings.ROOT)
+    if len(units) < 2:
+        raise InputError("a series has 2 or more states; name a folder with a folder of each, or use --unit")
+    return [Measurement.read(unit) for unit in units]
 
 
 def identify_series(folder: str | Path, over: str = "") -> Answer[SeriesAnswer]:

@@ -13,7 +13,7 @@ from pipeline import settings
 from pipeline.errors import InputError
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_units
-from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED
+from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED, UNEXPLAINED
 from pipeline.identification.series import shared_effects
 from pipeline.identification.series.results import (
     NOT_SHARED,
@@ -98,6 +98,7 @@ def write_series(
 
 
 RUNOUT = 20.0 + 15.0j
+EIGHT_CRANKS = tuple(np.arange(20.0, 360.0, 45.0))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -155,6 +156,30 @@ def test_of_few_positions_the_other_states_show_the_class_with_its_size_and_cont
     assert "with its sign reversed" in answer.sentence
 
 
+def test_one_state_of_eight_positions_shows_the_runout_with_its_control_and_a_page(tmp_path, monkeypatch):
+    write_series(tmp_path / "drive", [1.0], [40.0], RUNOUT, EIGHT_CRANKS, seed=4)
+    monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
+    answer = pipeline.identify(tmp_path / "drive" / "state0")
+    (members,) = answer.result.effects.classes
+    assert members[0].name == "pin_circle_runout"
+    value, low, high, _ = effect_sizes(members[0])["amplitude"]
+    assert low < value < high
+    assert value == pytest.approx(abs(RUNOUT), rel=0.2)  # of a model with a rounded play, as in the tests above
+    errors = {name: np.sqrt(np.nanmean(loss)) for name, loss in answer.result.errors.items()}
+    assert errors["after"] < 0.5 * errors["refitted"] < 0.25 * members[0].control
+    assert f"{members[0].control:.3g} with its sign reversed" in answer.sentences[0]
+    cells = pd.read_parquet(answer.report.parent / "cells.parquet")
+    position_means = (cells["residual_after_arcmin"] ** 2).groupby(cells["position"], observed=True).mean()
+    assert np.sqrt(position_means.mean()) == pytest.approx(errors["after"], rel=0.2)
+    assert "Residual over the crank angle" in answer.report.read_text()
+
+
+def test_one_state_without_an_effect_names_none(tmp_path):
+    answer = identify_measurements(write_series(tmp_path, [1.0], [40.0], 0.0, EIGHT_CRANKS, seed=6))
+    assert answer.verdict == UNEXPLAINED
+    assert "No effect of the crank angle" in answer.sentence
+
+
 def test_two_positions_claim_no_shared_effect(tmp_path):
     answer = identify_measurements(write_series(tmp_path, [1.0, 1.5], [40.0] * 2, 0.0, (20.0, 110.0)))
     assert not answer.effects.classes
@@ -194,7 +219,7 @@ def test_a_variable_that_a_state_lacks_is_asked_for_by_name(tmp_path):
     with pytest.raises(InputError, match="state0, state1: no 'cycles'; add values"):
         series_of(measurements, "cycles")
     with pytest.raises(InputError, match="2 or more states"):
-        series_of(measurements[:1])
+        pipeline.identify_series(tmp_path / "state0")
 
 
 def test_the_library_function_writes_a_page_that_says_what_the_verdict_says(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Figure of a series: numbers of the loops over the states."""
+"""Figures of a series: numbers of the loops over the states, and residuals over the crank angle."""
 
 from __future__ import annotations
 
@@ -10,6 +10,34 @@ from pipeline.figures.style import ACCENT, INK, MUTED, new_figure, styled
 
 ACROSS = 3
 """Panels side by side."""
+STAGES = {"refitted": "friction, play and compliance", "after": "with what is named"}
+"""Predictions of positions that were left out, with their titles."""
+
+
+@styled
+def angle_figure(cells: pd.DataFrame) -> Figure:
+    """Residuals of unused positions over the crank angle, of the first state: without and with what is named.
+
+    Parameters
+    ----------
+    cells : the table ``cells``.
+    """
+    cells = cells[cells["state"] == cells["state"].iloc[0]]
+    figure = new_figure(3.2)
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    for axes, (stage, title) in zip(panels, STAGES.items(), strict=True):
+        for number, (_, rows) in enumerate(cells.groupby("position", sort=False, observed=True)):
+            shade = 0.25 + 0.65 * number / max(cells["position"].nunique() - 1, 1)
+            axes.plot(
+                rows["crank_deg"] % 360, rows[f"residual_{stage}_arcmin"], ".", color=ACCENT, alpha=shade, markersize=2
+            )
+        axes.axhline(0.0, color=MUTED, linewidth=0.8)
+        axes.set_title(title)
+        axes.set_xlabel("crank angle within its turn [deg]")
+        axes.set_xlim(0, 360)
+        axes.set_xticks(range(0, 361, 90))
+    panels[0].set_ylabel("measured less predicted [arcmin]")
+    return figure
 
 
 @styled

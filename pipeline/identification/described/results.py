@@ -28,8 +28,9 @@ LARGEST_PLAY_ARCMIN = 300.0
 LARGEST_FRICTION = 0.3
 """Friction, as a share of the rated torque, with which no drive is rated."""
 HELD = (
-    "Warning: [crank] is not used here, and these numbers are of a crank that stands still; "
-    "make identify SERIES=<folder> fits the crank that turns."
+    "Warning: [crank] is not used here, and these numbers are of a crank that stands still. A crank that turns is "
+    "fitted to four or more positions of known crank_deg without [held_out] train, or to several states: make identify "
+    "SERIES=<folder>."
 )
 """Of a drive without a design whose crank turns within its loops."""
 SHARED = ("position", "crank_deg", "cycle", "block", "direction", "torque_Nm", "angle_arcmin", "rows", "sigma_arcmin")

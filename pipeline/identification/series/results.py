@@ -16,12 +16,18 @@ from numpy.typing import NDArray
 from pipeline.engine.frames import write_tables
 from pipeline.engine.store import write_json
 from pipeline.engine.table import Column, Columns, Table
-from pipeline.identification.change.table import LoopTable
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, numbers_of
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.results.write import finite
-from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED
-from pipeline.identification.series.shared_effects import SharedEffects, TriedEffect, share_effects
+from pipeline.identification.selection.criteria import FEWEST_BLOCKS
+from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED, UNEXPLAINED
+from pipeline.identification.series.shared_effects import (
+    FEWEST_OF_A_WAVE,
+    SharedEffects,
+    TriedEffect,
+    fold_groups,
+    share_effects,
+)
 from pipeline.identification.series.states import Series, series_of
 from pipeline.identification.series.trends import Trend, trends_of
 from pipeline.statistics.jackknife import jackknife_interval
@@ -76,6 +82,20 @@ ERRORS = Table(
         Column("after_arcmin", "float64", "arcmin", "rms error with the shared effects that are claimed"),
     ),
 )
+CELLS = Table(
+    "cells",
+    "cell: measured rows averaged over neighbouring torques of one branch",
+    (
+        Column("state", "label", "", "unit"),
+        Column("position", "label", "", "name of the position, or its crank angle"),
+        Column("crank_deg", "float64", "deg", "crank angle at the cell, as measured"),
+        Column("torque_Nm", "float64", "N m", "torque at the cell"),
+        Column("angle_arcmin", "float64", "arcmin", "measured angle"),
+        Column("residual_refitted_arcmin", "float64", "arcmin", "measured less the model with the state's own numbers"),
+        Column("residual_after_arcmin", "float64", "arcmin", "the same with the effects that are claimed"),
+    ),
+)
+"""Residuals of fits that have not seen the cell's position in any state."""
 EFFECTS = Table(
     "effects",
     "effect that was tried in all states",
@@ -96,19 +116,23 @@ EFFECTS = Table(
 
 @dataclass(frozen=True)
 class SeriesAnswer:
-    """A series and what is said of it."""
+    """A series, or one state of a drive, and what is said of it."""
 
     series: Series
     effects: SharedEffects
     trends: tuple[Trend, ...]
-    table: LoopTable
+
+    @property
+    def is_single(self) -> bool:
+        """Whether there is one state."""
+        return len(self.series.states) == 1
 
     @property
     def verdict(self) -> str:
         """Of all states together: identified, equivalent, or that no shared effect is shown."""
         classes = self.effects.classes
         if not classes:
-            return NOT_SHARED
+            return UNEXPLAINED if self.is_single else NOT_SHARED
         return IDENTIFIED if all(len(members) == 1 for members in classes) else EQUIVALENT
 
     @cached_property
@@ -123,6 +147,8 @@ class SeriesAnswer:
     @property
     def sentence(self) -> str:
         """The verdict in words."""
+        if self.is_single:
+            return self._single_sentence
         in_sample = len(self.series.positions) < 2
         basis = "in sample (a single position)" if in_sample else "at positions that were left out in all states"
         before, refitted, after = (float(np.sqrt(np.nanmean(loss))) for loss in self.errors.values())
@@ -134,6 +160,24 @@ class SeriesAnswer:
             return f"No effect that all states share is shown. {errors}.{self._leading_words}"
         claims = "; ".join(class_words(members, self.effects) for members in self.effects.classes)
         return f"All states share: {claims}. {errors}, {after:.3g} arcmin with the shared effects.{self._leading_words}"
+
+    @property
+    def _single_sentence(self) -> str:
+        """The verdict on one state in words."""
+        data, losses = self.series.states[0].data, self.errors
+        noise = float(np.sqrt(np.average(data.sigma**2, weights=data.count)))
+        refitted, after = (float(np.sqrt(np.nanmean(losses[stage]))) for stage in ("refitted", "after"))
+        error = (
+            f"Root mean square error at positions that were left out: {refitted:.3g} arcmin with friction, play and "
+            "compliance, the crank turning"
+        )
+        if not self.effects.classes:
+            return f"No effect of the crank angle or of a soft material is shown. {error}."
+        claims = "; ".join(class_words(members, self.effects) for members in self.effects.classes)
+        return (
+            f"The unit shows {claims}. {error}, and {after:.3g} arcmin with what is named. That is "
+            f"{after / noise:.3g} times the measurement noise: what is left is not traced."
+        )
 
     @property
     def _leading_words(self) -> str:
@@ -150,7 +194,7 @@ class SeriesAnswer:
     @property
     def trend_sentence(self) -> str:
         """Trends that are claimed, in words."""
-        return trend_sentence(self.series.variable, self.trends)
+        return "" if self.is_single else trend_sentence(self.series.variable, self.trends)
 
     @property
     def advice(self) -> str:
@@ -160,13 +204,26 @@ class SeriesAnswer:
         separating = dict.fromkeys(CRANK_EFFECTS[name].told_apart_by for name in names if name in CRANK_EFFECTS)
         if separating:
             return f"To separate them: {'; '.join(separating)}."
+        if self.is_single and len(self.series.positions) < FEWEST_BLOCKS:
+            return f"Measure {FEWEST_BLOCKS} or more positions, or other states: effects can then be named."
         if len(self.series.positions) < 3:
             return "Measure 3 or more positions in each state: shared effects can then be judged."
         return ""
 
 
+def turns_within_its_loops(measurement: Measurement) -> bool:
+    """Whether effects of the crank angle can be judged from this unit alone, each position by the others."""
+    unit = measurement.unit.settings
+    return (
+        unit.crank.moves != "fixed"
+        and not unit.held_out.train
+        and len(np.unique(measurement.cells.position)) >= FEWEST_OF_A_WAVE
+        and bool(measurement.known_cranks)
+    )
+
+
 def identify_measurements(measurements: Sequence[Measurement], over: str = "") -> SeriesAnswer:
-    """What several states of one drive share, and how each differs.
+    """What several states of one drive share, and how each differs; of one state which effects it shows.
 
     Parameters
     ----------
@@ -177,8 +234,7 @@ def identify_measurements(measurements: Sequence[Measurement], over: str = "") -
     InputError : as ``series_of`` and ``trends_of``.
     """
     series = series_of(measurements, over)
-    trends, table = trends_of(series)
-    return SeriesAnswer(series, share_effects(series), trends, table)
+    return SeriesAnswer(series, share_effects(series), trends_of(series)[0] if len(measurements) > 1 else ())
 
 
 def class_words(members: Sequence[TriedEffect], effects: SharedEffects) -> str:
@@ -194,8 +250,13 @@ def class_words(members: Sequence[TriedEffect], effects: SharedEffects) -> str:
             f"{text}, which predicts unused positions of a state from the other states to {members[0].folds.rms():.3g} "
             f"arcmin, {effects.without.rms():.3g} without it and {members[0].control:.3g} with its sign reversed"
         )
-    share = 100 * (1 - members[0].folds.rms() / effects.recalibrated.rms())
-    return f"{text}, which removes {share:.0f} % of the error of the states' own numbers"
+    best = members[0]
+    beside = next((folds for folds in effects.bases if folds.terms == best.beside), effects.recalibrated)
+    control = f" and {best.control:.3g} with its sign reversed" if math.isfinite(best.control) else ""
+    return (
+        f"{text}, which predicts positions that were left out to {best.folds.rms():.3g} arcmin, {beside.rms():.3g} "
+        f"without it{control}"
+    )
 
 
 def effect_sizes(effect: TriedEffect) -> dict[str, tuple[float, float, float, str]]:
@@ -259,6 +320,7 @@ def write(answer: SeriesAnswer, folder: Path) -> dict[str, pd.DataFrame]:
         STATES: state_rows(answer),
         TRENDS: trend_rows(answer),
         ERRORS: error_rows(answer),
+        CELLS: cell_rows(answer),
         EFFECTS: effect_rows(answer),
     }
     frames = write_tables(tables, folder)
@@ -269,6 +331,7 @@ def write(answer: SeriesAnswer, folder: Path) -> dict[str, pd.DataFrame]:
 def _verdict(answer: SeriesAnswer) -> dict[str, Any]:
     return {
         "states": list(answer.series.names),
+        "single": answer.is_single,
         "variable": answer.series.variable,
         "values": answer.series.values.tolist() if answer.series.variable else [],
         "verdict": answer.verdict,
@@ -325,7 +388,7 @@ def trend_rows(answer: SeriesAnswer) -> Columns:
         "ci_high": np.array([trend.slope_high for trend in trends]),
         **{name: np.array([getattr(trend, name) for trend in trends]) for name in ("p", "p_family", "p_differ")},
         "p_bent": np.array([trend.p_bent for trend in trends]),
-        "shown": np.array([trend.shown for trend in trends]),
+        "shown": np.array([trend.shown for trend in trends], bool),
     }
 
 
@@ -337,6 +400,32 @@ def error_rows(answer: SeriesAnswer) -> Columns:
         "position": [answer.series.positions[p] for _, p in known],
         **{f"{name}_arcmin": np.sqrt(loss[tuple(known.T)]) for name, loss in answer.errors.items()},
     }
+
+
+def cell_rows(answer: SeriesAnswer) -> Columns:
+    """Columns of `CELLS`."""
+    series, parts = answer.series, []
+    stages = {"refitted": answer.effects.recalibrated, "after": answer.effects.after}
+    for k, (state, loops) in enumerate(zip(series.states, series.loops, strict=True)):
+        residuals = {stage: np.full(len(loops.angle), np.nan) for stage in stages}
+        for number, group in enumerate(fold_groups(series)):
+            cells = np.any([series.cells_of(name)[k] for name in group or series.positions], axis=0)
+            for stage, folds in stages.items():
+                residuals[stage][cells] = (loops.angle - folds.fits[number].predicted[k])[cells]
+        parts.append(
+            pd.DataFrame(
+                {
+                    "state": state.name,
+                    "position": np.array(state.labels)[loops.position],
+                    "crank_deg": np.degrees(loops.crank + loops.turned * (loops.angle - loops.start)),
+                    "torque_Nm": loops.torque[:, -1],
+                    "angle_arcmin": loops.angle,
+                    **{f"residual_{stage}_arcmin": residual for stage, residual in residuals.items()},
+                }
+            )
+        )
+    frame = pd.concat(parts, ignore_index=True)
+    return {column.name: frame[column.name].to_numpy() for column in CELLS.columns}
 
 
 def effect_rows(answer: SeriesAnswer) -> Columns:

@@ -16,11 +16,12 @@ import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
+from pipeline.engine.progress import say
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, SOFT, numbers_of
 from pipeline.identification.generic.shared_fit import fitted_together
 from pipeline.identification.generic.turning_crank import CrankLoops, LoopModel
 from pipeline.identification.selection.criteria import FEWEST_BLOCKS
-from pipeline.identification.series.folds import Folds, StateFolds, state_folds
+from pipeline.identification.series.folds import Folds, StateFolds, held_numbers, reversed_numbers, state_folds
 from pipeline.identification.series.states import Series
 from pipeline.statistics.blocks import max_t
 
@@ -62,6 +63,8 @@ class TriedEffect:
     claimed : whether both are significant, and no number of it ended at a bound; of folds over states, whether it is
         one of a class of which that holds.
     note : why it is not claimed, empty where it is.
+    control : root mean square error [arcmin] at what was left out with its sign turned round; NaN of a soft material,
+        and over positions of what is not claimed.
     """
 
     name: str
@@ -72,16 +75,12 @@ class TriedEffect:
     p_left_out: float
     claimed: bool
     note: str
+    control: float = float("nan")
 
     @property
     def left_out(self) -> str:
         """What its folds leave out."""
         return "states" if isinstance(self.folds, StateFolds) else "positions"
-
-    @property
-    def control(self) -> float:
-        """Root mean square error [arcmin] with its sign turned round; NaN of folds over positions."""
-        return self.folds.reversed_rms() if isinstance(self.folds, StateFolds) else float("nan")
 
 
 @dataclass(frozen=True)
@@ -93,8 +92,8 @@ class SharedEffects:
     series : of the states.
     recalibrated : each state's own numbers alone.
     tried : all effects, round by round.
-    classes : claimed effects, one class for each round: its members predict equally well, the best first. The last may
-        come from folds over states.
+    classes : claimed effects, one class for each round: its members are twins of the best, which is the first, and
+        predict equally well. The last may come from folds over states.
     without : folds over states without an effect of the crank angle; none where they are over positions.
     untestable : effects that these loops do not show, with the reason.
     """
@@ -111,6 +110,11 @@ class SharedEffects:
         """The model with all that is claimed."""
         folds = [members[0].folds for members in self.classes if not isinstance(members[0].folds, StateFolds)]
         return folds[-1] if folds else self.recalibrated
+
+    @property
+    def bases(self) -> tuple[Folds, ...]:
+        """What the effects of each round were added to: the states' own numbers, then each class that was claimed."""
+        return (self.recalibrated, *(members[0].folds for members in self.classes))
 
     @property
     def leading(self) -> tuple[TriedEffect, ...]:
@@ -145,7 +149,7 @@ def share_effects(series: Series) -> SharedEffects:
         claimed = sorted((effect for effect in round_effects if effect.claimed), key=lambda effect: effect.folds.rms())
         if not claimed:
             break
-        classes.append(tuple(effect for effect in claimed if _as_good(effect, claimed[0])))
+        classes.append(tuple(effect for effect in claimed if _replaces(effect, claimed[0])))
         base = claimed[0].folds
     without, by_others = _tried_by_states(series, waves) if waves else (None, ())
     members = tuple(sorted((effect for effect in by_others if effect.claimed), key=lambda effect: effect.folds.rms()))
@@ -236,7 +240,12 @@ def _add_losses(loss: Real, series: Series, group: Sequence[str], predicted: Seq
 
 def _tried_round(series: Series, base: Folds, names: Sequence[str]) -> list[TriedEffect]:
     """All effects, each added to a base."""
-    trials = [fold_fits(series, (*base.terms, name), base.final.values) for name in names]
+    trials = []
+    for name in names:
+        trials.append(fold_fits(series, (*base.terms, name), base.final.values))
+        say(
+            "identify", f"{title(name)}: {trials[-1].rms():.3g} arcmin at unused positions, {base.rms():.3g} without it"
+        )
     gains = [np.log(base.loss + LEAST_LOSS) - np.log(trial.loss + LEAST_LOSS) for trial in trials]
     known = np.isfinite(base.loss)
     held_out = len(series.positions) >= FEWEST_POSITIONS and known.sum() >= FEWEST_BLOCKS
@@ -250,8 +259,22 @@ def _tried_round(series: Series, base: Folds, names: Sequence[str]) -> list[Trie
         p_left_out = _left_out_p(np.nanmean(gain, axis=0)) if held_out else float("nan")
         at_bound = sorted((set(numbers_of((name,))) - set(numbers_of(()))) & trial.final.at_bound)
         note = next(_reasons(series, held_out, at_bound, float(p), p_left_out), "")
-        effects.append(TriedEffect(name, title(name), base.terms, trial, float(p), p_left_out, not note, note))
+        control = _reversed_rms(series, trial, name) if not note and name in CRANK_EFFECTS else float("nan")
+        effects.append(TriedEffect(name, title(name), base.terms, trial, float(p), p_left_out, not note, note, control))
     return effects
+
+
+def _reversed_rms(series: Series, folds: Folds, effect: str) -> float:
+    """Root mean square error [arcmin] at positions that were left out, the sign of an effect turned round.
+
+    The other shared numbers are held and each state's own are fitted anew, as they are with the effect.
+    """
+    loss = np.full_like(folds.loss, np.nan)
+    for group, fit in zip(fold_groups(series), folds.fits, strict=True):
+        held = [reversed_numbers(held_numbers(fit), effect)] * len(series.states)
+        turned = fitted_together(_without(series, group), folds.terms, folds.terms, held)
+        _add_losses(loss, series, group, turned.predicted)
+    return float(np.sqrt(np.nanmean(loss)))
 
 
 def _tried_by_states(series: Series, names: Sequence[str]) -> tuple[StateFolds, tuple[TriedEffect, ...]]:
@@ -285,7 +308,8 @@ def _tried_by_states(series: Series, names: Sequence[str]) -> tuple[StateFolds, 
             note = f"significantly worse than: {title(best)}"
         elif not shown:
             note = NOT_SHOWN
-        effects.append(TriedEffect(name, title(name), beside, trial, min(1.0, len(names) * p), p, not note, note))
+        family_p, control = min(1.0, len(names) * p), trial.reversed_rms()
+        effects.append(TriedEffect(name, title(name), beside, trial, family_p, p, not note, note, control))
     return without, tuple(effects)
 
 
@@ -298,7 +322,10 @@ def _gains(base: Real, loss: Real) -> Real:
 def _reasons(series: Series, held_out: bool, at_bound: Sequence[str], p: float, p_left_out: float) -> Iterator[str]:
     """Why an effect is not claimed."""
     if not held_out:
-        yield f"{len(series.positions)} positions in {len(series.states)} states are too few to leave any out"
+        yield (
+            f"{len(series.positions)} positions in {len(series.states)} states are too few to leave any out: "
+            f"a name takes {FEWEST_POSITIONS} positions, and {FEWEST_BLOCKS} of all states together"
+        )
     elif at_bound:
         yield f"{', '.join(at_bound)} at a bound of the fit"
     elif not (p < LEVEL and p_left_out < LEVEL):
@@ -311,9 +338,12 @@ def _left_out_p(means: Real) -> float:
     return float(scipy.stats.t.sf(means.mean() / max(spread, LEAST_LOSS), len(means) - 1))
 
 
-def _as_good(effect: TriedEffect, best: TriedEffect) -> bool:
-    """Whether the losses at left-out positions are not significantly larger than those of the best effect."""
-    if effect is best:
-        return True
+def _replaces(effect: TriedEffect, best: TriedEffect) -> bool:
+    """Whether an effect is the best one, or a twin of it whose losses are not significantly larger.
+
+    What is no twin acts on the loops in another way. It is tried beside the best one in the next round.
+    """
+    if effect is best or effect.name not in twins(best.name):
+        return effect is best
     gap = np.log(effect.folds.loss + LEAST_LOSS) - np.log(best.folds.loss + LEAST_LOSS)
     return _left_out_p(np.nanmean(gap, axis=0)) >= LEVEL

@@ -55,7 +55,7 @@ class Series:
 
 
 def series_of(measurements: Sequence[Measurement], over: str = "") -> Series:
-    """The series of some measurements.
+    """The series of some measurements, or of one.
 
     Parameters
     ----------
@@ -64,10 +64,8 @@ def series_of(measurements: Sequence[Measurement], over: str = "") -> Series:
 
     Raises
     ------
-    InputError : fewer than two states, states that cannot be compared, or a variable that some state lacks.
+    InputError : states that cannot be compared, or a variable that some state lacks.
     """
-    if len(measurements) < 2:
-        raise InputError("a series has 2 or more states; name a folder with a folder of each, or use --unit")
     states = comparable_states(measurements)
     variable = over or _common_variable(states)
     values = [_value(state, variable) for state in states] if variable else list(range(len(states)))

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.engine.store import read_json, write_atomic
-from pipeline.figures.measured.series import states_figure
+from pipeline.figures.measured.series import angle_figure, states_figure
 from pipeline.identification.series.folds import StateFolds
 from pipeline.identification.series.results import VERDICT_FILE, SeriesAnswer, effect_sizes, number_text, state_errors
 from pipeline.identification.series.shared_effects import TriedEffect
@@ -23,6 +23,10 @@ CAPTIONS = {
         "Dots: mean over the positions, with the 95 % interval of the scatter of mounting. Line: trend, blue where it "
         "is shown beyond that scatter.",
     ),
+    "angle": (
+        "Residual over the crank angle",
+        "Each dot is a cell of a position that the fit has not seen, darker by position (of several states the first).",
+    ),
 }
 
 
@@ -35,7 +39,9 @@ def write_series_page(answer: SeriesAnswer, folder: Path, shown_folder: Path) ->
     """
     states, trends = (pd.read_parquet(folder / f"{name}.parquet") for name in ("states", "trends"))
     verdict = read_json(folder / VERDICT_FILE)
-    figures = {"states": states_figure(states[states["source"] == "loops"], trends, verdict["variable"])}
+    figures = {"angle": angle_figure(pd.read_parquet(folder / "cells.parquet"))}
+    if len(trends):
+        figures["states"] = states_figure(states[states["source"] == "loops"], trends, verdict["variable"])
     page = rendered(
         TEMPLATE,
         verdict=verdict,
@@ -78,7 +84,7 @@ def _tried(effect: TriedEffect) -> dict[str, str | bool]:
         "rms": digits(effect.folds.rms()),
         "p": digits(effect.p, 2),
         "left_out": effect.left_out,
-        "reversed": digits(effect.control) if effect.control == effect.control else "",
+        "reversed": digits(effect.control) if np.isfinite(effect.control) else "",
         "p_left_out": digits(effect.p_left_out, 2),
         "claimed": effect.claimed,
         "note": effect.note,
