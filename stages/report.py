@@ -10,6 +10,7 @@ import pandas as pd
 from pipeline.config.studies.study import Study
 from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.processes.forked import shared_calls
+from pipeline.engine.processes.parallel import end_idle_workers
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
 from pipeline.figures.labels import METRICS
@@ -147,6 +148,7 @@ def _stages(job: Job, upstream: tuple[Stage, ...]) -> list[StageNote]:
 
 
 def _run(upstream: tuple[Stage, ...], job: Job) -> Tables:
+    end_idle_workers()
     frames = _frames(job)
     versions = package_versions() | {name: importlib.metadata.version(name) for name in PRINTED_WITH}
     figures = list(drawings(frames))

@@ -1,10 +1,12 @@
 """What is in flight, and what a worker is given."""
 
+import os
 import time
 from pathlib import Path
 
 import joblib
 import numpy as np
+import psutil
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 from toy_study import ADD, Toy, Trouble
@@ -107,3 +109,17 @@ def test_a_whole_stage_runs_with_one_blas_thread(tmp_path: Path) -> None:
         run([whole], Toy(), ["whole"], tmp_path, Resources(1, 10))
     assert threads
     assert set(threads) == {1}
+
+
+def test_idle_workers_end_and_others_take_their_place() -> None:
+    parallel.end_idle_workers()  # without any nothing happens
+
+    def identities() -> set[int]:
+        return set(parallel.worker_results(2, (joblib.delayed(os.getpid)() for _ in range(8))))
+
+    first = identities()
+    assert os.getpid() not in first
+    parallel.end_idle_workers()
+    assert not any(psutil.pid_exists(process) for process in first)
+    assert identities().isdisjoint(first)
+    parallel.end_idle_workers()

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import joblib
+from joblib.externals.loky import reusable_executor
 from threadpoolctl import threadpool_limits
 
 from pipeline.engine.fingerprint import code_of, package_versions, source_hashes
@@ -216,6 +217,12 @@ def worker_results(jobs: int, tasks: Iterable[Any]) -> list[Any]:
             return list(joblib.Parallel()(tasks))
     except BrokenExecutor as error:
         raise ChunkError(ENDED_FROM_OUTSIDE) from error
+
+
+def end_idle_workers() -> None:
+    """End joblib's workers of this machine, each of which keeps the memory of the largest chunk that it has solved."""
+    if (executor := reusable_executor._executor) is not None:  # joblib has no other way to ask whether there are any
+        executor.shutdown(wait=True)
 
 
 def _workers(jobs: int, backend: Backend) -> Any:
