@@ -7,6 +7,9 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.config import load_design, load_study
+from pipeline.model.equilibrium.newton import ACCEPTED
+from pipeline.model.equilibrium.residual import workspace
+from pipeline.model.equilibrium.restart import solved_afresh
 from pipeline.model.load_history.response import respond
 from pipeline.model.units import ARCMIN
 from pipeline.mounting import drive_of
@@ -41,3 +44,30 @@ def test_rigidity_of_the_series_is_an_input():
     predicted, cube = rigidity("rv_80e"), CATALOGUE["rv_40e"] * (77.5 / 64.0) ** 3
     np.testing.assert_allclose(predicted, 185.0, rtol=0.01)
     assert abs(cube - CATALOGUE["rv_80e"]) < abs(predicted - CATALOGUE["rv_80e"])  # so the pages call it an input
+
+
+def test_a_preloaded_unit_whose_second_disk_carries_nothing_has_an_equilibrium():
+    """Unit 6 at crank angle 0: 3e-16 N on the idle disk are rounding of 11 N of preload, not of a torque of 8 N mm."""
+    study = load_study("rv_80e", ROOT)
+    sampled = draw(study, 6, 7)
+    loose = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    rigid = np.zeros((182, 182))
+    response = respond(drive_of(study, 0.0, rigid, assembly.errors(sampled), loose), assembly.load_cycle(study, 0))
+    assert response.converged.all()
+    force = response.equilibria.force[0, 0]
+    assert force.max() > 5.0
+    assert np.all(force[40:80] < 1e-9)
+
+
+def test_a_preloaded_unit_that_keeps_some_play_is_solved_from_no_start_at_all():
+    """Nothing but the end of that play holds it against a torque of 8 N mm; it is far from the interior point's end."""
+    study = load_study("rv_80e", ROOT)
+    crank, count = 360.0 * 39 / 31, 20
+    sampled = draw(study, 0, count)
+    loose = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    drive = drive_of(study, crank, np.zeros((182, 182)), assembly.errors(sampled), loose)
+    system, order = drive.elastic.full_system
+    gap, work = np.ascontiguousarray(drive.gap[:, order]), workspace(system)
+    for torque in (7.84e-3, -7.84e-3):
+        left = [solved_afresh(system, None, torque, rows, np.full(2, 1.5), work)[1] for rows in gap]
+        assert max(left) < ACCEPTED

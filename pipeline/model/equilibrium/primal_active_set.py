@@ -5,9 +5,12 @@ fast where contacts hardly feel each other, and may alternate for ever where a s
 stay positive and the energy falls (of linear laws exactly, and ours are nearly linear): a step
 ends where the first force vanishes, that contact opens, and only at the
 least energy of the closed contacts is another one closed, the most penetrated. No set of closed contacts can come
-twice, so the iteration ends (Nocedal, Wright, Numerical Optimization (2006), ch. 16.5). It changes one contact at a
+twice, so the iteration ends (Nocedal, Wright, Numerical Optimization (2006), ch. 16.5). Where the closed contacts leave
+a body free to move and the load moves it, the first open contact on its way is closed. It changes one contact at a
 time, so it wants a start near the solution.
 """
+
+import numpy as np
 
 from pipeline.model.compiled import algebraic_part
 from pipeline.model.equilibrium.blocks import count, part_of
@@ -32,6 +35,8 @@ SETTLING_STEPS = 300
 """Newton steps before it is given up; a contact that is added takes about three."""
 ENTRY = 1e-6
 """Force of a contact that is added, over the one that would close it alone: it disturbs the others by no more."""
+STALLED = 0.5
+"""Share of what was unbalanced that is left after a full step where no closed contact holds a body."""
 
 
 @algebraic_part
@@ -65,9 +70,29 @@ def _step_to_the_first_zero(system, longest, work):
 
 
 @algebraic_part
+def _close_first_on_the_way(system, work):
+    """Go on along the step of the motions until an open contact touches, and close it; false if none would."""
+    step, shortest, contact = work.step, np.inf, -1
+    for i in range(work.force.shape[0]):
+        if work.force[i] > 0.0:
+            continue
+        rate = 0.0
+        for d in range(step.shape[0]):
+            rate += system.contact_jacobian[d, i] * step[d]
+        if rate > 0.0 and -work.depth[i] < shortest * rate:
+            shortest, contact = -work.depth[i] / rate, i
+    if contact < 0:
+        return False
+    move(system, max(shortest, 0.0), work)
+    work.force[contact] = ENTRY * force_at_penetration(system, contact, OPEN)
+    activate(system, contact, work)
+    return True
+
+
+@algebraic_part
 def settle(system, friction, torque, gap, clearance, work):
     """Primal active set from the state in ``work``, which is changed; returns the iterations and the residual."""
-    residual, steps_since = 1.0, 0
+    residual, steps_since, before = 1.0, 0, np.inf
     for iteration in range(SETTLING_STEPS):
         deflect(system, gap, work)
         deviation, unbalanced = residuals(system, friction, torque, clearance, work)
@@ -81,11 +106,18 @@ def settle(system, friction, torque, gap, clearance, work):
                 return iteration, residual
             work.force[contact] = ENTRY * force_at_penetration(system, contact, work.depth[contact])
             activate(system, contact, work)
-            steps_since = 0
+            steps_since, before = 0, np.inf
             continue
+        is_free = deviation <= FORCE_TOLERANCE and unbalanced > STALLED * before and not system.planar
+        before = unbalanced
         renew(work)
         if not include_all(system, work) or not newton_step(system, friction, work):
             break
+        if is_free and unbalanced > ACCEPTED:
+            if not _close_first_on_the_way(system, work):
+                break
+            steps_since, before = 0, np.inf
+            continue
         length = share_of_a_turn(system, work)
         if friction is not None:
             length = min(length, share_of_braking(system, friction, work))

@@ -17,9 +17,10 @@ EXPONENT_BITS, EXPONENT_BIAS = 52, 1023
 """Place and bias of the exponent in a double (IEEE 754)."""
 FRACTION, ONE = (1 << 52) - 1, 1023 << 52
 """Parts of a binary number of 64 bits, and the bits of 1.0."""
-IDLE = 1e-6
-"""Share of the torque below which a body carries nothing: what is unbalanced of it is told as a share of that. A disk
-that others leave without load has a force of rounding alone, all of which is unbalanced."""
+IDLE = 1e-3
+"""Share of the largest force, of the torque at the longest arm or of a contact, below which what is unbalanced of a
+body is told as a share of that: ``newton.BALANCE_TOLERANCE`` of it is the rounding of the largest force. A disk that
+others leave without load has a force of rounding alone, all of which is unbalanced."""
 
 
 class Friction(NamedTuple):
@@ -301,9 +302,21 @@ def misfit(system, work):
 
 
 @algebraic_part
+def largest_force(load, work):
+    """Largest force of an active contact, or the ``load`` where that is larger [N]."""
+    force, largest = work.force, load
+    for b in range(count(work.active)):
+        active = part_of(work.active, work, b).active
+        for j in range(work.sizes[b, 0]):
+            largest = max(largest, force[active[j]])
+    return largest
+
+
+@algebraic_part
 def imbalance(system, friction, torque, work):
     """What is unbalanced of every rigid motion; returns the largest share of the sum of its terms, or of ``IDLE``."""
-    force, balance, relative, idle = work.force, work.balance, 0.0, IDLE * abs(torque) / system.arm[system.output]
+    force, balance, relative = work.force, work.balance, 0.0
+    idle = IDLE * largest_force(abs(torque) / system.arm[system.output], work)
     for d in range(balance.shape[0]):
         total = -torque if d == system.output else 0.0
         if system.planar and d < 2 * work.thrust.shape[0]:

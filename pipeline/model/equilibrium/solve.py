@@ -41,6 +41,10 @@ LARGEST_RISE = 2.5
 """Ratio of a load step's torque to the last one's, or its inverse, beyond which steps are put in between: contacts
 close and open one by one."""
 
+PRELOAD = 0.1
+"""Share of the largest force at the output's longest arm beyond which it is no torque's but a preload's: the longest
+arm's contact carries a tenth of the torque or more."""
+
 ROUNDED = 1e-15
 """Share of the force that carries the torque at the longest arm below which a force is rounding: a disk that carries
 nothing touches with 1e-20 of it."""
@@ -149,18 +153,32 @@ def _begin(system, start, force, work):
 
 
 @algebraic_part
-def _stations(torques, t):
-    """Number of steps in which the torque of step t is reached: itself, and those on the way to a far one."""
-    rise = torques[t] / torques[t - 1] if t > 0 else 1.0
-    return 1 + (int(abs(np.log(rise)) / np.log(LARGEST_RISE)) if rise > 0.0 else 0)
+def _torque_of_preload(system, torques, t, force):
+    """Torque below which that of step t hardly changes the forces of the step before; 0 where the torque made these."""
+    if t == 0:
+        return 0.0
+    largest = 0.0
+    for i in range(force.shape[1]):
+        largest = max(largest, force[t - 1, i])
+    return max(PRELOAD * largest * system.arm[system.output] - abs(torques[t - 1]), 0.0)
 
 
 @algebraic_part
-def _torque_of(torques, t, station, stations):
-    """Torque of a station on the way to step t, which is the last of them: each rises by the same ratio."""
+def _stations(torques, t, preload):
+    """Number of steps in which the torque of step t is reached: itself, and those on the way to a far one."""
+    if t == 0 or torques[t] / torques[t - 1] <= 0.0:
+        return 1
+    rise = (abs(torques[t]) + preload) / (abs(torques[t - 1]) + preload)
+    return 1 + int(abs(np.log(rise)) / np.log(LARGEST_RISE))
+
+
+@algebraic_part
+def _torque_of(torques, t, station, stations, preload):
+    """Torque of a station on the way to step t, which is the last: with the preload each rises by the same ratio."""
     if station == stations:
         return torques[t]
-    return torques[t - 1] * (torques[t] / torques[t - 1]) ** (station / stations)
+    start, end = abs(torques[t - 1]) + preload, abs(torques[t]) + preload
+    return np.sign(torques[t]) * (start * (end / start) ** (station / stations) - preload)
 
 
 @algebraic_part
@@ -188,15 +206,16 @@ def _solve_batch(system, work, torques, gap, clearance, start, progress, motion,
         if t == torques.shape[0]:
             progress[0], progress[1] = s + 1, 0
             continue
-        stations = _stations(torques, t)
+        preload = _torque_of_preload(system, torques, t, force[s])
+        stations = _stations(torques, t, preload)
         if progress[2] == 0:
             if t == 0:
                 _begin(system, start[0][s], start[1][s], work)
-            _extrapolate(system, torques, t, _torque_of(torques, t, 1, stations), motion[s], force[s], work)
+            _extrapolate(system, torques, t, _torque_of(torques, t, 1, stations, preload), motion[s], force[s], work)
             iterations[s, t] = 0
         while progress[2] < stations:
             progress[2] += 1
-            torque = _torque_of(torques, t, progress[2], stations)
+            torque = _torque_of(torques, t, progress[2], stations, preload)
             n_updates, residual[s, t] = converge(system, None, torque, gap[s], clearance[s], work)
             iterations[s, t] += n_updates
             if not residual[s, t] <= ACCEPTED:

@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.model.equilibrium.loaded_start import loaded_poses
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import RigidPlay, rigid_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN as ARCMIN
 
@@ -22,6 +22,9 @@ LIMIT_TORQUE = 1e-8
 SMALL_TORQUE = 1e-6
 """The same share where that drowns in the rounding of the preload, which grows as the torque falls: 9.7 kN in the
 bearings of an RV reducer leave a residual of 4e-11 here, of 9e-10 at 3e-8 and no state at 1e-8."""
+
+RELAXED = 1e-6
+"""Share of the least penetration that is added to it, so that rounding leaves the program a pose."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,21 @@ def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
     return contact_pose
 
 
+def _play_to_start_from(drive: Drive) -> RigidPlay:
+    """Play of rigid bodies; of a preloaded sample whose contacts hold the disks, how far its least penetration lets it.
+
+    Contacts that interfere may leave the output some play, through which Newton would take small steps.
+    """
+    play = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
+    tight = np.flatnonzero(play.preloaded)
+    if drive.reducer.centred or not len(tight):
+        return play
+    overlap = (1 + RELAXED) * play.overlap[tight, None]
+    relaxed = rigid_play(drive.reducer, drive.gap[tight] + overlap, drive.bearing_clearance[tight])
+    play.pose_plus[tight], play.pose_minus[tight] = relaxed.pose_plus, relaxed.pose_minus
+    return play
+
+
 def solve_cycle(drive: Drive, cycle: LoadCycle, neighbour: Equilibria | None = None) -> Equilibria:
     """The frictionless states of the cycle; arrays (n, n_states, ...) in the order of ``cycle.state_torque``.
 
@@ -106,7 +124,7 @@ def solve_cycle(drive: Drive, cycle: LoadCycle, neighbour: Equilibria | None = N
     where bearings are loose, since disks lean on these under load. Contacts that interfere are many at no load: a
     start at the largest torque, where few of them carry, takes an interior point for most samples.
     """
-    play = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
+    play = _play_to_start_from(drive)
     levels = cycle.rated_torque * cycle.fractions
     downward = drive.reducer.centred & np.any(drive.clearance_of_disks, axis=1)
     ways = sorted(set(zip(play.preloaded.tolist(), downward.tolist(), strict=True)))
@@ -170,7 +188,7 @@ def _solved(
         torque = np.append(np.sign(levels[0]) * drive.rated_torque * np.array([LIMIT_TORQUE, SMALL_TORQUE]), levels)
     if downward:
         torque = torque[::-1]
-    states = drive.softened_equilibria(first_poses(drive, pose, levels[-1 if downward else 0]), torque, limit)
+    states = drive.softened_equilibria(first_poses(drive, pose, torque[0]), torque, limit)
     if downward:
         states = states[:, ::-1]
     if preloaded:
