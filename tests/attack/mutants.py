@@ -12,12 +12,13 @@ import ast
 import copy
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -74,8 +75,8 @@ def _change(node: ast.AST) -> str:
     return ""
 
 
-def mutant(rng: random.Random, room: str) -> tuple[Path, int, str, str]:
-    """File, line, change and text of a random mutant of a room."""
+def mutant(rng: random.Random, room: str) -> tuple[Path, int, str, str, str]:
+    """File, line, change, mutated text and name of the function of a random mutant of a room."""
     while True:
         path = rng.choice(sorted((ROOT / room).rglob("*.py")))
         tree = ast.parse(path.read_text())
@@ -83,10 +84,37 @@ def mutant(rng: random.Random, room: str) -> tuple[Path, int, str, str]:
         if nodes:
             node = rng.choice(nodes)
             line, change = node.lineno, _change(node)  # type: ignore[attr-defined]
-            return path.relative_to(ROOT), line, change, ast.unparse(tree)
+            function = next(f.name for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) and node in ast.walk(f))
+            return path.relative_to(ROOT), line, change, ast.unparse(tree), function
 
 
-def noticed(home: Path, tests: tuple[str, ...]) -> bool:
+def nearest_first(tests: tuple[str, ...], path: Path, function: str) -> list[str]:
+    """The files of tests, those first that name the mutated function, its public neighbours or its module.
+
+    A test that fails ends the run: the nearest are the likeliest, and the room is gone through for survivors alone.
+    """
+    module = ".".join(path.with_suffix("").parts)
+    names = [node.name for node in ast.parse((ROOT / path).read_text()).body if isinstance(node, DEFINITION)]
+    public = [name for name in names if not name.startswith("_")]
+
+    def nearness(file: Path) -> int:
+        text = file.read_text()
+        words = set(re.findall(r"\w+", text))
+        return -(100 * (function in words) + 10 * (module in text) + sum(name in words for name in public))
+
+    found = {file for test in tests for file in _test_files(ROOT / test)}
+    found |= {file for file in _test_files(ROOT / "tests") if module in file.read_text() and "attack" not in file.parts}
+    return [str(file.relative_to(ROOT)) for file in sorted(found, key=nearness)]
+
+
+DEFINITION = (ast.FunctionDef, ast.ClassDef)
+
+
+def _test_files(path: Path) -> list[Path]:
+    return sorted(path.rglob("test_*.py")) if path.is_dir() else [path]
+
+
+def noticed(home: Path, tests: Sequence[str]) -> bool:
     """Whether some test fails on the project in a folder."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(home / ".compiled"), "OMP_NUM_THREADS": "1"}
     environment["PYTHONPATH"] = str(home)
@@ -117,9 +145,9 @@ def main() -> None:
                 sys.exit(f"{room}: its tests fail without a mutation; mend them first")
         for number in range(options.count):
             room = options.rooms[number % len(options.rooms)]
-            path, line, change, text = mutant(rng, room)
+            path, line, change, text, function = mutant(rng, room)
             (home / path).write_text(text)
-            found = noticed(home, TESTS[room])
+            found = noticed(home, nearest_first(TESTS[room], path, function))
             shutil.copy(ROOT / path, home / path)
             killed += found
             print(f"{'killed  ' if found else 'SURVIVED'} {path}:{line} {change}", flush=True)
