@@ -91,7 +91,8 @@ def _loops(friction: float) -> pd.DataFrame:
     )
 
 
-def _started(home: Path, runs: Path, command: str, jobs: int) -> subprocess.Popen:
+def started(home: Path, runs: Path, command: str, jobs: int, **variables: str) -> subprocess.Popen:
+    """A command on its runs below a copy of home; ``variables`` of its environment."""
     root = runs.parent
     (root / "data").mkdir(parents=True, exist_ok=True)
     for name in ("designs", "studies", "measured"):
@@ -102,20 +103,20 @@ def _started(home: Path, runs: Path, command: str, jobs: int) -> subprocess.Pope
     runs.mkdir(exist_ok=True)
     words = [sys.executable, "-m", "pipeline", *COMMANDS[command], "--jobs", str(jobs)]
     words = [str(root / word) if word.startswith("data/") else word for word in words]
-    environment = os.environ | {"CYCLOID_ROOT": str(root), "PYTHONPATH": str(ROOT)}
+    environment = os.environ | {"CYCLOID_ROOT": str(root), "PYTHONPATH": str(ROOT), **variables}
     with (root / "log").open("w") as log:
         return subprocess.Popen(words, env=environment, cwd=ROOT, stdout=log, stderr=log, start_new_session=True)
 
 
-def _finished(home: Path, runs: Path, command: str, jobs: int) -> tuple[dict[str, str], float]:
+def finished(home: Path, runs: Path, command: str, jobs: int, **variables: str) -> tuple[dict[str, str], float]:
     """Content of an uninterrupted command by file, and its seconds."""
     start = time.monotonic()
-    process = _started(home, runs, command, jobs)
+    process = started(home, runs, command, jobs, **variables)
     assert process.wait() in (0, 1), (runs.parent / "log").read_text()
-    return _content(runs), time.monotonic() - start
+    return content_of(runs), time.monotonic() - start
 
 
-def _content(runs: Path) -> dict[str, str]:
+def content_of(runs: Path) -> dict[str, str]:
     """Hash of each result, by its path; of a stage those of its record."""
     content: dict[str, str] = {}
     for path in sorted(runs.rglob("*")):
@@ -147,8 +148,8 @@ def _left(leader: int) -> list[int]:
 @cache
 def _reference(home: Path, command: str) -> tuple[dict[str, str], float]:
     """Content and seconds of a command that nobody interrupts, all that it needs having been compiled before."""
-    _finished(home, home / "compiled/runs", "run", 1)
-    return _finished(home, home / f"reference-{command}/runs", command, 1)
+    finished(home, home / "compiled/runs", "run", 1)
+    return finished(home, home / f"reference-{command}/runs", command, 1)
 
 
 @pytest.mark.attack
@@ -162,7 +163,7 @@ def test_killed_at_random_times_nothing_is_left_and_the_results_are_equal(home: 
     for _ in range(3 * kills):
         if killed == kills:
             break
-        process = _started(home, runs, command, jobs)
+        process = started(home, runs, command, jobs)
         ended = time.monotonic() + rng.uniform(0.0, 0.9 * seconds)
         while time.monotonic() < ended and process.poll() is None:
             time.sleep(0.01)
@@ -176,7 +177,7 @@ def test_killed_at_random_times_nothing_is_left_and_the_results_are_equal(home: 
         while (left := _left(process.pid)) and time.monotonic() < waited + GONE_WITHIN:
             time.sleep(0.05)
         assert left == []
-    content, _ = _finished(home, runs, command, jobs)
+    content, _ = finished(home, runs, command, jobs)
     assert killed == kills
     print(f"{command}, {jobs} workers: killed {killed} times; {len(content)} results")
     assert content == expected

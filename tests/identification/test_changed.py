@@ -219,6 +219,16 @@ def test_the_command_writes_a_page_that_says_what_it_prints(tmp_path, monkeypatc
     assert next(line for line in printed.splitlines() if "play closes" in line).split(": ", 1)[1] in page
 
 
+def test_too_few_positions_have_a_page_without_the_figure_of_changes(tmp_path, monkeypatch, capsys):
+    """The template asked for a figure that is not drawn: an unexpected UndefinedError in place of the answer."""
+    for name, seed in (("before", 1), ("after", 2)):
+        drive_measured(tmp_path / name, {}, 0.02, seed, CRANKS[:1])
+    monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
+    command = ["changed", "--before", str(tmp_path / "before"), "--after", str(tmp_path / "after")]
+    assert cli.main(command) == 0, capsys.readouterr().err
+    assert "3 or more crank positions" in (tmp_path / "runs/changed/before-after/report.html").read_text()
+
+
 @pytest.mark.attack
 def test_false_alarms_and_power_on_drawn_pairs(tmp_path):
     """Of pairs without a change 2 % are named at most; a growth that has 80 % power is named about as often."""
