@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from pipeline.identification.change.kinds import KINDS
+from pipeline.identification.change.loops import Curves, LoopSize
 from pipeline.identification.change.scatter import POWER, Layout
+from pipeline.identification.change.table import LoopNumber, LoopTable
 from pipeline.statistics import rotations
 
 N_POSITIONS, DRAWS = 3, 300
@@ -30,12 +33,33 @@ def pair_weights(n_states: int) -> list[float]:
     return [-1.0, 1.0, *[0.0] * (n_states - 2)]
 
 
-def test_a_level_without_weight_counts_nothing_whatever_its_error():
-    layout = drawn(np.random.default_rng(2), 3)
-    bias = np.array([[0.1], [np.inf], [0.1]])
-    found = layout.contrast([-1.0, 0.0, 1.0], bias)
-    assert found.bias[0] == pytest.approx(0.2)
-    assert np.isfinite(found.family.p[0])
+def table_of(shift: float, n_points: int = 5) -> LoopTable:
+    """Three states at two positions; those of the first two err by 0.1 alike, the third lacks the halves.
+
+    The torques of the second lie a share of their distance from those of the first.
+    """
+    state, position = np.repeat([0, 1, 2], 2), np.tile([0, 1], 3)
+    size = LoopSize(4.0, 4.0)
+    torques = [np.arange(5.0), np.arange(float(n_points)) + shift, np.arange(5.0), np.arange(5.0)]
+    curves = [{size: Curves(dict.fromkeys((1, -1), torques[k]), {})} for k in state]
+    number = LoopNumber(next(kind for kind in KINDS if not kind.positive), size)
+    half = np.where(state < 2, 0.1, np.nan)[:, None]
+    rows = np.zeros((6, 1))
+    return LoopTable((), (number,), (), state, position, (), rows, (half, -half), (), tuple(curves))
+
+
+@pytest.mark.parametrize(("shift", "n_points", "error"), [(0.0, 5, 0.0), (0.25, 5, 0.05), (0.0, 4, 0.2), (2.0, 5, 0.2)])
+def test_what_states_measured_at_the_same_torques_err_alike_drops_out(shift, n_points, error):
+    """Contrasts of the states that err by 0.1 each; the third has no weight."""
+    assert table_of(shift, n_points).torque_error([-1.0, 1.0, 0.0])[0] == pytest.approx(error, abs=1e-12)
+
+
+def test_a_weighted_state_whose_halves_lack_a_number_claims_nothing():
+    error = table_of(0.0).torque_error([-1.0, 0.0, 1.0])
+    assert np.isinf(error[0])
+    found = drawn(np.random.default_rng(2), 3).contrast([-1.0, 0.0, 1.0], error)
+    assert found.family.p[0] == pytest.approx(1.0)
+    assert np.isnan(found.reach(0.95)[0])
 
 
 def test_two_states_are_the_test_of_the_mean_difference():

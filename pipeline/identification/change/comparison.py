@@ -130,7 +130,8 @@ def compare_states(state_before: State, state_after: State, further: Sequence[St
     """
     labels = _shared_labels(state_before, state_after)
     table = loop_table([state_before, state_after, *further], 2)
-    contrast = table.layout.contrast([-1.0, 1.0, *np.zeros(len(further))], table.resolution)
+    weights = [-1.0, 1.0, *[0.0] * len(further)]
+    contrast = table.layout.contrast(weights, table.torque_error(weights))
     levels = table.level(0, labels), table.level(1, labels)
     changes = tuple(_change(table, k, levels, contrast) for k in range(len(table.numbers)))
     return Comparison(table, labels, changes, contrast.freedom if contrast else 0)

@@ -117,7 +117,7 @@ class Layout:
 
         Parameters
         ----------
-        bias : (n_states, n_kinds) error of each level that all positions may share; none by default.
+        bias : (n_kinds,) error of the contrast that all positions may share; none by default.
         """
         coefficients = np.zeros(self._columns.shape[1])
         coefficients[: len(weights)] = weights
@@ -127,9 +127,8 @@ class Layout:
         size = float(np.linalg.norm(of_rows))
         mean = of_rows @ self.values
         error = np.maximum(size * self.scatter, LEAST_ERROR)
-        known = np.flatnonzero(weights)  # a level without weight counts nothing, whatever its error
-        shared = np.abs(np.asarray(weights)[known]) @ np.broadcast_to(bias, (len(weights), len(mean)))[known]
-        return Contrast(mean, error, size, self.residuals, self.freedom, np.asarray(shared, float))
+        shared = np.broadcast_to(np.asarray(bias, float), mean.shape)
+        return Contrast(mean, error, size, self.residuals, self.freedom, shared)
 
     def half_interval(self, confidence: float) -> Real:
         """Half of the confidence interval (n_kinds,) of what mounting adds to a single row; NaN where it is unknown."""

@@ -49,6 +49,7 @@ class LoopTable:
     halves : the same of every second point of the loops, from the first and from the second on; NaN where those do not
         show a number.
     loops : by row and size, up to the torque that all loops of the size reach.
+    curves : the same as measured.
     """
 
     states: tuple[State, ...]
@@ -60,6 +61,7 @@ class LoopTable:
     values: Real
     halves: tuple[Real, Real]
     loops: tuple[dict[LoopSize, Loop], ...]
+    curves: tuple[dict[LoopSize, Curves], ...]
 
     @cached_property
     def positive(self) -> NDArray[np.bool_]:
@@ -71,21 +73,27 @@ class LoopTable:
         """The layout of logarithms of positive numbers, and of the others as they are."""
         return Layout(self.state, self.position, self._on_scale(self.values))
 
-    @cached_property
-    def resolution(self) -> Real:
-        """Error (n_states, n_numbers) of each state's level by the distance of the torques that were measured.
+    def torque_error(self, weights: Sequence[float]) -> Real:
+        """Error (n_numbers,) of a contrast of the states by the distance of the torques that were measured.
 
-        Half of what the two halves of the points differ by, or the distance of their mean from the value of all, in the
-        mean over the positions, which all share the torques, less its standard error. Infinite where a half lacks the
-        number.
+        Half of what the contrasts of the two halves of the points differ by, or the distance of their mean from the
+        contrast of all, in the mean over the positions, which all share the torques, less its standard error. States
+        measured at the same torques err alike: what they have in common drops out. Of other torques the signs are
+        unknown and sizes add; between them, by how far the torques lie apart. Infinite where a half lacks a number.
         """
         first, second = (self._on_scale(half) for half in self.halves)
-        apart, moved = 0.5 * (first - second), 0.5 * (first + second) - self.layout.values
-        errors = [
-            np.maximum(_shared_error(apart[rows]), _shared_error(moved[rows]))
-            for rows in (self.state == state for state in range(len(self.states)))
-        ]
-        return np.nan_to_num(np.array(errors), nan=np.inf)
+        errors = 0.5 * (first - second), 0.5 * (first + second) - self.layout.values
+        factors = np.asarray(weights, float)
+        known = np.flatnonzero(factors)  # a level without weight counts nothing, whatever its error
+        sizes = np.array([[_shared_error(error[self.state == state]) for error in errors] for state in known])
+        summed = np.abs(factors[known]) @ sizes.max(axis=1)
+        rows = [[np.flatnonzero((self.state == s) & (self.position == p)) for s in known] for p in set(self.position)]
+        paired = np.array([np.concatenate(at) for at in rows if all(len(row) == 1 for row in at)], int)
+        if paired.size:
+            common = [_shared_error(np.einsum("s,psk->pk", factors[known], error[paired])) for error in errors]
+            apart = max(_distance(self.curves[at[0]], self.curves[row]) for at in paired for row in at[1:])
+            summed = np.minimum(summed, np.max(common, axis=0) + apart * summed)
+        return np.nan_to_num(summed, nan=np.inf)
 
     def _on_scale(self, values: Real) -> Real:
         """Logarithms of positive numbers (n_rows, n_numbers), the others as they are."""
@@ -154,6 +162,7 @@ def loop_table(states: Sequence[State], compared: int) -> LoopTable:
         values[np.ix_(kept, complete)],
         (first[np.ix_(kept, complete)], second[np.ix_(kept, complete)]),
         tuple(curves for curves, is_kept in zip(read, kept, strict=True) if is_kept),
+        tuple(curves for curves, is_kept in zip(loops, kept, strict=True) if is_kept),
     )
 
 
@@ -162,6 +171,18 @@ def _shared_error(errors: Real) -> Real:
     count = len(errors)
     scatter = errors.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else 0.0
     return np.asarray(np.maximum(np.abs(errors.mean(axis=0)) - scatter, 0.0), float)
+
+
+def _distance(first: dict[LoopSize, Curves], second: dict[LoopSize, Curves]) -> float:
+    """Largest distance of the torques of two rows, over that of neighbouring torques; 1 where they do not pair."""
+    largest = 0.0
+    for size, curves in first.items():
+        for sense, torque in curves.torque.items():
+            other = second[size].torque[sense]
+            if len(other) != len(torque) or len(torque) < 2:
+                return 1.0
+            largest = max(largest, float(np.max(np.abs(other - torque)[1:] / np.diff(torque))))
+    return min(largest, 1.0)
 
 
 def _positions(states: Sequence[State], state: Whole, label: Sequence[str], compared: int) -> Whole:

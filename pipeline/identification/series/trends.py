@@ -66,7 +66,7 @@ def trends_of(series: Series) -> tuple[tuple[Trend, ...], LoopTable]:
     layout, count = table.layout, len(series.states)
     centred = series.values - series.values.mean()
     weights = centred / np.sum(centred**2) if series.variable else None
-    contrast = None if weights is None else layout.contrast(weights.tolist(), table.resolution)
+    contrast = None if weights is None else layout.contrast(weights.tolist(), table.torque_error(weights))
     slopes = (
         np.full((3, len(table.numbers)), np.nan)
         if contrast is None
