@@ -65,6 +65,8 @@ class Identification:
     described : error of the model that describes best, where it is not the one that is claimed.
     carried : of the same with what of its training residual is expected to come again; None where nothing structured is
         left.
+    between_cranks : where the crank turns within the loops, what leaving out every second of the crank angles that the
+        model was condensed at changes the angle by [arcmin]; None where it is held.
     could_hide : where nothing is named, the sizes of each effect that would be noticed, and named.
     remainder : what the claimed model leaves on these cells, or the one that describes best.
     discrepancy : structure in what the claimed model, or the one that describes best, leaves of the cells fitted; None
@@ -85,6 +87,7 @@ class Identification:
     described: AngleError | None
     carried: AngleError | None
     could_hide: tuple[DetectionLimit, ...]
+    between_cranks: float | None
 
     @property
     def curves(self) -> dict[str, Real]:
@@ -154,7 +157,16 @@ def identify_measured(measurement: Measurement, condensed: Condensed) -> Identif
         None if verdict.named and selection.description is selection.answer or not effects else described,
         carried if np.any(np.isfinite(folds.carried)) and not folds.in_sample else None,
         limits,
+        _between_cranks(fitter, selection),
     )
+
+
+def _between_cranks(fitter: Fitter, selection: Selection) -> float | None:
+    """What leaving out every second crank angle changes the angle by [arcmin], with what is named."""
+    fit, forward = selection.answer.fit, fitter.forward(selection.answer.fit.model)
+    drives, _ = fitter.drives(fit.model, fit.unknowns)
+    moving = [number for number in drives if forward.courses[number].crank]
+    return max((forward.interpolation_error(drives[number], number) for number in moving), default=None)
 
 
 def _tested_on_unused_data(

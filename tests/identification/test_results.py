@@ -371,6 +371,10 @@ FITTED = {
         ({}, "no effect is not rejected"),
         ({"why_not": "coulomb: its interval reaches zero"}, "coulomb: its interval reaches zero"),
         ({"significant": True}, "less probable than what is named"),
+        (
+            {"significant": True, "effect": "coulomb+coulomb"},
+            "not clearly more probable than what is named",
+        ),
         ({"significant": True, "member_of_class": True}, "named"),
     ],
 )

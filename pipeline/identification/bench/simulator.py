@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.identification.bench.course import Course
 from pipeline.identification.bench.load_path import LEVELS, UNSOUND, Elastic, Instrument, load_path, remembered
-from pipeline.identification.bench.locked_output import locked_path
+from pipeline.identification.bench.locked_output import interpolation_error, locked_path
 from pipeline.model.elements import Spring, same
 from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
 from pipeline.model.load_history.drive import Drive
@@ -124,6 +124,11 @@ class Forward:
             turns = course.encoder_turns * angle + place
             read += instrument.encoder[0] * np.cos(turns) + instrument.encoder[1] * np.sin(turns)
         return Reading(read, ARCMIN * NMM_PER_NM * path.slope, path.carried, sound and followed)
+
+    def interpolation_error(self, drives: Drives, position: int) -> float:
+        """Error [arcmin] of the angle between the crank angles of a position, as ``CurvesOverCrank.error`` has it."""
+        curves = [self.backbone(drive) for drive in drives]
+        return ARCMIN * interpolation_error(drives, self.courses[position], curves)
 
     def influence(
         self, drives: Drive | Drives, position: int, carried_torque: Real, modes: Real | tuple[Real, ...]

@@ -85,7 +85,8 @@ def candidate_row(row: Mapping[str, Any]) -> dict[str, str]:
     if row["member_of_class"]:
         judgement = "named"
     elif row["significant"]:
-        judgement = row["why_not"] or "less probable than what is named"
+        clearly = "not clearly more" if "+" in row["effect"] else "less"  # a second effect needs the odds, not a gain
+        judgement = row["why_not"] or f"{clearly} probable than what is named"
     else:
         judgement = row["why_not"] or "no effect is not rejected"
     return {

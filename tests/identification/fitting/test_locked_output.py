@@ -79,6 +79,14 @@ def test_the_crank_must_stay_between_the_stations_on_the_side_to_which_it_turns(
     assert reading.sound == sound
 
 
+def test_the_error_between_the_crank_angles_is_stated_of_every_position(problem):
+    """None where nothing depends on the crank, and what every second station misses where pins pass."""
+    stations = problem.stations[0]
+    assert problem.forward.interpolation_error((problem.nominal[0],) * len(stations), 0) < 1e-9
+    drives = tuple(problem.nominal[station] for station in stations)
+    assert 1e-3 < problem.forward.interpolation_error(drives, 0) < 1.0
+
+
 def test_a_whole_turn_of_the_output_changes_nothing(problem, folder):
     unit = load_measured_unit(folder, ROOT)
     turned = Measurement.read(unit)
