@@ -114,6 +114,23 @@ def test_each_torque_is_predicted_from_the_others(waving):
         assert row.rms < 0.6 * row.base_rms < row.repeat_rms
 
 
+def test_torque_at_the_input_is_that_of_the_output_by_the_mean_of_the_senses(tmp_path):
+    """A loss of 30 N m at the output, 5 % of the largest torque; the rigidity would be off by its share."""
+    table = Drive().table()
+    sense = np.sign(
+        table["input_deg"].groupby((table["torque_Nm"].round(-2).diff().abs() > 50).cumsum()).diff().bfill()
+    )
+    table["torque_Nm"] = (table["torque_Nm"] + 30.0 * sense) / RATIO
+    record = record_of(unit_of(tmp_path / "u", table, CARRIER.replace("\n", '\nside = "input"\n', 1)))
+    np.testing.assert_allclose(record.levels, [-600.0, -200.0, 0.0, 200.0, 600.0], atol=1.0)
+    values = {value.name: value for value in answered(record).values}
+    for name in ("rigidity_positive", "rigidity_negative"):
+        assert values[name].value == pytest.approx(RIGIDITY, rel=0.005)
+    one_sense = table[~((sense < 0) & (table["torque_Nm"] * RATIO > 400))]
+    record = record_of(unit_of(tmp_path / "one", one_sense, CARRIER.replace("\n", '\nside = "input"\n', 1)))
+    assert [fault.kind for fault in record.fatal] == ["one sense"]
+
+
 def test_the_page_and_the_verdict_say_the_same(waving, tmp_path):
     frames = write(waving, tmp_path)
     write_record_page(waving, frames, tmp_path, tmp_path)

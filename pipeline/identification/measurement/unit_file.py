@@ -24,6 +24,7 @@ from pipeline.config.files.section import (
     shown_value,
 )
 from pipeline.config.files.table_file import read_table
+from pipeline.config.mechanisms.carrier import Carrier
 from pipeline.config.reading import found_file, raise_if, read_toml, validated, with_tuples
 from pipeline.config.studies.cases import Case, case_problems
 from pipeline.errors import InputError
@@ -127,8 +128,9 @@ class UnitSettings(Section):
 
     `crank_angles` says whether `crank_deg` was measured from the drawing's zero; of "unknown" ones it tells positions
     apart and no more, and without any each file is a position. Torque and angle are of one `side`; those of the input
-    are taken to the output by the ratio. With neither end `locked` the crank turns while a torque is held, and `angle`
-    says whether the column is the error of the output against the ideal ratio, or the angle of the output itself.
+    are taken to the output by the ratio; a record's torque is then the mean of both senses. With neither end `locked`
+    the crank turns while a torque is held, and `angle` says whether the column is the error of the output against the
+    ideal ratio, or the angle of the output itself.
     """
 
     title: Text
@@ -190,7 +192,12 @@ class UnitFile:
         """Input turns per turn of the output where the files hold torque and angle of the input, else 1."""
         if self.settings.side == "output":
             return 1.0
-        return self.settings.generic.ratio if self.settings.generic else float(self.study.design.cycloid.ratio)
+        if self.settings.generic:
+            return self.settings.generic.ratio
+        design = self.study.design
+        return (
+            design.output.ratio(design.cycloid) if isinstance(design.output, Carrier) else float(design.cycloid.ratio)
+        )
 
     @property
     def is_record(self) -> bool:
@@ -401,7 +408,7 @@ def _turning_problems(parts: Mapping[str, Any], design: Design | None) -> list[M
                 known,
                 "a crank that turns is read from the drawing's zero",
             ),
-            (side == "input", "side", side, 'must be "output" where the crank turns'),
+            (side == "input" and not record, "side", side, 'must be "output" where the crank of a design turns'),
         )
     return [Mistake(key, value, allowed) for wrong, key, value, allowed in refused if wrong]
 

@@ -58,6 +58,14 @@ def record_faults(record: TurnRecord) -> Iterator[Fault]:
         text = f"a pass has rows for {record.n_intervals} intervals of the output angle, {FEWEST_INTERVALS} are needed"
         yield Fault("too few points", f"{text}; record the angles more often", "fatal")
         return
+    senses = [np.unique(passes.sense[passes.level == level]) for level in np.unique(passes.level)]
+    if record.unit.settings.side == "input" and min(len(ways) for ways in senses) < 2:
+        text = (
+            "a torque at the input holds the loss of the drive, which cancels only where each load is turned in both "
+            "senses at each temperature; add the missing passes, or measure the torque at the output"
+        )
+        yield Fault("one sense", text, "fatal")
+        return
     span = float(np.ptp(record.cells.error))
     if span > LARGEST_ERROR_ARCMIN:
         text = (

@@ -187,11 +187,17 @@ class TurnRecord:
         of_pass = [np.flatnonzero(number == k) for k in range(len(chosen))]
         torque = np.array([self.torque[rows].mean() for rows in of_pass])
         temperature = np.array([self.temperature[rows].mean() for rows in of_pass])
+        sense, group = (
+            np.array([sense[rows[0]] for rows in of_pass], np.int64),
+            groups_of(temperature, SAME_TEMPERATURE_K),
+        )
+        if self.unit.settings.side == "input":
+            torque = torque_of_both_senses(torque, sense, group, LEVEL_SHARE * self.largest_torque)
         return (
             Passes(
                 level=groups_of(torque, LEVEL_SHARE * self.largest_torque),
-                sense=np.array([sense[rows[0]] for rows in of_pass], np.int64),
-                temperature_group=groups_of(temperature, SAME_TEMPERATURE_K),
+                sense=sense,
+                temperature_group=group,
                 cycle=np.array([self.cycle[rows[0]] for rows in of_pass], np.int64),
                 torque=torque,
                 temperature=temperature,
@@ -280,15 +286,39 @@ class TurnRecord:
         number = self._passes[1]
         width = self.span_deg / self.n_intervals
         first = float(self.place[number >= 0].min())
+        owner, at_input = number[first_row], self.unit.settings.side == "input"
         middle = np.mod(self.cell_means(self.place) - first, self.period_deg)
         return RecordCells(
-            owner=number[first_row],
+            owner=owner,
             interval=np.minimum((middle / width).astype(np.int64), self.n_intervals - 1),
             error=self.cell_means(self.error),
-            torque=self.cell_means(self.torque),
+            torque=self.passes.torque[owner] if at_input else self.cell_means(self.torque),
             count=count,
             scatter=np.sqrt(np.bincount(cell, left) / np.maximum(count - 2, 1)),
         )
+
+
+def torque_of_both_senses(torque: Real, sense: Whole, group: Whole, gap: float) -> Real:
+    """Torque of the output (n_passes,) [N m] from that at the input times the ratio, which holds the drive's loss.
+
+    Notes
+    -----
+    Under one load the input takes T + loss in one sense and T - loss in the other, so the mean is T: of losses in
+    proportion to the load but for (1 - efficiency)^2 / 2 of it. The loads of each temperature ascend alike in both
+    senses; where one sense has another number of them, the torque stays as measured.
+    """
+    found = torque.copy()
+    for temperature in np.unique(group):
+        by_sense = [
+            groups_of(np.where((group == temperature) & (sense == way), torque, np.nan), gap) for way in (1, -1)
+        ]
+        if by_sense[0].max(initial=-1) != by_sense[1].max(initial=-1):
+            continue
+        for load in range(int(by_sense[0].max(initial=-1)) + 1):
+            found[(by_sense[0] == load) | (by_sense[1] == load)] = np.mean(
+                [torque[numbers == load].mean() for numbers in by_sense]
+            )
+    return found
 
 
 def _filled(cell: Whole, rows: Whole, n: int) -> Whole:
