@@ -36,7 +36,7 @@ ERROR = Table(
         TORQUE,
         CRANK,
         Column("error_arcsec", "float64", "arcsec", "angle of the output less the nominal ratio's"),
-        Column("bearing_force_N", "float64", "N", "force of the disk on its input bearing; null without torque"),
+        Column("bearing_force_N", "float64", "N", "force of the first disk on its first bearing; null without torque"),
         Column("pin_force_N", "float64", "N", "contact force of pin 0; null without torque"),
     ),
 )
@@ -79,7 +79,7 @@ def turn_unit(options: argparse.Namespace) -> None:
     of_errors, of_waves = (
         {title: rows[rows["torque_Nm"].abs() == torque] for title, torque in titles.items()} for rows in (errors, waves)
     )
-    figure = output_turn_figure(of_errors, of_waves, study.design.cycloid.lobes)
+    figure = output_turn_figure(of_errors, of_waves, study.design.cycloid.lobes, study.design.output.words.bearing)
     save(figure, folder / f"turn-{options.sample}")
     _say(study, curves)
     print(*(f"not known at {reason}" for reason in reasons), sep="\n", end="\n" if reasons else "")

@@ -20,6 +20,8 @@ from tests.validation.blind.run import FULL_RUN, SEED, blind
 from tests.validation.licences import UNKNOWN, licences
 from tests.validation.rig import TRAINED, predicted_states, relocked_position, series_name, states_of, write_unit
 
+SEVERAL_DISKS = "two_disks"
+"""Study whose number of disks the bench changes."""
 COARSE = "quick"
 """Study whose mesh CalculiX takes minutes for, not hours."""
 
@@ -60,7 +62,8 @@ def measure_speed(options: argparse.Namespace) -> None:
     study = load_study(options.study, settings.ROOT)
     settings.RUNS.mkdir(parents=True, exist_ok=True)
     results = []
-    for result in bench.bench(study, load_study(COARSE, settings.ROOT), settings.RUNS):
+    coarse, several_disks = (load_study(name, settings.ROOT) for name in (COARSE, SEVERAL_DISKS))
+    for result in bench.bench(study, coarse, several_disks, settings.RUNS):
         results.append(result)
         print(
             f"{result.name:34}{result.value:12.4g} {result.unit:4}{result.samples:7} samples  {result.note}", flush=True

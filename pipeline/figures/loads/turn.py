@@ -79,7 +79,12 @@ def turn_forces_figure(
 
 
 @styled
-def output_turn_figure(errors: Mapping[str, pd.DataFrame], waves: Mapping[str, pd.DataFrame], lobes: int) -> Figure:
+def output_turn_figure(
+    errors: Mapping[str, pd.DataFrame],
+    waves: Mapping[str, pd.DataFrame],
+    lobes: int,
+    bearing: str,
+) -> Figure:
     """One unit over a turn of the output: its error, the orders of that, and forces where a torque is held.
 
     Parameters
@@ -87,6 +92,7 @@ def output_turn_figure(errors: Mapping[str, pd.DataFrame], waves: Mapping[str, p
     errors : title -> ``sense``, ``crank_deg``, ``error_arcsec``, ``bearing_force_N``, ``pin_force_N``, a column each.
     waves : title -> ``sense``, ``order_of_crank``, ``amplitude_arcsec``, by the same titles.
     lobes : turns of the crank.
+    bearing : its name.
     """
     loaded_errors = [rows for rows in errors.values() if rows["bearing_force_N"].notna().any()]
     figure = new_figure(5.2 + 2.6 * bool(loaded_errors))
@@ -96,16 +102,13 @@ def output_turn_figure(errors: Mapping[str, pd.DataFrame], waves: Mapping[str, p
         _over_output(panels[0, column], rows.assign(error_arcsec=about_mean), "error_arcsec", lobes)
         panels[0, column].set(title=title[:1].upper() + title[1:], ylabel="error about its mean (arcsec)")
         _waves(panels[1, column], waves[title])
+    forces = {"bearing_force_N": bearing.capitalize(), "pin_force_N": "Pin 0"}
     for rows in loaded_errors:
-        for axes, (name, quantity) in zip(panels[2], FORCES.items(), strict=False):
+        for axes, (name, body) in zip(panels[2], forces.items(), strict=False):
             _over_output(axes, rows, name, lobes)
-            axes.set(title=quantity, ylabel="force (N)", ylim=(0, None))
+            axes.set(title=body, ylabel="force (N)", ylim=(0, None))
     legend_below(figure, panels[0, 0])
     return figure
-
-
-FORCES = {"bearing_force_N": "Input bearing", "pin_force_N": "Pin 0"}
-"""Forces over a turn of the output and what they act on."""
 
 
 def _over_output(axes: Axes, rows: pd.DataFrame, column: str, lobes: int) -> None:

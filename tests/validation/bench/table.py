@@ -57,7 +57,7 @@ def bench_figure(results: Sequence[Result]) -> Figure:
     rates.set_title("Rates per second and core")
     rates.set_xlabel("samples")
     rates.legend(loc="center right", bbox_to_anchor=(1.0, 0.32))
-    _stages(stages, [row for row in results if row.name.startswith(STAGE) and row.jobs > 1])
+    _stages(stages, [row for row in results if row.name.startswith(STAGE) and row.samples > 1])
     return figure
 
 
