@@ -319,6 +319,18 @@ def test_a_loop_with_play_that_begins_without_torque_takes_work_or_none():
     assert gains_energy(torque, angle + 0.3 * np.sign(np.gradient(torque)))
 
 
+def test_a_drift_that_goes_on_over_the_cycles_is_no_gain_of_energy():
+    """A small loop stays at negative torque, where a rising angle gives work back; friction is small."""
+    legs = [(0, -12), (-12, -6), (-6, -12), *3 * [(-12, 12), (12, -12)]]
+    torque = np.concatenate([np.linspace(*leg, 200) for leg in legs])
+    sense = np.repeat([np.sign(end - start) for start, end in legs], 200)
+    for drift in (-0.002, 0.002):
+        moved = drift * np.arange(len(torque))
+        angle = 5.0 * np.tanh((torque - 0.05 * sense) / 3.0)
+        assert not gains_energy(torque, angle + moved)
+        assert gains_energy(torque, 5.0 * np.tanh((torque + 0.3 * sense) / 3.0) + moved)
+
+
 def test_a_record_that_ends_at_another_load_is_judged_by_its_closed_loops():
     """The way from its end back to its start is none that was measured: it took work from a loop with friction."""
     legs = [(0, 12), (12, -12), (-12, 12), (12, -12)]

@@ -128,6 +128,7 @@ def drawn_parts(rng: np.random.Generator, designs: Mapping[str, Any], elastic: b
         low, high = value / RANGE, value * RANGE
         design["provenance"][key] = {"status": "calibrated", "reason": reason, "plausible": [low, high]}
     study["reduce"] = {**study["reduce"], "disk": "rigid"}
+    study["cycle"].pop("loaded_angles", None)  # of the drive that was copied: it may share a factor with these lobes
     study["title"] = design["title"]
     study.pop("description", None)
     return Parts(
