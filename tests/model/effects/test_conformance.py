@@ -6,10 +6,11 @@ and the elements, not the way along the loop.
 
 from functools import cache
 
+import clamped_flange
 import numpy as np
 import pytest
 from drives import RATED, small_drive
-from drives_with_effects import LIBRARY, put
+from drives_with_effects import LIBRARY as SHIPPED
 from reducers import ARCMIN
 
 from pipeline.identification.bench import load_path, simulator
@@ -20,6 +21,7 @@ from pipeline.model.load_history.backbone import NO_LOAD
 from pipeline.model.load_history.load_cycle import BRANCHES, LoadCycle
 from pipeline.model.load_history.response import respond
 
+LIBRARY = {**SHIPPED, clamped_flange.EFFECT.name: clamped_flange.EFFECT}
 CYCLE = LoadCycle.evenly(RATED, 12, 1.0, (0.03, 0.5, 1.0))
 TURNS = np.array([0.0, RATED, -RATED, RATED])
 LEG = np.array([0, 1, 1, 2, 2])
@@ -32,11 +34,24 @@ CLOSE = 0.03
 """Largest difference of the two loops, over what the effect changes: a chord of the ladder is off by less."""
 
 
+def put(drive, name, *values, conditions=None):
+    """The drive with an effect of the library, or with the one that the recipe's reader wrote."""
+    return LIBRARY[name].apply(drive, values, conditions or Conditions.run_in(len(drive.gap)))
+
+
 def sizes(name, share=0.3):
     """Numbers of an effect well within its bounds, but for twists, which are looked for up to the pins' tenfold."""
     pairs = LIBRARY[name].bounds(small_drive())
     share += 0.23 * (name == "crank_compliance_2")  # else the drive's crank stands in the trough of its wave
-    soft = {"output_torsion", "creep", "rayleigh", "softening_compliance", "seat_compliance", "loose_flange"}
+    soft = {
+        "clamped_flange",
+        "output_torsion",
+        "creep",
+        "rayleigh",
+        "softening_compliance",
+        "seat_compliance",
+        "loose_flange",
+    }
     return [low + share * (0.02 if name in soft and low == 0 else 1.0) * (high - low) for low, high in pairs]
 
 
@@ -157,6 +172,10 @@ CLOSED_FORMS = {
     ),
     "loose_flange": lambda response, reference, size: (
         response.clearance_backlash[0] - reference.clearance_backlash[0],
+        size[0] / ARCMIN,
+    ),
+    "clamped_flange": lambda response, reference, size: (
+        response.zero_torque_width[0] - reference.zero_torque_width[0],
         size[0] / ARCMIN,
     ),
     "rayleigh": lambda response, reference, size: (
