@@ -127,7 +127,7 @@ def modulus(design: Design, sampled: "SampledErrors") -> Real | None:
     """Factor (n,) of the modulus of all elastic parts in each unit; None where no temperature is drawn."""
     if design.thermal is None:
         return None
-    return design.thermal.modulus({part: getattr(sampled, f"{part}_growth") for part in design.thermal.drawn})
+    return design.thermal.modulus({part: getattr(sampled, f"{part}_growth") for part in design.thermal.drawn_parts})
 
 
 def _material(section: MaterialSection, design: Design) -> Material:

@@ -245,7 +245,7 @@ class _Columns:
 def _columns(job: Job, per_angle: PerAngle) -> _Columns:
     """The columns of all samples, read block by block; the metrics at each crank angle go to ``per_angle``."""
     study: Study = job.study
-    search = job.read("worst", "found") if study.cycle.searched else {}
+    search = job.read("worst", "found") if study.cycle.has_turn_search else {}
     units: list[Columns] = []
     angles: list[Columns] = []
     strides: list[dict[int, dict[str, np.ndarray]]] = []
@@ -278,8 +278,8 @@ def _distribution_rows(
         if holding.any():
             statistics = distribution(values[metric].to_numpy()[holding], confidence, _part(replicate, holding))
             estimates += [(metric, name, estimate) for name, estimate in statistics.items()]
-    for name, passes in study.limits.kept(values).items():
-        limited = study.limits.limited(name, values)
+    for name, passes in study.limits.pass_flags(values).items():
+        limited = study.limits.limited_metrics(name, values)
         if name not in angles and (name != ALL_LIMITS or turn_value == OVER_ALL):
             continue
         holding = ~np.isnan(values[limited].to_numpy(float)).any(axis=1)
@@ -386,7 +386,7 @@ AGGREGATE = Stage(
         "cycle.crank_deg",
         "cycle.crank_turns",
         "cycle.evenly_loaded",
-        "cycle.searched",
+        "cycle.has_turn_search",
         "cycle.turn_deg",
         "cycle.rigid_crank_deg",
     ),

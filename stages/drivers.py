@@ -66,13 +66,17 @@ class Shared:
 def prepare(job: Job) -> Shared:
     """As the stages of the loops and of the search prepare them; no curve is kept."""
     loops, study = hysteresis.prepare(job), job.study
-    searches = study.cycle.searched and _items(job) > 0
+    searches = study.cycle.has_turn_search and _items(job) > 0
     return Shared(replace(loops, curve=loops.brief), ranked_drives(job) if searches else None)
 
 
 def searched_rows(study: Study) -> int:
     """Base samples of each set, the first ones, whose worst over the whole turn is searched for."""
-    return max(FEWEST_BASE_SAMPLES, round(SEARCHED_SHARE * study.drivers.base_samples)) if study.cycle.searched else 0
+    return (
+        max(FEWEST_BASE_SAMPLES, round(SEARCHED_SHARE * study.drivers.base_samples))
+        if study.cycle.has_turn_search
+        else 0
+    )
 
 
 def _items(job: Job) -> int:
@@ -126,7 +130,7 @@ DRIVERS = Stage(
         "tolerances",
         "drivers",
         "cycle.crank_turns",
-        "cycle.searched",
+        "cycle.has_turn_search",
         "cycle.evenly_loaded",
         "cycle.turn_deg",
         "cycle.rigid_crank_deg",

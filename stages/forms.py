@@ -152,7 +152,7 @@ class _Body:
 
 
 def _searched(study: Study) -> bool:
-    return study.cycle.searched and study.limits.over == "worst"
+    return study.cycle.has_turn_search and study.limits.over == "worst"
 
 
 def _full_compliance(study: Study, disks: DiskMatrices, crank: float) -> Real:
@@ -288,9 +288,9 @@ def _estimates(study: Study, own: Mapping[str, Real], other: Mapping[str, Real])
         for statistic in DIFFERENCES:
             change = told[statistic].value - before[statistic].value
             yield _row(name, statistic, told[statistic], change, ends[statistic])
-    kept = [study.limits.kept(metrics) for metrics in (own, other)]
+    kept = [study.limits.pass_flags(metrics) for metrics in (own, other)]
     for name in kept[0]:
-        limited = study.limits.limited(name, own)
+        limited = study.limits.limited_metrics(name, own)
         both = np.all([np.isfinite(own[metric]) & np.isfinite(other[metric]) for metric in limited], axis=0)
         if both.any():
             of_own, of_form = (passes[name][both] for passes in kept)
@@ -316,7 +316,7 @@ FORMS = Stage(
         "clearance",
         "springs",
         "reduce",
-        "cycle.searched",
+        "cycle.has_turn_search",
         "cycle.crank_deg",
         "cycle.torque_fraction",
         "metrics",

@@ -75,7 +75,7 @@ def audited_samples(study: Study) -> NDArray[np.intp]:
 
 def prepare(job: Job) -> Shared | None:
     """The drives of the whole turn, ranked, and the audited samples; None without a search."""
-    if not job.study.cycle.searched:
+    if not job.study.cycle.has_turn_search:
         return None
     return Shared(*ranked_drives(job), audited_samples(job.study))
 
@@ -127,7 +127,7 @@ WORST = Stage(
         "clearance",
         "springs",
         "reduce",
-        "cycle.searched",
+        "cycle.has_turn_search",
         "cycle.audited_units",
         "cycle.torque_fraction",
         "metrics.lost_motion_percent",
@@ -136,7 +136,7 @@ WORST = Stage(
     tables=(SEARCH, AUDIT),
     module="stages.worst",
     unit="samples",
-    items=lambda job: job.study.samples.rows if job.study.cycle.searched else 0,
+    items=lambda job: job.study.samples.rows if job.study.cycle.has_turn_search else 0,
     prepare=prepare,
     solve=_solve,
     chunk_reads=tuple(f"sample/{name}" for name in SAMPLED),

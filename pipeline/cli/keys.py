@@ -39,7 +39,7 @@ def file_keys() -> Mapping[str, tuple[Key, ...]]:
     notation = [
         Key(f"tolerances.<dimension>.{name}", "text", "", "none", ALLOWED_NOTATION[name], "") for name in NOTATION
     ]
-    study = [*keys_of(Study, grouped=GROUPED), *notation, *keys_of(Temperature, "temperature.")]
+    study = [*keys_of(Study, placeholders=GROUPED), *notation, *keys_of(Temperature, "temperature.")]
     study.append(Key("design", "text", "", "required", "a design file, or the stem of one in data/designs", ""))
     keys = {"design": [*keys_of(Design)], "study": study, "unit": [*keys_of(UnitSettings)]}
     return {file: tuple(_unique(key for key in of_file if _is_written(file, key))) for file, of_file in keys.items()}
@@ -54,8 +54,8 @@ def _unique(keys: Iterator[Key]) -> Iterator[Key]:
     seen: dict[str, Key] = {}
     for key in keys:
         first = seen.setdefault(key.path, key)
-        if key.allowed not in first.allowed:
-            seen[key.path] = replace(first, allowed=f"{first.allowed}, {key.allowed}")
+        if key.allowed_values not in first.allowed_values:
+            seen[key.path] = replace(first, allowed_values=f"{first.allowed_values}, {key.allowed_values}")
     yield from seen.values()
 
 
@@ -137,7 +137,7 @@ def key_lines(name: str) -> Iterator[str]:
 def describe(key: Key, example: str) -> str:
     """Type, unit, default, allowed values and an example of a key in one phrase."""
     parts = [f"{key.kind} [{key.unit}]" if key.unit else key.kind, key.default if key.default == "required" else ""]
-    parts += [f"default {key.default}" if key.default not in ("required", "none") else "", key.allowed]
+    parts += [f"default {key.default}" if key.default not in ("required", "none") else "", key.allowed_values]
     return "; ".join(part for part in [*parts, f"e.g. {example}" if example else ""] if part)
 
 

@@ -23,8 +23,8 @@ def changed_design(design: Design, changes: Mapping[str, Any]) -> Design:
     raw = design.model_dump(exclude_unset=True, exclude={"thermal"})
     for key, value in changes.items():
         raw = with_value(raw, key, value)
-    changed = parse_design(raw, "design")
-    return changed.model_copy(update={"thermal": design.thermal}) if design.thermal else changed
+    design_parsed = parse_design(raw, "design")
+    return design_parsed.model_copy(update={"thermal": design.thermal}) if design.thermal else design_parsed
 
 
 def changed_study(study: Study, changes: Mapping[str, Any]) -> Study:

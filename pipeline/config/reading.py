@@ -26,24 +26,24 @@ from pipeline.config.studies.study import Study
 from pipeline.config.studies.tolerances import Tolerances, tolerance_problems
 from pipeline.config.temperature.drawn import (
     draw_problems,
+    draw_sentence,
     growth_tolerances,
     plain_temperatures,
     read_draws,
     thermal_of,
-    told_draws,
 )
 from pipeline.config.temperature.stated import (
     Temperature,
     temperature_problems,
-    told,
+    temperature_sentence,
+    thermal_growth,
     warm_case,
     warm_design,
     warm_tolerances,
-    warmed,
 )
 from pipeline.errors import InputError
 
-BUNDLED = Path(__file__).parent.parent / "bundled"
+BUNDLED_DATA = Path(__file__).parent.parent / "bundled"
 """Designs and studies of an installed package; a checkout has them in data."""
 LARGEST_FILE = 1 << 24
 """Bytes of a settings file: measured deviations of a thousand units with a hundred pins fit three times."""
@@ -95,7 +95,7 @@ def load_case(path: Path, study: Study) -> Case:
     if not path.is_file():
         raise InputError([f"dimensions = {shown_value(str(path))}; no such file; give the path of a TOML file"])
     raw = with_tuples({"label": path.stem, **read_toml(path)})
-    problems, _ = validated(Case, raw)
+    problems, _ = validate_sections(Case, raw)
     if not problems:
         case = Case(**raw)
         problems = [
@@ -145,7 +145,7 @@ def parse_design(data: Mapping[str, Any], file: str) -> Design:
     InputError : with every problem found.
     """
     raw = with_tuples(data)
-    problems, parts = validated(Design, raw)
+    problems, parts = validate_sections(Design, raw)
     if raw.get("thermal") is not None:
         problems.append(Mistake("thermal", None, "unknown key; temperatures are of a study: [temperature]"))
     problems += geometry_problems(parts)
@@ -170,12 +170,12 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
     InputError : with every problem found in both files.
     """
     raw = with_tuples(data)
-    design, design_problems = _referred(raw.get("design"), read_design)
+    design, design_problems = _referenced_design(raw.get("design"), read_design)
     unreadable: list[Mistake] = []
     if "tolerances" in raw:
         raw["tolerances"], unreadable = with_notation(raw["tolerances"], design)
-    raw, design, wrong = _at_temperature(raw, design)
-    unreadable += wrong
+    raw, design, mistakes = _at_temperature(raw, design)
+    unreadable += mistakes
     cases = raw.get("cases", ()) if isinstance(raw.get("cases", ()), tuple) else ()
     if isinstance(raw.get("samples"), dict) and raw["samples"].get("experiment") == "cases":
         raw["samples"].setdefault("count", max(1, len(cases)))
@@ -185,7 +185,7 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
         raw["cycle"] = with_turn(raw["cycle"], design)
     if isinstance(raw.get("reduce", {}), dict):
         raw["reduce"] = with_mesh(raw.get("reduce", {}), design) if design else {**ANY_MESH, **raw.get("reduce", {})}
-    problems, parts = validated(Study, {**raw, "name": name, "design": design})
+    problems, parts = validate_sections(Study, {**raw, "name": name, "design": design})
     problems = unreadable + [problem for problem in problems if problem.key != "design"]
     problems += study_problems(parts, raw)
     if "design" not in raw or not (design or design_problems):
@@ -205,39 +205,43 @@ def _at_temperature(raw: dict[str, Any], design: Design | None) -> tuple[dict[st
         return raw, design, []
     remaining = {name: value for name, value in raw.items() if name != "temperature"}
     section = raw["temperature"] if isinstance(raw["temperature"], Mapping) else {}
-    temperatures, drawn, follows, problems = plain_temperatures(section)
-    draws, wrong = read_draws(drawn)
-    problems += wrong
+    temperatures, draw_sections, follows, problems = plain_temperatures(section)
+    draws, mistakes = read_draws(draw_sections)
+    problems += mistakes
     if problems:
         return remaining, design, problems
     try:
         temperature = Temperature.model_validate(temperatures)
     except ValidationError as error:
-        wrong = problems_of(error, Temperature)
-        return remaining, design, [Mistake(f"temperature.{p.key}", p.value, p.allowed) for p in wrong]
+        mistakes = problems_of(error, Temperature)
+        return remaining, design, [Mistake(f"temperature.{p.key}", p.value, p.requirement) for p in mistakes]
     if design is None:
         return remaining, design, []
-    if wrong := temperature_problems(temperature, design):
-        return remaining, design, wrong
-    warm = warmed(temperature, design)
+    if mistakes := temperature_problems(temperature, design):
+        return remaining, design, mistakes
+    warm = thermal_growth(temperature, design)
     thermal = thermal_of(warm, design, draws, follows)
-    if wrong := draw_problems(temperature, thermal, design, draws):
-        return remaining, design, wrong
+    if mistakes := draw_problems(temperature, thermal, design, draws):
+        return remaining, design, mistakes
     raw_cases, tolerances = remaining.get("cases"), remaining.get("tolerances", {})
     if isinstance(raw_cases, tuple) and raw_cases:
         if draws:
-            allowed = "is a distribution, and the study lists its units; state one number"
-            return remaining, design, [Mistake(f"temperature.{part}_C", None, allowed) for part in draws]
+            requirement = "is a distribution, and the study lists its units; state one number"
+            return remaining, design, [Mistake(f"temperature.{part}_C", None, requirement) for part in draws]
         cases = (warm_case(warm, case, design) if isinstance(case, Mapping) else case for case in raw_cases)
         remaining["cases"] = tuple(cases)
     elif isinstance(tolerances, Mapping):
         remaining["tolerances"] = warm_tolerances(warm, tolerances, design) | growth_tolerances(thermal, draws)
-    sentences = (remaining.get("description", ""), told(temperature), told_draws(draws, follows) if draws else "")
+    sentences = (
+        remaining.get("description", ""),
+        temperature_sentence(temperature),
+        draw_sentence(draws, follows) if draws else "",
+    )
     remaining["description"] = " ".join(filter(None, map(str, sentences)))
     return remaining, warm_design(warm, design).model_copy(update={"thermal": thermal if draws else None}), []
 
 
-def _referred(name: object, read_design: Callable[[str], Design]) -> tuple[Design | None, Sequence[str]]:
+def _referenced_design(name: object, read_design: Callable[[str], Design]) -> tuple[Design | None, Sequence[str]]:
     """The design that a study names, or the problems of its file."""
     try:
         return (read_design(name), ()) if isinstance(name, str) else (None, ())
@@ -245,7 +249,7 @@ def _referred(name: object, read_design: Callable[[str], Design]) -> tuple[Desig
         return None, error.problems
 
 
-def validated(model: type[BaseModel], raw: Mapping[str, Any]) -> tuple[list[Mistake], dict[str, Any]]:
+def validate_sections(model: type[BaseModel], raw: Mapping[str, Any]) -> tuple[list[Mistake], dict[str, Any]]:
     """The problems of `raw` as pydantic finds them, and the sections that are valid by themselves."""
     try:
         instance = model.model_validate(raw)
@@ -290,8 +294,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     READ.add(path)
     size = path.stat().st_size
     if size > LARGEST_FILE:
-        allowed = f"settings have at most {LARGEST_FILE}; is it another file?"
-        raise InputError([f"{file_label(path)}: has {size} bytes, {allowed}"])
+        requirement = f"settings have at most {LARGEST_FILE}; is it another file?"
+        raise InputError([f"{file_label(path)}: has {size} bytes, {requirement}"])
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except RecursionError:
@@ -349,7 +353,7 @@ def found_file(name: str | Path, root: Path, kind: str, bases: list[Path], key: 
     home = root / "data" / kind
     if not NAME.fullmatch(Path(name).stem):
         raise InputError([f"{key or kind} = {shown_value(str(name))}; the file's name {NAME_RULE}"])
-    homes = [home, BUNDLED / kind]
+    homes = [home, BUNDLED_DATA / kind]
     places = [base / name for base in bases] if Path(name).suffix == ".toml" else [h / f"{name}.toml" for h in homes]
     for candidate in places:
         if candidate.is_file():

@@ -178,7 +178,7 @@ def certificate(
 
 
 def _metrics(study: Study, values: Mapping[str, Real]) -> pd.DataFrame:
-    limits, kept = study.limits.of_metrics, study.limits.kept(values)
+    limits, kept = study.limits.of_metrics, study.limits.pass_flags(values)
     rows = []
     metrics = {**library(), **turn_library()}
     for name in (name for name in metrics if name in values):

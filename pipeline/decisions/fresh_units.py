@@ -36,8 +36,10 @@ def fresh_values(study: Study, start: int, units: int, solve: Solve, jobs: int) 
 def yields(study: Study, values: Mapping[str, Real]) -> dict[str, Estimate]:
     """Yield by metric and against all limits, of the units (n,) that have a value."""
     shares = {}
-    for name, within_limits in study.limits.kept(values).items():
-        has_metrics = np.all([np.isfinite(values[metric]) for metric in study.limits.limited(name, values)], axis=0)
+    for name, within_limits in study.limits.pass_flags(values).items():
+        has_metrics = np.all(
+            [np.isfinite(values[metric]) for metric in study.limits.limited_metrics(name, values)], axis=0
+        )
         shares[name] = pass_share(within_limits[has_metrics], study.metrics.confidence)
     return shares
 

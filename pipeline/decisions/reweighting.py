@@ -80,8 +80,8 @@ def reweighted(wide: ComparedRun, narrow: Study) -> Reweighted:
         )
     yields = {}
     confidence = narrow.metrics.confidence
-    for name, within_limits in narrow.limits.kept(units).items():
-        has_metrics = units[narrow.limits.limited(name, units)].notna().all(axis=1).to_numpy()
+    for name, within_limits in narrow.limits.pass_flags(units).items():
+        has_metrics = units[narrow.limits.limited_metrics(name, units)].notna().all(axis=1).to_numpy()
         yields[name] = weighted_share(within_limits[has_metrics], weight[has_metrics], confidence)
     return Reweighted(keeps, len(weight), effective, yields)
 

@@ -119,7 +119,7 @@ def shared_draws(a: Study, b: Study) -> int:
     sizes = dimensions(a)
     if sizes != dimensions(b) or "cases" in (a.samples.experiment, b.samples.experiment):
         return 0
-    if a.samples.replicated and a.samples.randomisations != b.samples.randomisations:
+    if a.samples.has_replicates and a.samples.randomisations != b.samples.randomisations:
         return 0
     n = min(a.samples.count, b.samples.count)
     for k in (0, n - 1):
@@ -201,9 +201,9 @@ def _sample_rows(a: ComparedRun, b: ComparedRun) -> list[tuple]:
     ]
     pair = _Pair((frames[0], frames[1]), (draws[0], draws[1]), a.study.metrics.confidence, n > 0, a.study.samples.seed)
     rows = [row for metric in library() for row in _metric_rows(pair, metric)]
-    within_limits = [run.study.limits.kept(frame) for run, frame in zip((a, b), frames, strict=True)]
+    within_limits = [run.study.limits.pass_flags(frame) for run, frame in zip((a, b), frames, strict=True)]
     for name in (name for name in within_limits[0] if name in within_limits[1]):
-        limited = [run.study.limits.limited(name, frame) for run, frame in zip((a, b), frames, strict=True)]
+        limited = [run.study.limits.limited_metrics(name, frame) for run, frame in zip((a, b), frames, strict=True)]
         has_value = [frame[names].notna().all(axis=1).to_numpy() for frame, names in zip(frames, limited, strict=True)]
         rows += _yield_rows(pair, name, (within_limits[0][name], within_limits[1][name]), (has_value[0], has_value[1]))
     return rows

@@ -99,7 +99,7 @@ def _population(study: Study, name: str, scale: float) -> Population:
     """The study with one tolerance times a scale, its allowance as it is."""
     tolerances: Tolerances = study.tolerances
     if name != AS_STATED:
-        tolerances = tolerances.model_copy(update={name: getattr(tolerances, name).scaled(scale)})
+        tolerances = tolerances.model_copy(update={name: getattr(tolerances, name).scaled_by(scale)})
     return Population(study.samples, tolerances, study.design)
 
 
@@ -126,7 +126,7 @@ def scaled_yields(
         both = (moved.notna() & solved.notna()).all(axis=1).to_numpy()
         if tolerance == AS_STATED or not both.any():
             continue
-        before, after = study.limits.kept(solved[both]), study.limits.kept(moved[both])
+        before, after = study.limits.pass_flags(solved[both]), study.limits.pass_flags(moved[both])
         for name, estimate in stated.items():
             if name in explained and name in before:
                 shifted = _shifted(estimate, before[name], after[name], study.metrics.confidence)

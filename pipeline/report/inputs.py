@@ -224,7 +224,7 @@ def study_facts(frames: Frames) -> list[tuple[str, str]]:
     samples, cycle = study.samples, study.cycle
     nominal = ", and the nominal reducer as sample 0" if samples.nominal_first else ""
     experiment = EXPERIMENTS[samples.experiment]
-    if samples.replicated:
+    if samples.has_replicates:
         experiment += f" in {samples.randomisations} independent randomisations"
     seed = "" if frames.listed else f", seed {samples.seed}"
     top = cycle.torque_fraction * study.design.cycloid.rated_torque_Nm

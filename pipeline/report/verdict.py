@@ -67,7 +67,7 @@ class Verdict:
         """Whether each unit (n,) breaks each limit, of the units for which every limited metric holds."""
         turn = self.frames.units.set_index("sample")[list(turn_library())]
         values: pd.DataFrame = self.frames.over_turn.join(turn)[list(self.frames.limits)].dropna()
-        kept = self.frames.study.limits.kept({name: values[name].to_numpy(float) for name in values})
+        kept = self.frames.study.limits.pass_flags({name: values[name].to_numpy(float) for name in values})
         return {name: ~np.asarray(passes) for name, passes in kept.items()}
 
     @property

@@ -58,7 +58,7 @@ def replicates(samples: Samples, sample: NDArray[np.integer]) -> NDArray[np.inte
     -------
     Same shape, 0 to randomisations - 1; or None.
     """
-    return (sample - samples.nominal_first) % samples.randomisations if samples.replicated else None
+    return (sample - samples.nominal_first) % samples.randomisations if samples.has_replicates else None
 
 
 def independent_uniforms(seed: int, dimensions: int, start: int, stop: int) -> Real:

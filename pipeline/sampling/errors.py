@@ -305,7 +305,7 @@ def _errors(values: dict[str, Real], design: Design) -> Errors:
             direction = errors.get(dimension.phase, np.zeros(len(deviation)))
             errors[dimension.acts_on] = errors[dimension.acts_on] + dimension.shift(deviation, direction, design)
     if design.thermal is not None:
-        growth_um = {part: errors[f"{part}_growth"] for part in design.thermal.drawn}
+        growth_um = {part: errors[f"{part}_growth"] for part in design.thermal.drawn_parts}
         for name, shift in design.thermal.shifts_um(growth_um).items():
             errors[name] = errors[name] + np.reshape(shift, (-1,) + (1,) * (errors[name].ndim - 1))
     return Errors(**errors)

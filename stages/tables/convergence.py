@@ -43,7 +43,7 @@ def angles_of_turn(study: Study, stride: int, of_play: bool) -> int:
 
 def searched_pitches(study: Study) -> int:
     """Pitches of the output turn among which the worst of units is searched for; 0 where it is not."""
-    return study.design.cycloid.pins * study.design.cycloid.lobes if study.cycle.searched else 0
+    return study.design.cycloid.pins * study.design.cycloid.lobes if study.cycle.has_turn_search else 0
 
 
 def strides_of(study: Study) -> list[int]:
@@ -87,12 +87,14 @@ def convergence_rows(
         for name, metric in turns.items():
             angles[name] = angles_of_turn(study, stride, metric.turn_of_rigid_bodies)
         rows += _rows(study, worst, angles)
-    if study.cycle.searched:
+    if study.cycle.has_turn_search:
         worst |= {name: units[f"{name}_worst"][counted] for name in turns}
         searched = _rows(study, worst, dict.fromkeys(turns, searched_pitches(study)))
         rows += [row for row in searched if row["metric"] not in turn_library()]
     frame = pd.DataFrame(rows)
-    for name, part in frame.groupby("metric", sort=False) if len(of_strides) > 2 and not study.cycle.searched else ():
+    for name, part in (
+        frame.groupby("metric", sort=False) if len(of_strides) > 2 and not study.cycle.has_turn_search else ()
+    ):
         doubled: dict[str, float] = {}
         for key in ("worst_mean", "yield"):
             doubled[key], doubled[f"{key}_settled"] = continued(part[key].to_numpy())
@@ -106,9 +108,9 @@ def convergence_rows(
 def _rows(study: Study, worst: Mapping[str, np.ndarray], angles: Mapping[str, int]) -> list[dict[str, object]]:
     """Mean worst values and yields of units (n,) from so many crank angles."""
     rows: list[dict[str, object]] = []
-    passes_limit = study.limits.kept(worst)
+    passes_limit = study.limits.pass_flags(worst)
     for name in (*worst, *([ALL_LIMITS] if passes_limit else [])):
-        limited = study.limits.limited(name, worst)
+        limited = study.limits.limited_metrics(name, worst)
         holding = ~np.isnan([worst[metric] for metric in limited]).any(axis=0)
         share = float(passes_limit[name][holding].mean()) if name in passes_limit and holding.any() else np.nan
         mean = float(worst[name][holding].mean()) if name in worst and holding.any() else np.nan

@@ -40,13 +40,13 @@ def sample_convergence_rows(study: Study, values: pd.DataFrame) -> Columns:
     for name, metric in library().items():
         if metric.headline:
             parts.append((name, values[[name]].dropna()))
-    within_limits = study.limits.kept(values)
+    within_limits = study.limits.pass_flags(values)
     if ALL_LIMITS in within_limits:
-        holding = values[study.limits.limited(ALL_LIMITS, values)].notna().all(axis=1)
+        holding = values[study.limits.limited_metrics(ALL_LIMITS, values)].notna().all(axis=1)
         parts.append((ALL_LIMITS, pd.DataFrame({ALL_LIMITS: within_limits[ALL_LIMITS]}, index=values.index)[holding]))
     rows = []
     for name, column in parts if study.samples.experiment != "cases" else ():
-        for n in numbers_of_samples(len(column), study.samples.randomisations if study.samples.replicated else 1):
+        for n in numbers_of_samples(len(column), study.samples.randomisations if study.samples.has_replicates else 1):
             for statistic, estimate in _estimates(study, name, column.iloc[:n]).items():
                 rows.append({"metric": name, "statistic": statistic, **vars(estimate)})
     frame = pd.DataFrame(rows, columns=[column.name for column in SAMPLE_CONVERGENCE.columns])

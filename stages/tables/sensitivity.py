@@ -134,7 +134,7 @@ def _shares(job: Job, units: Columns, of_angles: Columns) -> list[dict]:
     for (metric, turn_value), column in (columns | {(metric, "turn"): metric for metric in turn_library()}).items():
         samples = (of_angles if column in of_angles else units)[column]
         values = np.concatenate([np.asarray(samples)[drawn_rows], extra[column]]).reshape(-1, n)
-        if study.cycle.searched and turn_value == "worst":
+        if study.cycle.has_turn_search and turn_value == "worst":
             found = _worse(metric, extra[column], extra[f"{metric}_found"])
             found = np.concatenate([np.asarray(units[column])[drawn_rows], found]).reshape(-1, n)
             indices = two_fidelity_indices(values, found, study.metrics.confidence)

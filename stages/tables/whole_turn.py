@@ -106,8 +106,8 @@ def whole_turn_estimates(
                 yield name, statistic, estimate
     if study.limits.over != "worst":
         return
-    for name in study.limits.kept({column: values[column].to_numpy(float) for column in values}):
-        limited = study.limits.limited(name, values)
+    for name in study.limits.pass_flags({column: values[column].to_numpy(float) for column in values}):
+        limited = study.limits.limited_metrics(name, values)
         counted, missed = values[limited].dropna(), shortfall[[m for m in limited if m in shortfall]].dropna()
         if len(counted) and len(missed):
             yield name, "yield", audited_share(_passes(study, name, counted, missed), confidence)
@@ -121,5 +121,5 @@ def _passes(study: Study, name: str, counted: pd.DataFrame, missed: pd.DataFrame
             metric: counted[metric].to_numpy(float) + (missed[metric].iloc[row] if metric in missed else 0.0)
             for metric in counted
         }
-        passes.append(study.limits.kept(true)[name])
+        passes.append(study.limits.pass_flags(true)[name])
     return np.stack(passes, axis=1)

@@ -29,13 +29,13 @@ def test_every_key_of_every_file_is_in_the_reference(kind, path):
 def test_types_bounds_units_defaults_and_examples_are_those_of_the_sections():
     by_path = {key.path: key for key in file_keys()["study"]}
     count = by_path["samples.count"]
-    assert (count.kind, count.default, count.allowed) == ("integer", "required", ">= 1 and <= 1e+09")
+    assert (count.kind, count.default, count.allowed_values) == ("integer", "required", ">= 1 and <= 1e+09")
     lower = by_path["tolerances.<dimension>.lower_um"]
-    assert (lower.kind, lower.unit, lower.allowed) == ("number", "um", ">= -1000 and <= 1000")
+    assert (lower.kind, lower.unit, lower.allowed_values) == ("number", "um", ">= -1000 and <= 1000")
     assert by_path["cycle.rigid_angles"].default == "181"
     assert by_path["reduce.patch_half_width_mm"].default == "a tenth of the pin's radius"
-    assert '"monte_carlo", "sobol"' in by_path["samples.experiment"].allowed
-    assert '"uniform"' in by_path["tolerances.<dimension>.distribution"].allowed, "choices of all distributions"
+    assert '"monte_carlo", "sobol"' in by_path["samples.experiment"].allowed_values
+    assert '"uniform"' in by_path["tolerances.<dimension>.distribution"].allowed_values, "choices of all distributions"
     assert by_path["temperature.disk_C"].unit == "deg C"
     assert float(examples(ROOT)["design", "cycloid.pin_radius_mm"]) > 0
 

@@ -46,7 +46,7 @@ def test_estimates_are_near_load_solved_units_at_twice_the_limits(finished):
     rows = pd.DataFrame(outputs["scales"].read("yields")).set_index(["tolerance", "scale", "metric"])
     surrogate = pd.DataFrame(outputs["scales"].read("surrogate")).set_index(["tolerance", "scale"])
     stated = pd.DataFrame(outputs["aggregate"].read("units")).set_index("sample")
-    wide = study.tolerances.pin_tangential.scaled(2.0)
+    wide = study.tolerances.pin_tangential.scaled_by(2.0)
     solved = study.model_copy(update={"tolerances": study.tolerances.model_copy(update={"pin_tangential": wide})})
     _, values = loaded_units(replace(shared, study=solved), draw(solved, 1, COUNT + 1))
     moved, here = (

@@ -47,7 +47,7 @@ def test_the_makers_own_grades_stand() -> None:
 )
 def test_grades_that_contradict_themselves_are_named(settings: dict, message: str) -> None:
     (problem,) = graded(**settings).problems("costs.pin_radius")
-    assert message in problem.allowed
+    assert message in problem.requirement
 
 
 def test_a_grade_that_the_standard_lacks_is_refused() -> None:

@@ -9,7 +9,7 @@ from pydantic_core import PydanticKnownError
 from pipeline.config.files.section import MISSING, Mistake
 
 
-def _known(name: str) -> str:
+def _check_law_name(name: str) -> str:
     from pipeline.model.contact.line_laws import library  # most programs that read a study need no mechanics
 
     if name not in library():
@@ -17,7 +17,7 @@ def _known(name: str) -> str:
     return name
 
 
-LawName = Annotated[str, AfterValidator(_known)]
+LawName = Annotated[str, AfterValidator(_check_law_name)]
 
 
 def stiffness_problems(law: str, stiffness: float | None) -> Iterator[Mistake]:
@@ -28,5 +28,5 @@ def stiffness_problems(law: str, stiffness: float | None) -> Iterator[Mistake]:
     if takes_stiffness and stiffness is None:
         yield Mistake("springs.stiffness_N_per_mm", MISSING, f'law = "{law}" needs the stiffness of a contact')
     elif stiffness is not None and not takes_stiffness:
-        allowed = f'law = "{law}" derives it from geometry and material; delete it, or take law = "linear"'
-        yield Mistake("springs.stiffness_N_per_mm", stiffness, allowed)
+        requirement = f'law = "{law}" derives it from geometry and material; delete it, or take law = "linear"'
+        yield Mistake("springs.stiffness_N_per_mm", stiffness, requirement)

@@ -37,16 +37,16 @@ def effect_problems(effects: Effects) -> Iterator[Mistake]:
         if name not in available:
             yield Mistake(f"effects.{name}", None, f"unknown effect; known are {', '.join(available)}")
             continue
-        allowed = {parameter.name: parameter for parameter in available[name].parameters}
-        allowed_text = ", ".join(allowed)
+        parameters = {parameter.name: parameter for parameter in available[name].parameters}
+        allowed_text = ", ".join(parameters)
         for key, value in values.items():
-            if key not in allowed:
+            if key not in parameters:
                 yield Mistake(f"effects.{name}.{key}", value, f"unknown parameter; {name} has {allowed_text}")
                 continue
-            lower, upper = PHYSICAL_RANGE.get(allowed[key].unit, (-inf, inf))
+            lower, upper = PHYSICAL_RANGE.get(parameters[key].unit, (-inf, inf))
             if not lower <= value <= upper:
-                yield Mistake(f"effects.{name}.{key}", value, f"must be {lower:g} to {upper:g} {allowed[key].unit}")
-        for key, parameter in allowed.items():
+                yield Mistake(f"effects.{name}.{key}", value, f"must be {lower:g} to {upper:g} {parameters[key].unit}")
+        for key, parameter in parameters.items():
             if key not in values:
                 yield Mistake(f"effects.{name}.{key}", MISSING, f"add it ({parameter.unit}: {parameter.meaning})")
 
@@ -59,8 +59,8 @@ def study_effect_problems(effects: Effects, disks: int, temperature_rise: float)
     from pipeline.model.effects.effect import TEMPERATURE, TIME
 
     if {"contact_friction", "directional_load_friction"} <= set(effects):
-        allowed = "is not solved beside contact_friction; delete one of both from the design of the study"
-        yield Mistake("design.effects.directional_load_friction", None, allowed)
+        requirement = "is not solved beside contact_friction; delete one of both from the design of the study"
+        yield Mistake("design.effects.directional_load_friction", None, requirement)
     reasons = {TIME: "a study's load cycle has no time"}
     if not temperature_rise:
         reasons[TEMPERATURE] = (
@@ -71,8 +71,8 @@ def study_effect_problems(effects: Effects, disks: int, temperature_rise: float)
             continue
         effect = library()[name]
         if effect.of_one_disk and disks > 1:
-            allowed = f"is solved for one disk, not for {disks}; delete it from the design of the study"
-            yield Mistake(f"design.effects.{name}", None, allowed)
+            requirement = f"is solved for one disk, not for {disks}; delete it from the design of the study"
+            yield Mistake(f"design.effects.{name}", None, requirement)
         for need, reason in reasons.items():
             if need in effect.needs:
                 yield Mistake(f"design.effects.{name}", None, f"{reason}; delete it from the design of the study")

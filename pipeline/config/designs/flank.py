@@ -79,25 +79,25 @@ def flank_profile(cycloid: Cycloid, flank: FlankSection | None) -> CycloidProfil
     if flank is None:
         return profile
     drawn_profile = CycloidProfile(*profile.numbers, _modification(flank, None))
-    measured = None if flank.measured is None else _measured(flank.measured, drawn_profile)
-    return CycloidProfile(*profile.numbers, _modification(flank, measured))
+    flank_measurement = None if flank.measured is None else _measured_flank(flank.measured, drawn_profile)
+    return CycloidProfile(*profile.numbers, _modification(flank, flank_measurement))
 
 
-def _modification(flank: FlankSection, measured: MeasuredFlank | None) -> FlankModification:
+def _modification(flank: FlankSection, flank_measurement: MeasuredFlank | None) -> FlankModification:
     return FlankModification(
         MM_PER_UM * flank.equidistant_um,
         MM_PER_UM * flank.moved_distance_um,
         flank.rotation_arcmin / ARCMIN,
-        measured,
+        flank_measurement,
     )
 
 
-def _measured(measured: Measured, drawn_profile: CycloidProfile) -> MeasuredFlank:
-    if measured.phase_deg is not None:
-        phase = np.radians(measured.phase_deg)
+def _measured_flank(section: Measured, drawn_profile: CycloidProfile) -> MeasuredFlank:
+    if section.phase_deg is not None:
+        phase = np.radians(section.phase_deg)
     else:
-        phase = phase_of_arc(drawn_profile, np.array(measured.arc_mm))
-    return MeasuredFlank(phase, MM_PER_UM * np.array(measured.deviation_um))
+        phase = phase_of_arc(drawn_profile, np.array(section.arc_mm))
+    return MeasuredFlank(phase, MM_PER_UM * np.array(section.deviation_um))
 
 
 def flank_problems(cycloid: Cycloid, flank: FlankSection) -> Iterator[Mistake]:
@@ -110,87 +110,87 @@ def flank_problems(cycloid: Cycloid, flank: FlankSection) -> Iterator[Mistake]:
         return
     if generating.shortening >= 1:
         limit = cycloid.eccentricity_mm * cycloid.pins - cycloid.pin_circle_radius_mm
-        allowed = f"must be > {limit / MM_PER_UM:.4g}, or the drawn flank has loops: its pin circle is too small"
-        yield Mistake("flank.moved_distance_um", flank.moved_distance_um, allowed)
+        requirement = f"must be > {limit / MM_PER_UM:.4g}, or the drawn flank has loops: its pin circle is too small"
+        yield Mistake("flank.moved_distance_um", flank.moved_distance_um, requirement)
         return
     locus = generating.smallest_convex_locus_radius()
     if generating.pin_radius >= locus:
-        allowed = f"must be < {(locus - cycloid.pin_radius_mm) / MM_PER_UM:.4g}, or the drawn flank is undercut"
-        yield Mistake("flank.equidistant_um", flank.equidistant_um, allowed)
+        requirement = f"must be < {(locus - cycloid.pin_radius_mm) / MM_PER_UM:.4g}, or the drawn flank is undercut"
+        yield Mistake("flank.equidistant_um", flank.equidistant_um, requirement)
         return
     if fold := _fold(drawn_profile):
-        allowed = f"the flank folds at a phase of {fold[1]:.3g} deg; take a smaller rotation"
-        yield Mistake("flank.rotation_arcmin", flank.rotation_arcmin, allowed)
+        requirement = f"the flank folds at a phase of {fold[1]:.3g} deg; take a smaller rotation"
+        yield Mistake("flank.rotation_arcmin", flank.rotation_arcmin, requirement)
     elif flank.measured is not None:
         yield from _measured_problems(cycloid, flank, flank.measured, drawn_profile)
 
 
 def _measured_problems(
-    cycloid: Cycloid, flank: FlankSection, measured: Measured, drawn_profile: CycloidProfile
+    cycloid: Cycloid, flank: FlankSection, section: Measured, drawn_profile: CycloidProfile
 ) -> Iterator[Mistake]:
     """The problems of a measured flank; of those that make others, the first."""
-    for checked in (
-        _layout(cycloid, measured),
-        _places(measured, lobe_length(drawn_profile)),
-        _coverage(measured, drawn_profile),
+    for mistakes in (
+        _layout(cycloid, section),
+        _places(section, lobe_length(drawn_profile)),
+        _coverage(section, drawn_profile),
     ):
-        if problems := list(checked):
+        if problems := list(mistakes):
             yield from problems
             return
     if fold := _fold(flank_profile(cycloid, flank)):
         lobe, degrees = fold
-        phase_index = int(np.searchsorted(np.degrees(_measured(measured, drawn_profile).phase), degrees))
+        phase_index = int(np.searchsorted(np.degrees(_measured_flank(section, drawn_profile).phase), degrees))
         first_row, last_row = (
-            measured.row(lobe, point) for point in (max(phase_index - 1, 0), min(phase_index, measured.points - 1))
+            section.row(lobe, point) for point in (max(phase_index - 1, 0), min(phase_index, section.points - 1))
         )
-        allowed = (
+        requirement = (
             f"the flank folds or cuts itself at a phase of {degrees:.4g} deg; correct these points, or leave them out"
         )
-        yield Mistake(f"flank.measured: {first_row} to {last_row}", None, allowed)
+        yield Mistake(f"flank.measured: {first_row} to {last_row}", None, requirement)
 
 
-def _layout(cycloid: Cycloid, measured: Measured) -> Iterator[Mistake]:
-    key, lists = "flank.measured", measured.deviation_um
-    if (measured.phase_deg is None) == (measured.arc_mm is None):
+def _layout(cycloid: Cycloid, section: Measured) -> Iterator[Mistake]:
+    key, lists = "flank.measured", section.deviation_um
+    if (section.phase_deg is None) == (section.arc_mm is None):
         yield Mistake(key, None, "must have phase_deg or arc_mm, one of them: where its points stand on a lobe")
-    elif measured.points < FEWEST_POINTS:
-        yield Mistake(f"{key}.{measured.place}", f"{measured.points} points", f"must be >= {FEWEST_POINTS} of a lobe")
+    elif section.points < FEWEST_POINTS:
+        yield Mistake(f"{key}.{section.place}", f"{section.points} points", f"must be >= {FEWEST_POINTS} of a lobe")
     elif len(lists) not in (1, cycloid.lobes):
         yield Mistake(f"{key}.deviation_um", f"{len(lists)} lists", f"must be 1, or {cycloid.lobes}: one a lobe")
     else:
         for k, values in enumerate(lists):
-            if len(values) != measured.points:
-                allowed = f"must be {measured.points}, one for each {measured.place}"
-                yield Mistake(f"{key}.deviation_um[{k}]", f"{len(values)} values", allowed)
+            if len(values) != section.points:
+                requirement = f"must be {section.points}, one for each {section.place}"
+                yield Mistake(f"{key}.deviation_um[{k}]", f"{len(values)} values", requirement)
 
 
-def _places(measured: Measured, length: float) -> Iterator[Mistake]:
-    key, places = f"flank.measured.{measured.place}", measured.places
+def _places(section: Measured, length: float) -> Iterator[Mistake]:
+    key, places = f"flank.measured.{section.place}", section.places
     for k, (place_before, place_after) in enumerate(itertools.pairwise(places)):
         if place_after <= place_before:
-            allowed = f"stands after {place_before:g}: points must ascend along a lobe, none twice"
-            yield Mistake(f"{key}, {measured.row(0, k)} and {measured.row(0, k + 1)}", place_after, allowed)
-    if measured.arc_mm is not None and places[-1] >= length:
-        allowed = f"must be < {length:.6g}, the length of a lobe"
-        yield Mistake(f"{key}, {measured.row(0, measured.points - 1)}", places[-1], allowed)
+            requirement = f"stands after {place_before:g}: points must ascend along a lobe, none twice"
+            yield Mistake(f"{key}, {section.row(0, k)} and {section.row(0, k + 1)}", place_after, requirement)
+    if section.arc_mm is not None and places[-1] >= length:
+        requirement = f"must be < {length:.6g}, the length of a lobe"
+        yield Mistake(f"{key}, {section.row(0, section.points - 1)}", places[-1], requirement)
 
 
-def _coverage(measured: Measured, drawn_profile: CycloidProfile) -> Iterator[Mistake]:
-    phase = np.degrees(_measured(measured, drawn_profile).phase)
+def _coverage(section: Measured, drawn_profile: CycloidProfile) -> Iterator[Mistake]:
+    phase = np.degrees(_measured_flank(section, drawn_profile).phase)
     gaps = np.diff(np.append(phase, phase[0] + 360))
     widest = int(np.argmax(gaps))
     if gaps[widest] > WIDEST_GAP_DEG:
-        allowed = f"no point in the next {gaps[widest]:.3g} deg of phase, must be one within {WIDEST_GAP_DEG:g}"
-        key = f"flank.measured.{measured.place}, {measured.row(0, widest)}"
-        yield Mistake(key, measured.places[widest], f"{allowed}; measure the whole lobe")
+        requirement = f"no point in the next {gaps[widest]:.3g} deg of phase, must be one within {WIDEST_GAP_DEG:g}"
+        key = f"flank.measured.{section.place}, {section.row(0, widest)}"
+        yield Mistake(key, section.places[widest], f"{requirement}; measure the whole lobe")
 
 
 def _fold(profile: CycloidProfile) -> tuple[int, float] | None:
     """Lobe and phase [deg] at which the flank turns back about the disk's centre; None where it nowhere does."""
     if profile.modification == NOMINAL:
         return None
-    measured = profile.modification.measured
-    lobes = np.arange(1 if measured is None else len(measured.material))[:, None]
+    flank_measurement = profile.modification.measured
+    lobes = np.arange(1 if flank_measurement is None else len(flank_measurement.material))[:, None]
     phase = np.linspace(0, 2 * np.pi, CHECKED_POINTS)
     points = drawn_flank(profile, lobes, phase)
     backward = np.imag(np.conj(points[:, :-1]) * points[:, 1:]) >= 0

@@ -84,10 +84,14 @@ def _lobes(numbers: pd.DataFrame, place_column: str, name: str) -> list[tuple[tu
         return [(tuple(numbers[place_column].astype(float)), tuple(numbers[DEVIATION].astype(float)))]
     lobe = numbers[LOBE].to_numpy(float)
     count = int(np.argmax(lobe != lobe[0])) or len(lobe)
-    expected = np.arange(len(lobe)) // count
-    if wrong := np.flatnonzero(lobe != expected).tolist():
-        allowed = f"must be {expected[wrong[0]]}: {count} rows a lobe as of the first, lobes from 0, clockwise"
-        raise InputError([f"{name}: lobe = {lobe[wrong[0]]:g} in row {numbers.index[wrong[0]]}; {allowed}"])
+    expected_lobe = np.arange(len(lobe)) // count
+    if wrong_rows := np.flatnonzero(lobe != expected_lobe).tolist():
+        requirement = (
+            f"must be {expected_lobe[wrong_rows[0]]}: {count} rows a lobe as of the first, lobes from 0, clockwise"
+        )
+        raise InputError(
+            [f"{name}: lobe = {lobe[wrong_rows[0]]:g} in row {numbers.index[wrong_rows[0]]}; {requirement}"]
+        )
     values = (
         [numbers[column].to_numpy(float).reshape(-1, count) for column in (place_column, DEVIATION)]
         if (len(lobe) % count == 0)
@@ -99,10 +103,10 @@ def _lobes(numbers: pd.DataFrame, place_column: str, name: str) -> list[tuple[tu
     if len(differing := np.argwhere(places != places[0])):
         k, point = differing[0]
         shown_text = f"{place_column} = {places[k, point]:g} in row {numbers.index[k * count + point]}"
-        allowed = (
+        requirement = (
             f"must be {places[0, point]:g} as in row {numbers.index[point]}: all lobes are measured at the same points"
         )
-        raise InputError([f"{name}: {shown_text}; {allowed}"])
+        raise InputError([f"{name}: {shown_text}; {requirement}"])
     return [
         (tuple(stations.tolist()), tuple(deviations_of_lobe.tolist()))
         for stations, deviations_of_lobe in zip(places, deviations, strict=True)

@@ -45,15 +45,15 @@ def geometry_problems(parts: Mapping[str, Any]) -> list[Mistake]:
 
 def _friction(operation: Operation) -> Iterator[Mistake]:
     if operation.friction and operation.friction.output_coefficient is None:
-        allowed = "must be given, from 0 to 0.5: output pins slide in the holes, or their bushes on them"
-        yield Mistake("operation.friction.output_coefficient", None, allowed)
+        requirement = "must be given, from 0 to 0.5: output pins slide in the holes, or their bushes on them"
+        yield Mistake("operation.friction.output_coefficient", None, requirement)
 
 
 def _several_disks(disk: Disk, cycloid: Cycloid | None, output: OutputMechanism | None) -> Iterator[Mistake]:
     """Disks that their output cannot take, or that are no one part."""
     if output and output.one_disk_because:
-        allowed = f"must be 1 with the output {output.name}: {output.one_disk_because}; take pin_in_hole"
-        yield Mistake("disk.count", disk.count, allowed)
+        requirement = f"must be 1 with the output {output.name}: {output.one_disk_because}; take pin_in_hole"
+        yield Mistake("disk.count", disk.count, requirement)
     holes = output.holes(cycloid) if output and cycloid else None
     if disk.clocking == "same_part" and cycloid and holes:
         clockings = (clocking(holes.centres, cycloid.lobes, number, disk.count) for number in range(disk.count))

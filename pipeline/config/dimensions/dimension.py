@@ -72,7 +72,7 @@ class Need:
 
 
 PINS_IN_HOLES = Need(lambda design: design.output.pins_in_holes > 0, 'pins in holes, mechanism = "pin_in_hole"')
-HOLED = Need(
+HOLES_IN_DISK = Need(
     lambda design: design.output.holes_in_disk > 0, 'holes in the disks, mechanism = "pin_in_hole" or "carrier"'
 )
 CRANKS = Need(lambda design: design.output.carries_disks, 'cranks in the disks, mechanism = "carrier"')

@@ -1,6 +1,6 @@
 """Dimensions of the disks: flank, bore and holes."""
 
-from pipeline.config.dimensions.dimension import HOLED, HOLES, LOBES, PINS_IN_HOLES, Dimension
+from pipeline.config.dimensions.dimension import HOLES, HOLES_IN_DISK, LOBES, PINS_IN_HOLES, Dimension
 
 DIMENSIONS = (
     # Size of the disk: material off its whole flank.
@@ -64,7 +64,7 @@ DIMENSIONS = (
         draw_columns=(122, 123),
         elements=HOLES,
         of_disk=True,
-        need=HOLED,
+        need=HOLES_IN_DISK,
         one_sided=True,
         direction="direction of that offset in the disk's frame, counterclockwise from the crank at 0",
         zone=True,

@@ -24,13 +24,13 @@ def oval_shift(amplitude: Real, phase: Real, order: int, pins: int) -> Real:
     return amplitude[:, None] * np.cos(order * (theta - phase[:, None]))
 
 
-def ovality(order: int, lobed: str, rank: int, draw_columns: tuple[int, int]) -> Dimension:
+def ovality(order: int, shape: str, rank: int, draw_columns: tuple[int, int]) -> Dimension:
     """The ovality of so many waves."""
     return Dimension(
         name=f"ovality_{order}",
-        title=f"{lobed} ovality of pin circle",
+        title=f"{shape} ovality of pin circle",
         sign="amplitude; direction random",
-        meaning=f"{lobed} ovality of the pin circle, part of radial_um",
+        meaning=f"{shape} ovality of the pin circle, part of radial_um",
         rank=rank,
         draw_columns=draw_columns,
         one_sided=True,
@@ -50,13 +50,13 @@ HELD = Need(
 )
 
 
-def roundness(order: int, lobed: str, rank: int, draw_columns: tuple[int, int]) -> Dimension:
+def roundness(order: int, shape: str, rank: int, draw_columns: tuple[int, int]) -> Dimension:
     """The roundness error of so many waves."""
     return Dimension(
         name=f"pin_roundness_{order}",
-        title=f"{lobed} roundness of pins",
+        title=f"{shape} roundness of pins",
         sign="amplitude of each pin, half of its roundness deviation; direction random; pins held against turning",
-        meaning=f"amplitude of the pin's {lobed} wave, half of its roundness deviation",
+        meaning=f"amplitude of the pin's {shape} wave, half of its roundness deviation",
         rank=rank,
         draw_columns=draw_columns,
         elements=PINS,

@@ -14,7 +14,7 @@ def growth(part: str, length: str, rank: int, draw_column: int) -> Dimension:
         rank=rank,
         draw_columns=(draw_column,),
         need=Need(
-            lambda design: design.thermal is not None and part in design.thermal.drawn,
+            lambda design: design.thermal is not None and part in design.thermal.drawn_parts,
             f"{part}_C in [temperature] with a distribution",
         ),
         counted_where_varied=True,

@@ -74,7 +74,7 @@ class Distribution(Section):
         """
         raise TypeError(f"{self.name} has no density")
 
-    def scaled(self, factor: float) -> Distribution:
+    def scaled_by(self, factor: float) -> Distribution:
         """The same distribution, all but its allowance times ``factor``."""
         lengths = (name for name in type(self).model_fields if name.endswith("_um") and name != "allowance_um")
         values = {name: value for name in lengths if (value := getattr(self, name)) is not None}

@@ -35,7 +35,7 @@ UNITS = {
 """Ending of a key -> unit of its value, the longer ones first."""
 TYPES = {float: "number", int: "integer", str: "text", bool: "true or false", NoneType: ""}
 BOUNDS = (("gt", "> {:g}"), ("ge", ">= {:g}"), ("lt", "< {:g}"), ("le", "<= {:g}"))
-REQUIRED = "required"
+REQUIRED_TEXT = "required"
 NAME = "<name>"
 
 
@@ -49,7 +49,7 @@ class Key:
     kind : type of the value.
     unit : of the value, empty without one.
     default : value without the key, or "required".
-    allowed : bounds, or the choices.
+    allowed_values : bounds, or the choices.
     section : docstring of the section that holds it.
     """
 
@@ -57,42 +57,44 @@ class Key:
     kind: str
     unit: str
     default: str
-    allowed: str
+    allowed_values: str
     section: str
 
 
-def keys_of(model: type[BaseModel], prefix: str = "", grouped: Mapping[str, str] | None = None) -> Iterator[Key]:
+def keys_of(model: type[BaseModel], prefix: str = "", placeholders: Mapping[str, str] | None = None) -> Iterator[Key]:
     """Every key below a section.
 
     Parameters
     ----------
-    grouped : section of many like fields -> what stands for their names: ``{"tolerances": "<dimension>"}``.
+    placeholders : section of many like fields -> what stands for their names: ``{"tolerances": "<dimension>"}``.
     """
-    grouped = grouped or {}
+    placeholders = placeholders or {}
     for name, field in model.model_fields.items():
         path = f"{prefix}{name}"
-        if path in grouped:
-            first = next(iter(sections_of(field)[0].model_fields.values()))
-            for member in sections_of(first):
-                yield from keys_of(member, f"{path}.{grouped[path]}.")
+        if path in placeholders:
+            annotation = next(iter(sections_of(field)[0].model_fields.values()))
+            for member in sections_of(annotation):
+                yield from keys_of(member, f"{path}.{placeholders[path]}.")
             continue
         models = sections_of(field)
         if not models:
             yield _key(path, field, model)
         for member in models:
-            yield from keys_of(member, f"{path}{_between(field)}.", grouped)
+            yield from keys_of(member, f"{path}{_separator(field)}.", placeholders)
 
 
 def wanted_value(path: str, field: FieldInfo, model: type[BaseModel]) -> str:
     """What a key takes, in words: "number [mm], >= 0.001"."""
     key = _key(path, field, model)
-    return ", ".join(part for part in (f"{key.kind} [{key.unit}]" if key.unit else key.kind, key.allowed) if part)
+    return ", ".join(
+        part for part in (f"{key.kind} [{key.unit}]" if key.unit else key.kind, key.allowed_values) if part
+    )
 
 
 def _key(path: str, field: FieldInfo, model: type[BaseModel]) -> Key:
     annotation = field.rebuild_annotation()
     unit = next((unit for ending, unit in UNITS.items() if path.endswith(ending)), "")
-    return Key(path, _kind(annotation), unit, _default(field), _allowed(annotation), _first_lines(model))
+    return Key(path, _kind(annotation), unit, _default(field), _allowed_values(annotation), _first_lines(model))
 
 
 def _default(field: FieldInfo) -> str:
@@ -100,7 +102,7 @@ def _default(field: FieldInfo) -> str:
         if isinstance(mark, Derived):
             return mark.rule
     if field.is_required():
-        return REQUIRED
+        return REQUIRED_TEXT
     value = field.default if field.default is not PydanticUndefined else None
     return "none" if value in (None, (), {}, "") else str(value).lower() if isinstance(value, bool) else str(value)
 
@@ -119,15 +121,15 @@ def _members(annotation: Any) -> list[Any]:
 
 def sections_of(field: FieldInfo) -> list[type[BaseModel]]:
     """Sections that the value of a field may be, or hold."""
-    found = []
+    sections = []
     for member in _members(field.rebuild_annotation()):
         position = {dict: -1, tuple: 0}.get(get_origin(member))
         inner = member if position is None else get_args(member)[position]
-        found += [part for part in _members(inner) if isinstance(part, type) and issubclass(part, BaseModel)]
-    return found
+        sections += [part for part in _members(inner) if isinstance(part, type) and issubclass(part, BaseModel)]
+    return sections
 
 
-def _between(field: FieldInfo) -> str:
+def _separator(field: FieldInfo) -> str:
     """What stands between the key of a section and those in it: a name, or the brackets of a list."""
     (member, *_) = _members(field.rebuild_annotation())
     return f".{NAME}" if get_origin(member) is dict else "[]" if get_origin(member) is tuple else ""
@@ -148,7 +150,7 @@ def _kind(annotation: Any) -> str:
     return " or ".join(dict.fromkeys(filter(None, kinds)))
 
 
-def _allowed(annotation: Any) -> str:
+def _allowed_values(annotation: Any) -> str:
     """Bounds of the value, or of the entries of a list, and the choices."""
     texts = [text for name, form in BOUNDS for text in _bounds(annotation, name, form)]
     for member in _members(annotation):
@@ -156,7 +158,7 @@ def _allowed(annotation: Any) -> str:
             choices = (f'"{value}"' if isinstance(value, str) else str(value) for value in get_args(member))
             texts.append(", ".join(choices))
         elif get_origin(member) is tuple:
-            texts.append(_allowed(get_args(member)[0]))
+            texts.append(_allowed_values(get_args(member)[0]))
     return " and ".join(dict.fromkeys(filter(None, texts)))
 
 

@@ -12,7 +12,7 @@ from pipeline.config.files.section import key_path
 
 def with_value(tables: Any, key: str, value: Any) -> Any:
     """A copy of a section or mapping with another value at a key, not checked; mappings on the way are made."""
-    return _replaced(tables, _new_path(tables, key), value)
+    return _with_value(tables, _new_path(tables, key), value)
 
 
 def _new_path(tables: Any, key: str) -> tuple[str, ...]:
@@ -25,9 +25,9 @@ def _new_path(tables: Any, key: str) -> tuple[str, ...]:
         return (name, *(_new_path(inner, further) if further else ()))
 
 
-def _replaced(tables: Any, path: tuple[str, ...], value: Any) -> Any:
+def _with_value(tables: Any, path: tuple[str, ...], value: Any) -> Any:
     name, *further = path
     if further:
         inner = tables.get(name, {}) if isinstance(tables, Mapping) else getattr(tables, name)
-        value = _replaced(inner if isinstance(inner, Mapping | BaseModel) else {}, tuple(further), value)
+        value = _with_value(inner if isinstance(inner, Mapping | BaseModel) else {}, tuple(further), value)
     return {**tables, name: value} if isinstance(tables, Mapping) else tables.model_copy(update={name: value})

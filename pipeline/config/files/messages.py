@@ -13,7 +13,7 @@ from pipeline.config.files.section import MISSING, Mistake, nearest_name
 
 FEW_KEYS = 12
 """Keys of a section that a message about an unknown one lists; more: python -m pipeline keys."""
-_ALLOWED = {
+_REQUIREMENTS = {
     "greater_than": "must be > {gt:g}",
     "greater_than_equal": "must be >= {ge:g}",
     "less_than": "must be < {lt:g}",
@@ -42,39 +42,39 @@ def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Mistake]
     for detail in error.errors(include_url=False):
         problem = _problem(detail, model)
         earlier_problem = problems.get(problem.key)
-        if earlier_problem and problem.allowed not in earlier_problem.allowed:
+        if earlier_problem and problem.requirement not in earlier_problem.requirement:
             problem = Mistake(
                 earlier_problem.key,
                 earlier_problem.value,
-                f"{earlier_problem.allowed}, or {problem.allowed.removeprefix('must be ')}",
+                f"{earlier_problem.requirement}, or {problem.requirement.removeprefix('must be ')}",
             )
         problems[problem.key] = problem
     return list(problems.values())
 
 
 def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Mistake:
-    key, parent = _located(detail["loc"], model)
+    key, parent = _key_and_section(detail["loc"], model)
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     name = str(detail["loc"][-1])
     if kind == "missing":
         field = parent.model_fields.get(name) if parent else None
         is_value = field is not None and not sections_of(field)
-        wanted = f": {wanted_value(key, field, parent)}" if parent and field and is_value else ""
-        return Mistake(key, MISSING, f"add it{wanted}")
+        value_hint = f": {wanted_value(key, field, parent)}" if parent and field and is_value else ""
+        return Mistake(key, MISSING, f"add it{value_hint}")
     if kind == "extra_forbidden":
         names = list(parent.model_fields) if parent else []
-        allowed = f"; allowed here: {', '.join(names)}" if len(names) <= FEW_KEYS else ""
-        return Mistake(key, value, f"unknown key; {nearest_name(name, names)}{allowed}")
+        key_hint = f"; allowed here: {', '.join(names)}" if len(names) <= FEW_KEYS else ""
+        return Mistake(key, value, f"unknown key; {nearest_name(name, names)}{key_hint}")
     if kind == "union_tag_not_found":
         return Mistake(f"{key}.{context['discriminator'].strip(chr(39))}", MISSING, "add it")
     if kind == "union_tag_invalid":
-        tag, expected = context["tag"], context["expected_tags"]
-        return Mistake(f"{key}.{context['discriminator'].strip(chr(39))}", tag, f"must be one of {expected}")
-    template = _ALLOWED.get(kind)
+        tag, choices = context["tag"], context["expected_tags"]
+        return Mistake(f"{key}.{context['discriminator'].strip(chr(39))}", tag, f"must be one of {choices}")
+    template = _REQUIREMENTS.get(kind)
     return Mistake(key, value, template.format(**context) if template else detail["msg"])
 
 
-def _located(loc: tuple[int | str, ...], model: type[BaseModel]) -> tuple[str, type[BaseModel] | None]:
+def _key_and_section(loc: tuple[int | str, ...], model: type[BaseModel]) -> tuple[str, type[BaseModel] | None]:
     """The dotted key of pydantic's location, and the section that holds it.
 
     Pydantic puts the tags of unions into a location; they are no keys of the file and are left out. Inside a union of
@@ -102,8 +102,8 @@ def _step(annotation: Any, part: int | str) -> tuple[str, Any] | None:
         return f".{name}", get_args(annotation)[1]
     if get_origin(annotation) is tuple:
         return f"[{part}]", get_args(annotation)[0]
-    tagged = [member for member in get_args(annotation) if part in _tags(member)]
-    return ("", tagged[0]) if tagged else None
+    members = [member for member in get_args(annotation) if part in _tags(member)]
+    return ("", members[0]) if members else None
 
 
 def _bare(annotation: Any) -> Any:

@@ -82,12 +82,12 @@ class Mistake:
     ----------
     key : dotted key of the value, e.g. "tolerances.pin_radial.sigma_um".
     value : the value as it stands in the file; MISSING without the key; None where the mistake is not the value.
-    allowed : what may stand there ("must be >= 0") and, where it is not obvious, what to do.
+    requirement : what may stand there ("must be >= 0") and, where it is not obvious, what to do.
     """
 
     key: str
     value: object
-    allowed: str
+    requirement: str
 
     def line(self, file: str) -> str:
         """The problem in one line: where, what was found, what is allowed."""
@@ -95,7 +95,7 @@ class Mistake:
             found_text = " is missing"
         else:
             found_text = "" if self.value is None else f" = {shown_value(self.value)}"
-        return f"{file}: {self.key}{found_text}; {self.allowed}"
+        return f"{file}: {self.key}{found_text}; {self.requirement}"
 
 
 def shown_value(value: object) -> str:

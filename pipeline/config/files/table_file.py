@@ -75,11 +75,11 @@ class TableFile:
         """`file:line` of a row."""
         return f"{self.name}:{self.cells.index[row]}"
 
-    def faults(self, column: str, wrong: Truth, allowed: str) -> list[str]:
-        """One line for each of the first ``wrong`` cells (n,) of a column, and how many there are beyond."""
-        rows = np.flatnonzero(wrong)
+    def faults(self, column: str, is_wrong: Truth, requirement: str) -> list[str]:
+        """One line for each of the first ``is_wrong`` cells (n,) of a column, and how many there are beyond."""
+        rows = np.flatnonzero(is_wrong)
         lines = [
-            f"{self.place(row)}: {column} = {_shown(self.cells[column].iloc[row])}; {allowed}"
+            f"{self.place(row)}: {column} = {_cell_text(self.cells[column].iloc[row])}; {requirement}"
             for row in rows[:MOST_LINES]
         ]
         return shortened_list(lines, self.name, len(rows))
@@ -105,10 +105,10 @@ def read_table(path: Path, name: str, separator: str | None = None, decimal: str
     InputError : no table, or rows that have not as many fields as the header, each with its line.
     """
     encoding = check_text(path, name)
-    with _opened(path) as stream:
+    with _open_file(path) as stream:
         beginning = stream.read(GUESSED_BYTES).decode(encoding, "ignore").splitlines()
-    skipped = next((number for number, line in enumerate(beginning) if line.strip()), len(beginning))
-    lines = [line for line in beginning[skipped : skipped + GUESSED_LINES] if line.strip()]
+    blank_lines = next((number for number, line in enumerate(beginning) if line.strip()), len(beginning))
+    lines = [line for line in beginning[blank_lines : blank_lines + GUESSED_LINES] if line.strip()]
     if not lines:
         raise InputError(f"{name}: no table: it holds no text; give a header and a row for each measurement")
     if separator is None:
@@ -117,7 +117,7 @@ def read_table(path: Path, name: str, separator: str | None = None, decimal: str
     if not separator.isascii() or not (separator.isprintable() or separator == "\t"):
         raise InputError(f"{name}: separator = {shown_value(separator)}; must be a printed ASCII character or a tab")
     names = _names(lines, separator, name)
-    cells, line = _rows(path, name, encoding, separator, names, skipped + 1)
+    cells, line = _rows(path, name, encoding, separator, names, blank_lines + 1)
     columns: dict[str, pd.Series] = {}
     for number, column in enumerate(names):
         if column or pc.any(pc.not_equal(cells[number], "")).as_py():
@@ -126,7 +126,7 @@ def read_table(path: Path, name: str, separator: str | None = None, decimal: str
     return TableFile(name, frame[~np.all(frame.isna().to_numpy(), axis=1)], decimal)
 
 
-def _opened(path: Path) -> BinaryIO | gzip.GzipFile:
+def _open_file(path: Path) -> BinaryIO | gzip.GzipFile:
     return gzip.open(path, "rb") if path.suffix.lower() == ".gz" else path.open("rb")
 
 
@@ -143,9 +143,9 @@ def _separator(lines: list[str]) -> str:
     return max(reversed(SEPARATORS), key=lines[0].count)
 
 
-def _decimal(lines: list[str], separator: str, declared: str) -> str:
+def _decimal(lines: list[str], separator: str, declared_mark: str) -> str:
     commas, points = (sum(len(re.findall(rf"\d\{mark}\d", line)) for line in lines) for mark in ",.")
-    return "," if separator != "," and commas > points else declared
+    return "," if separator != "," and commas > points else declared_mark
 
 
 def _names(lines: list[str], separator: str, name: str) -> list[str]:
@@ -160,7 +160,7 @@ def _names(lines: list[str], separator: str, name: str) -> list[str]:
 
 
 def _rows(
-    path: Path, name: str, encoding: str, separator: str, names: list[str], skipped: int
+    path: Path, name: str, encoding: str, separator: str, names: list[str], skipped_lines: int
 ) -> tuple[list[pa.ChunkedArray], NDArray[np.int64]]:
     """Cells (n,) of each column without blanks around them, and the line of each row (n,)."""
     unequal: dict[int, int] = {}
@@ -171,11 +171,11 @@ def _rows(
 
     keys = [str(number) for number in range(len(names))]
     reading = arrow_csv.ReadOptions(
-        use_threads=False, encoding=encoding, column_names=keys, skip_rows=skipped, block_size=GUESSED_BYTES
+        use_threads=False, encoding=encoding, column_names=keys, skip_rows=skipped_lines, block_size=GUESSED_BYTES
     )
     parsing = arrow_csv.ParseOptions(delimiter=separator, ignore_empty_lines=False, invalid_row_handler=note)
     try:
-        with _opened(path) as stream:
+        with _open_file(path) as stream:
             texts = arrow_csv.ConvertOptions(column_types=dict.fromkeys(keys, pa.string()))
             table = arrow_csv.read_csv(stream, reading, parsing, texts)
     except (pa.ArrowException, ValueError, TypeError, UnicodeError) as error:
@@ -183,9 +183,9 @@ def _rows(
             raise InputError(f"{name}: no row below its header") from None
         raise InputError(f"{name}: no table: {error}; correct the file, or its separator") from None
     columns = [pc.utf8_trim_whitespace(table[key]) for key in keys]
-    line = np.setdiff1d(np.arange(skipped + 1, skipped + 1 + len(table) + len(unequal)), list(unequal))
-    wrong = [(number, count) for number, count in unequal.items() if count]
-    if problems := [*_open_quotes(columns, line, name), *_unequal(wrong, len(names), line, separator, name)]:
+    line = np.setdiff1d(np.arange(skipped_lines + 1, skipped_lines + 1 + len(table) + len(unequal)), list(unequal))
+    wrong_rows = [(number, count) for number, count in unequal.items() if count]
+    if problems := [*_open_quotes(columns, line, name), *_unequal(wrong_rows, len(names), line, separator, name)]:
         raise InputError(problems)
     return columns, line
 
@@ -200,19 +200,20 @@ def _open_quotes(columns: list[pa.ChunkedArray], line: NDArray[np.int64], name: 
 
 
 def _unequal(
-    wrong: list[tuple[int, int]], fields: int, line: NDArray[np.int64], separator: str, name: str
+    wrong_rows: list[tuple[int, int]], fields: int, line: NDArray[np.int64], separator: str, name: str
 ) -> list[str]:
-    if not wrong:
+    if not wrong_rows:
         return []
     advice = "give each row one field for each column"
-    if all(found > fields for _, found in wrong) and separator == ",":
+    if all(field_count > fields for _, field_count in wrong_rows) and separator == ",":
         advice += "; if the decimal mark is a comma, separate the fields by another character"
-    elif len(wrong) == 1 and wrong[0][0] > line.max(initial=0):
+    elif len(wrong_rows) == 1 and wrong_rows[0][0] > line.max(initial=0):
         advice = "the file ends within a row; copy it again, or remove that row"
     lines = [
-        f"{name}:{number}: {found} fields, its header has {fields}; {advice}" for number, found in wrong[:MOST_LINES]
+        f"{name}:{number}: {field_count} fields, its header has {fields}; {advice}"
+        for number, field_count in wrong_rows[:MOST_LINES]
     ]
-    return shortened_list(lines, name, len(wrong))
+    return shortened_list(lines, name, len(wrong_rows))
 
 
 def _with_point(values: pd.Series, decimal: str) -> pd.Series:
@@ -226,18 +227,18 @@ def _with_point(values: pd.Series, decimal: str) -> pd.Series:
 def _column(cells: pa.ChunkedArray, decimal: str) -> pd.Series:
     """A column as numbers, if all of its cells are numbers or blank; else as text, None where it is blank."""
     blank = pc.is_in(cells, pa.array(BLANK))
-    filled = pc.if_else(blank, pa.scalar(None, pa.string()), cells)
-    texts = filled
+    nullable_cells = pc.if_else(blank, pa.scalar(None, pa.string()), cells)
+    texts = nullable_cells
     if decimal == ",":
-        pointed = pc.match_substring(filled, ".")
-        texts = pc.if_else(pointed, "no number", pc.replace_substring(filled, ",", "."))
+        has_point = pc.match_substring(nullable_cells, ".")
+        texts = pc.if_else(has_point, "no number", pc.replace_substring(nullable_cells, ",", "."))
     try:
         return pd.Series(pc.cast(texts, pa.float64()).to_numpy())
     except pa.ArrowInvalid:
-        return filled.to_pandas()
+        return nullable_cells.to_pandas()
 
 
-def _shown(value: object) -> str:
+def _cell_text(value: object) -> str:
     """A cell as it is in the file; one that is no number in quotes."""
     if isinstance(value, float):
         return f"{value:g}"

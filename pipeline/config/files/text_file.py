@@ -21,7 +21,7 @@ _AT_ONCE = 1 << 20
 READ: set[Path] = set()
 """Inputs that this process has read, designs and studies with the files that they name."""
 _GZIP = b"\x1f\x8b"
-_PACKED = {
+_PACKING_MAGIC = {
     b"PK\x03\x04": "a ZIP archive",
     b"\xfd7zXZ\x00": "packed with xz",
     b"BZh": "packed with bzip2",
@@ -46,9 +46,9 @@ def check_text(path: Path, name: str) -> str:
     READ.add(path)
     with path.open("rb") as file:
         beginning = file.read(8)
-        packed = next((kind for magic, kind in _PACKED.items() if beginning.startswith(magic)), "")
-        if packed or path.suffix.lower() in _PACKED_ENDINGS:
-            raise InputError(f"{name}: is {packed or 'an archive by its name'}; unpack it to a CSV file, or use gzip")
+        packing = next((kind for magic, kind in _PACKING_MAGIC.items() if beginning.startswith(magic)), "")
+        if packing or path.suffix.lower() in _PACKED_ENDINGS:
+            raise InputError(f"{name}: is {packing or 'an archive by its name'}; unpack it to a CSV file, or use gzip")
         if (path.suffix.lower() == ".gz") != beginning.startswith(_GZIP):
             kind = "no gzip file" if path.suffix.lower() == ".gz" else "packed with gzip"
             raise InputError(f"{name}: is {kind}; name a gzip file .csv.gz and a text .csv")
@@ -80,9 +80,9 @@ def _encoding(file: BinaryIO | gzip.GzipFile, name: str) -> str:
 
 def header(columns: Iterable[object], name: str) -> list[str]:
     """Names of columns without blanks around them; raises InputError where two are then equal."""
-    stripped = [str(column).strip() for column in columns]
-    doubled = sorted({column for column in stripped if stripped.count(column) > 1})
-    if doubled:
-        doubled_text = ", ".join(map(shown_value, doubled))
+    names = [str(column).strip() for column in columns]
+    duplicates = sorted({column for column in names if names.count(column) > 1})
+    if duplicates:
+        doubled_text = ", ".join(map(shown_value, duplicates))
         raise InputError(f"{name}: more than one column {doubled_text}, blanks aside; rename one")
-    return stripped
+    return names

@@ -81,7 +81,7 @@ class Carrier(OutputMechanism):
     @property
     def has_loose_supports(self) -> bool:
         """Whether the cranks move in rollers of their supports."""
-        return self.crankshaft is not None and self.crankshaft.loose
+        return self.crankshaft is not None and self.crankshaft.has_clearance
 
     @property
     def material_names(self) -> Mapping[str, str]:
@@ -146,11 +146,11 @@ class Carrier(OutputMechanism):
                 "move the cranks outwards or take smaller bearings or a smaller bore",
             )
         if cycloid and cycloid.fixed != "housing":
-            allowed = 'must be "housing" with a carrier, whose sun is held to the housing'
-            yield Mistake("cycloid.fixed", cycloid.fixed, allowed)
+            requirement = 'must be "housing" with a carrier, whose sun is held to the housing'
+            yield Mistake("cycloid.fixed", cycloid.fixed, requirement)
         if self.stiffness_of_cranks and len(self.stiffness_of_cranks) != self.cranks:
-            allowed = f"must be {self.cranks} factors, one of each crank"
-            yield Mistake("output.stiffness_of_cranks", self.stiffness_of_cranks, allowed)
+            requirement = f"must be {self.cranks} factors, one of each crank"
+            yield Mistake("output.stiffness_of_cranks", self.stiffness_of_cranks, requirement)
         if self.crankshaft:
             yield from self.crankshaft.problems(disk.count if disk else 1)
 
@@ -260,7 +260,7 @@ class Carrier(OutputMechanism):
         planet = self.planet_pitch_radius_mm * (1 - 2 * contacts.face)
         lever = np.choose(contacts.interface, [eccentric, planet, np.zeros(len(contacts))])
         turns = {f"crank {j}_psi": np.where(contacts.end == j, lever, 0.0) for j in range(self.cranks)}
-        if not (self.crankshaft and self.crankshaft.loose):
+        if not (self.crankshaft and self.crankshaft.has_clearance):
             return turns
         of_disk, *_, of_planet = self.crankshaft.shares(disk.number + 1)[[disk.number, -1]]
         at_support = np.eye(2)[contacts.face * (contacts.interface == SUPPORT)]
@@ -274,8 +274,8 @@ class Carrier(OutputMechanism):
     def _push(self, contacts: Contacts) -> Complex:
         """Force on the crank (n_contacts,) per unit normal force, that of a mesh along its line of action."""
         outwards = contacts.point / np.abs(contacts.point)
-        apart = tan(radians(self.first_stage.pressure_angle_deg)) * outwards
-        return contacts.normal + np.where(contacts.interface == MESH, apart, 0.0)
+        radial_part = tan(radians(self.first_stage.pressure_angle_deg)) * outwards
+        return contacts.normal + np.where(contacts.interface == MESH, radial_part, 0.0)
 
     def displacements(self, disks: Sequence[DiskPose], contacts: Contacts) -> Mapping[str, Complex]:
         """How errors of cranks and gears open their contacts, by the toleranced dimensions' names.
@@ -287,22 +287,22 @@ class Carrier(OutputMechanism):
         the sun, and with the opposite sign: the sun is the first body of the mesh.
         """
         push = np.where(contacts.kind == OUTPUT, self._push(contacts), 0.0)
-        cranks, first = np.arange(self.cranks), disks[0]
+        cranks, first_disk = np.arange(self.cranks), disks[0]
         of_crank = (contacts.kind == OUTPUT)[:, None] & (contacts.end[:, None] == cranks)
         ring, mesh, support = (of_crank & (contacts.interface == k)[:, None] for k in (RING, MESH, SUPPORT))
         of_disks = [ring & (contacts.body_a == disk.body)[:, None] for disk in disks]
         along = [rows * push[:, None] * np.exp(-1j * d.crank) for rows, d in zip(of_disks, disks, strict=True)]
         eccentrics, side = np.hstack(along), (1 - 2 * contacts.face)[:, None]
-        sun_turn = first.rotation * (
-            1 + self.first_stage.planet_teeth * len(first.pins.arm) / self.first_stage.sun_teeth
+        sun_turn = first_disk.rotation * (
+            1 + self.first_stage.planet_teeth * len(first_disk.pins.arm) / self.first_stage.sun_teeth
         )
         sun = -np.where(contacts.interface == MESH, push, 0.0) * np.exp(-1j * sun_turn)
         supports = [support & (contacts.face == k)[:, None] for k in (0, 1)]
         return {
-            "crank_position": (ring | mesh) * push[:, None] * np.exp(-1j * first.rotation),
+            "crank_position": (ring | mesh) * push[:, None] * np.exp(-1j * first_disk.rotation),
             "crank_eccentricity": eccentrics,
             "crank_phase": -1j * eccentrics,
-            "planet_runout": mesh * push[:, None] * np.exp(-1j * first.crank),
+            "planet_runout": mesh * push[:, None] * np.exp(-1j * first_disk.crank),
             "planet_timing": -side * mesh + 0j,
             "planet_backlash": 0.5 * mesh + 0j,
             "sun_runout": sun[:, None],
@@ -349,7 +349,7 @@ class Carrier(OutputMechanism):
         """The planets' meshes, linear, and the rollers of loose supports; without a Hertz pressure."""
         meshes = np.full(2 * self.cranks, 1 / self.first_stage.mesh_stiffness_N_per_mm)
         laws, shaft = _law(meshes, 0 * meshes, 1.0), self.crankshaft
-        if shaft is None or not shaft.loose:
+        if shaft is None or not shaft.has_clearance:
             return laws
         stiffness = np.outer(self.bearing_factors, shaft.support_stiffness_N_per_mm_power).ravel()
         return concatenated([laws, self._rings(stiffness, shaft.support_exponent)])

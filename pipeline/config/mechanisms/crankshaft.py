@@ -35,7 +35,7 @@ class Crankshaft(Section):
     support_clearance_um: Clearance | None = None
 
     @property
-    def loose(self) -> bool:
+    def has_clearance(self) -> bool:
         """Whether the supports are rings of rollers in which the shaft moves."""
         return self.support_clearance_um is not None
 
@@ -53,7 +53,7 @@ class Crankshaft(Section):
         Bending, and of preloaded supports what they give way: the deflection of each by its share of the force.
         """
         bending = shaft_flexibility(self.planes(disks), self.span_mm, self.diameter_mm, materials[self.material])
-        if self.loose:
+        if self.has_clearance:
             return bending
         shares = self.shares(disks)
         return bending + (shares / (factor * np.array(self.support_stiffness_N_per_mm_power))) @ shares.T
@@ -66,12 +66,12 @@ class Crankshaft(Section):
         if last_plane_mm >= self.span_mm:
             yield Mistake(f"{key}.span_mm", self.span_mm, f"must be > {last_plane_mm:g} mm, the plane of the last disk")
         if not SHORTEST * self.diameter_mm <= self.span_mm <= LONGEST * self.diameter_mm:
-            allowed = (
+            requirement = (
                 f"must be {SHORTEST * self.diameter_mm:g} to {LONGEST * self.diameter_mm:g} mm, {SHORTEST:g} to "
                 f"{LONGEST:g} diameters of the shaft: beyond it is no beam of this theory; correct it, or delete "
                 "[output.crankshaft]"
             )
-            yield Mistake(f"{key}.span_mm", self.span_mm, allowed)
-        if not self.loose and self.support_exponent != 1:
-            allowed = "must be 1 of preloaded supports; add support_clearance_um, 0 of supports that just touch"
-            yield Mistake(f"{key}.support_exponent", self.support_exponent, allowed)
+            yield Mistake(f"{key}.span_mm", self.span_mm, requirement)
+        if not self.has_clearance and self.support_exponent != 1:
+            requirement = "must be 1 of preloaded supports; add support_clearance_um, 0 of supports that just touch"
+            yield Mistake(f"{key}.support_exponent", self.support_exponent, requirement)

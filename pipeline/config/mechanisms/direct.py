@@ -44,8 +44,8 @@ class Direct(OutputMechanism):
     def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Mistake]:
         """Several disks, which cannot all be the output: nothing would share the torque out among them."""
         if disk and disk.count > 1:
-            allowed = 'must be 1 with mechanism = "direct": the disk is the output; take another mechanism'
-            yield Mistake("disk.count", disk.count, allowed)
+            requirement = 'must be 1 with mechanism = "direct": the disk is the output; take another mechanism'
+            yield Mistake("disk.count", disk.count, requirement)
 
     def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
         """None of its own: the torque acts on the disk's rotation."""

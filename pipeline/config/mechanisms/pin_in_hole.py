@@ -51,22 +51,22 @@ class Bending(Section):
         """A span without its support, planes beyond it, disks in one plane, and pins that are no beams."""
         ends = self.support == "both_ends"
         if ends != (self.span_mm is not None):
-            allowed = 'must be there with support = "both_ends", and only there: the distance between the flanges'
-            yield Mistake("output.bending.span_mm", self.span_mm, allowed)
+            requirement = 'must be there with support = "both_ends", and only there: the distance between the flanges'
+            yield Mistake("output.bending.span_mm", self.span_mm, requirement)
             return
         last_plane_mm = self.plane_mm + (disks - 1) * self.disk_pitch_mm
         if disks > 1 and self.disk_pitch_mm == 0:
             yield Mistake("output.bending.disk_pitch_mm", 0.0, "must be > 0: the disks lie beside each other")
         if self.span_mm is not None and last_plane_mm >= self.span_mm:
-            allowed = f"must be > {last_plane_mm:g} mm, the plane of the last disk"
-            yield Mistake("output.bending.span_mm", self.span_mm, allowed)
-        key, free = ("span_mm", self.span_mm) if self.span_mm is not None else ("plane_mm", self.plane_mm)
-        if not SHORTEST * diameter <= free <= LONGEST * diameter:
-            allowed = (
+            requirement = f"must be > {last_plane_mm:g} mm, the plane of the last disk"
+            yield Mistake("output.bending.span_mm", self.span_mm, requirement)
+        key, free_length = ("span_mm", self.span_mm) if self.span_mm is not None else ("plane_mm", self.plane_mm)
+        if not SHORTEST * diameter <= free_length <= LONGEST * diameter:
+            requirement = (
                 f"must be {SHORTEST * diameter:g} to {LONGEST * diameter:g} mm, {SHORTEST:g} to {LONGEST:g} diameters "
                 "of the pin: beyond it is no beam of this theory; correct it, or delete [output.bending]"
             )
-            yield Mistake(f"output.bending.{key}", free, allowed)
+            yield Mistake(f"output.bending.{key}", free_length, requirement)
 
 
 class PinInHole(OutputMechanism):
@@ -153,10 +153,10 @@ class PinInHole(OutputMechanism):
         """Holes that cut each other, the lobes or the bore."""
         bush = self.bush
         if bush and bush.outer_radius_mm <= self.pin_radius_mm + 1e-3 * bush.clearance_um:
-            allowed = (
+            requirement = (
                 f"must be > {self.pin_radius_mm + 1e-3 * bush.clearance_um:g} mm, its bore on the pin: no wall is left"
             )
-            yield Mistake("output.bush.outer_radius_mm", bush.outer_radius_mm, allowed)
+            yield Mistake("output.bush.outer_radius_mm", bush.outer_radius_mm, requirement)
         if self.bending:
             yield from self.bending.problems(2 * self.pin_radius_mm, disk.count if disk else 1)
         if cycloid:
@@ -252,8 +252,8 @@ class PinInHole(OutputMechanism):
         hole_contact = LineContact(
             np.full(self.pins, relative), inputs.thickness, inputs.materials[self.pin_material], material
         )
-        doubled = inputs.law.between_flats((hole_contact, hole_contact), self.pin_radius_mm, middle)
-        return in_series(outer, scaled(doubled, 0.5))
+        double_law = inputs.law.between_flats((hole_contact, hole_contact), self.pin_radius_mm, middle)
+        return in_series(outer, scaled(double_law, 0.5))
 
     def compliance(self, contacts: Contacts, disk: Index, materials: Mapping[str, Material]) -> Real | None:
         """Bending of each pin by the forces of all disks on it, along their own normals."""

@@ -68,11 +68,15 @@ def limit_deviations(letter: str, grade: int, size_mm: float) -> tuple[float, fl
     if letter.lower() == "js":
         return -width / 2, width / 2
     if letter.islower():
-        nearest = _shaft(letter, grade, size_range)
-        return (nearest - width, nearest) if letter <= "h" else (nearest, nearest + width)
+        fundamental_deviation = _shaft(letter, grade, size_range)
+        return (
+            (fundamental_deviation - width, fundamental_deviation)
+            if letter <= "h"
+            else (fundamental_deviation, fundamental_deviation + width)
+        )
     if letter <= "H":
-        nearest = -float(DEVIATIONS_UM[letter.lower()][size_range])
-        return nearest, nearest + width
+        fundamental_deviation = -float(DEVIATIONS_UM[letter.lower()][size_range])
+        return fundamental_deviation, fundamental_deviation + width
     upper = _hole(letter, grade, size_range)
     return upper - width, upper
 
@@ -89,13 +93,13 @@ def _hole(letter: str, grade: int, size_step: int) -> float:
     Exceptions of the standard: M6 of 250 to 315 mm, N from grade 9 on, and sizes up to 3 mm, which are not moved.
     """
     shaft = letter.lower()
-    mirrored = -float(DEVIATIONS_UM[shaft][size_step])
+    mirrored_deviation = -float(DEVIATIONS_UM[shaft][size_step])
     if letter == "N" and grade > LARGEST_DELTA_GRADE["n"]:
-        return mirrored if size_step == 0 else 0.0
+        return mirrored_deviation if size_step == 0 else 0.0
     if letter == "K" and grade > LARGEST_DELTA_GRADE["k"] and size_step > 0:
         raise ValueError("K of sizes above 3 mm has grades up to 8")
     if letter == "M" and grade == 6 and UP_TO_MM[size_step] == 315:
         return -9.0
     if size_step == 0 or grade > LARGEST_DELTA_GRADE[shaft] or grade - 1 not in TOLERANCES_UM:
-        return mirrored
-    return mirrored + TOLERANCES_UM[grade][size_step] - TOLERANCES_UM[grade - 1][size_step]
+        return mirrored_deviation
+    return mirrored_deviation + TOLERANCES_UM[grade][size_step] - TOLERANCES_UM[grade - 1][size_step]

@@ -13,11 +13,11 @@ from pipeline.config.files.section import MISSING, Mistake
 from pipeline.config.notation.iso286 import limit_deviations
 from pipeline.model.units import UM_PER_MM
 
-LIMITS, ISO, OF, POSITION, CONVENTION = "limits_mm", "iso", "of", "position", "convention"
-NOTATION = (LIMITS, ISO, OF, POSITION, CONVENTION)
+LIMITS, ISO, OF_SIZE, POSITION, CONVENTION = "limits_mm", "iso", "of", "position", "convention"
+NOTATION = (LIMITS, ISO, OF_SIZE, POSITION, CONVENTION)
 DRAWING, MATERIAL_OFF = "drawing", "material_off"
 """Signs that limits in mm may have: a larger part positive, or material taken off positive."""
-PLAIN = ("lower_um", "upper_um")
+LIMIT_NAMES = ("lower_um", "upper_um")
 RADIUS = "radius_um"
 IN_DISC = {"uniform": "uniform_in_disc", "normal": "normal_in_disc"}
 """Distributions in a circular zone by the names that the file gives beside one."""
@@ -42,7 +42,7 @@ def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[
     """
     if not isinstance(tolerances, Mapping):
         return tolerances, []
-    resolved: dict[str, Any] = {}
+    tolerance_sections: dict[str, Any] = {}
     problems: list[Mistake] = []
     for name, settings in tolerances.items():
         if name == PIN_POSITION:
@@ -50,23 +50,23 @@ def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[
             if isinstance(split, Mistake):
                 problems.append(split)
             else:
-                resolved |= split
+                tolerance_sections |= split
             continue
         dimension = dimension_library().get(name)
         if not isinstance(settings, Mapping) or not set(NOTATION) & set(settings) or dimension is None:
-            resolved[name] = settings
+            tolerance_sections[name] = settings
             continue
         if design is None:
             continue
         settings_of_tolerance = (
-            _zone(dimension, settings) if POSITION in settings else _between(dimension, settings, design)
+            _zone(dimension, settings) if POSITION in settings else _named_limits(dimension, settings, design)
         )
         if isinstance(settings_of_tolerance, Mistake):
             problems.append(settings_of_tolerance)
             continue
         remaining = {key: value for key, value in settings.items() if key not in NOTATION}
-        resolved[name] = {**remaining, **settings_of_tolerance}
-    return resolved, problems
+        tolerance_sections[name] = {**remaining, **settings_of_tolerance}
+    return tolerance_sections, problems
 
 
 def _split_zone(settings: object, stated_beside: Sequence[str]) -> dict[str, Any] | Mistake:
@@ -98,14 +98,14 @@ def _zone(dimension: Dimension, settings: Mapping[str, Any]) -> dict[str, Any] |
 def _disc(key: str, settings: Mapping[str, Any]) -> dict[str, Any] | Mistake:
     """Radius [um] of the zone of a position and its distribution, or what is wrong."""
     text = settings[POSITION]
-    for other_key in (LIMITS, ISO, OF, CONVENTION, RADIUS, *PLAIN):
+    for other_key in (LIMITS, ISO, OF_SIZE, CONVENTION, RADIUS, *LIMIT_NAMES):
         if other_key in settings:
             return Mistake(
                 f"{key}.{other_key}", settings[other_key], f"stands beside {POSITION}; keep the one or the other"
             )
     if settings.get("distribution") not in IN_DISC:
-        allowed = f"must be {' or '.join(IN_DISC)} with a {POSITION}: in the disc of the zone"
-        return Mistake(f"{key}.distribution", settings.get("distribution", MISSING), allowed)
+        requirement = f"must be {' or '.join(IN_DISC)} with a {POSITION}: in the disc of the zone"
+        return Mistake(f"{key}.distribution", settings.get("distribution", MISSING), requirement)
     match = ZONE.fullmatch(text) if isinstance(text, str) else None
     if match is None or float(match[1]) == 0:
         return Mistake(f"{key}.{POSITION}", text, 'must be as "dia 0.02": the diameter of the zone in mm, above 0')
@@ -113,18 +113,18 @@ def _disc(key: str, settings: Mapping[str, Any]) -> dict[str, Any] | Mistake:
     return {"distribution": IN_DISC[settings["distribution"]], RADIUS: radius}
 
 
-def _between(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> dict[str, float] | Mistake:
+def _named_limits(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> dict[str, float] | Mistake:
     """Limits [um] by their names, or what is wrong."""
     limits = _limits(dimension, settings, design)
-    return limits if isinstance(limits, Mistake) else dict(zip(PLAIN, limits, strict=True))
+    return limits if isinstance(limits, Mistake) else dict(zip(LIMIT_NAMES, limits, strict=True))
 
 
 def _limits(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> tuple[float, float] | Mistake:
     """Lower and upper limit deviation [um] of the dimension as the model has it, or what is wrong."""
     key = f"tolerances.{dimension.name}"
-    stated_keys = [name for name in (LIMITS, ISO, *PLAIN) if name in settings]
-    if not stated_keys or stated_keys[0] in PLAIN:
-        extra_key = OF if OF in settings else CONVENTION
+    stated_keys = [name for name in (LIMITS, ISO, *LIMIT_NAMES) if name in settings]
+    if not stated_keys or stated_keys[0] in LIMIT_NAMES:
+        extra_key = OF_SIZE if OF_SIZE in settings else CONVENTION
         return Mistake(f"{key}.{extra_key}", settings[extra_key], f"belongs to {LIMITS}; delete it")
     if len(stated_keys) > 1:
         return Mistake(
@@ -136,14 +136,14 @@ def _limits(dimension: Dimension, settings: Mapping[str, Any], design: Design) -
         return _by_code(dimension, settings, design)
     pair = _pair(settings[LIMITS])
     if pair is None:
-        allowed = 'must be as "+0.000/-0.004" or "±0.002", in mm'
-        return Mistake(f"{key}.{LIMITS}", settings[LIMITS], allowed)
-    reading = settings.get(OF)
+        requirement = 'must be as "+0.000/-0.004" or "±0.002", in mm'
+        return Mistake(f"{key}.{LIMITS}", settings[LIMITS], requirement)
+    reading = settings.get(OF_SIZE)
     if dimension.measure and reading not in SIZES:
-        allowed = 'must be "diameter" or "radius": a drawing may give either'
-        return Mistake(f"{key}.{OF}", reading, allowed)
+        requirement = 'must be "diameter" or "radius": a drawing may give either'
+        return Mistake(f"{key}.{OF_SIZE}", reading, requirement)
     if not dimension.measure and reading is not None:
-        return Mistake(f"{key}.{OF}", reading, f"{dimension.title} is neither a diameter nor a radius; delete it")
+        return Mistake(f"{key}.{OF_SIZE}", reading, f"{dimension.title} is neither a diameter nor a radius; delete it")
     factor = UM_PER_MM * _share(dimension, str(reading or ""))
     sign = _sign(dimension, settings, pair)
     if isinstance(sign, Mistake):
@@ -156,17 +156,17 @@ def _sign(dimension: Dimension, settings: Mapping[str, Any], pair: tuple[float, 
     """-1 where limits as on a drawing have the other sign than the dimension has here, or what is wrong."""
     key, convention = f"tolerances.{dimension.name}.{CONVENTION}", settings.get(CONVENTION)
     if dimension.drawing_sign > 0:
-        allowed = f'must be "{DRAWING}", the only sign that {dimension.title} has; or delete it'
-        return 1 if convention in (None, DRAWING) else Mistake(key, convention, allowed)
+        requirement = f'must be "{DRAWING}", the only sign that {dimension.title} has; or delete it'
+        return 1 if convention in (None, DRAWING) else Mistake(key, convention, requirement)
     if convention in (DRAWING, MATERIAL_OFF):
         return -1 if convention == DRAWING else 1
     low, high = (UM_PER_MM * value for value in pair)
-    allowed = (
+    requirement = (
         f'must be "{DRAWING}" (a larger part is positive: {-high:g} to {-low:g} um of material off, '
         f'{_gap_words(-high, -low)}) or "{MATERIAL_OFF}" (material off is positive: {low:g} to {high:g} um, '
         f"{_gap_words(low, high)})"
     )
-    return Mistake(key, MISSING if convention is None else convention, allowed)
+    return Mistake(key, MISSING if convention is None else convention, requirement)
 
 
 def _gap_words(low: float, high: float) -> str:
@@ -197,9 +197,9 @@ def _by_code(dimension: Dimension, settings: Mapping[str, Any], design: Design) 
     key, code = f"tolerances.{dimension.name}.{ISO}", settings[ISO]
     if not dimension.measure or dimension.size_um is None:
         return Mistake(key, code, f"{dimension.title} has no nominal size; take {LIMITS}, or lower_um and upper_um")
-    if settings.get(OF, "diameter") != "diameter":
+    if settings.get(OF_SIZE, "diameter") != "diameter":
         return Mistake(
-            f"tolerances.{dimension.name}.{OF}", settings[OF], 'must be "diameter": an ISO code is of a diameter'
+            f"tolerances.{dimension.name}.{OF_SIZE}", settings[OF_SIZE], 'must be "diameter": an ISO code is of a diameter'
         )
     match = CODE.fullmatch(code) if isinstance(code, str) else None
     if match is None:

@@ -144,12 +144,12 @@ def _samples(samples: Samples, raw: Mapping[str, Any]) -> Iterator[Mistake]:
             samples.count,
             f"must be <= {LARGEST_HYPERCUBE} in a Latin hypercube, which is held as a whole; take sobol or monte_carlo",
         )
-    if samples.replicated and samples.count % samples.randomisations:
-        rounded = -(-samples.count // samples.randomisations) * samples.randomisations
+    if samples.has_replicates and samples.count % samples.randomisations:
+        next_count = -(-samples.count // samples.randomisations) * samples.randomisations
         yield Mistake(
             "samples.count",
             samples.count,
-            f"must be a multiple of randomisations = {samples.randomisations}; take {rounded}",
+            f"must be a multiple of randomisations = {samples.randomisations}; take {next_count}",
         )
 
 
@@ -231,8 +231,8 @@ def with_turn(cycle: Mapping[str, Any], design: Design) -> dict[str, Any]:
     That is how many turns of the crank its turn has and, where the file states no angles, how many are loaded.
     """
     turns = 1 if cycle.get("turn", "output") == "crank" else design.cycloid.lobes
-    stated = {"crank_deg", "loaded_angles"} & set(cycle)
-    angles = {} if stated else {"loaded_angles": _next_coprime(LOADED_ANGLES, periods(cycle, design).values())}
+    stated_keys = {"crank_deg", "loaded_angles"} & set(cycle)
+    angles = {} if stated_keys else {"loaded_angles": _next_coprime(LOADED_ANGLES, periods(cycle, design).values())}
     return {**cycle, "crank_turns": turns, **angles}
 
 
@@ -248,11 +248,11 @@ def _phases(cycle: Cycle, design: Design | None) -> Iterator[Mistake]:
     parts = periods(cycle, design)
     counts = {"loaded_angles": cycle.loaded_angles or 1, "rigid_angles": cycle.rigid_angles}
     for (name, angles), (part, number) in itertools.product(counts.items(), parts.items()):
-        shared = math.gcd(angles, number)
-        if shared > 1 and angles > 1:
-            phases = f"{angles // shared} phase{'s' * (angles > shared)}"
-            allowed = f"must share no factor with the {part}, or the angles see {phases} of their pitch"
-            yield Mistake(f"cycle.{name}", angles, f"{allowed}; take {_next_coprime(angles + 1, parts.values())}")
+        divisor = math.gcd(angles, number)
+        if divisor > 1 and angles > 1:
+            phases = f"{angles // divisor} phase{'s' * (angles > divisor)}"
+            requirement = f"must share no factor with the {part}, or the angles see {phases} of their pitch"
+            yield Mistake(f"cycle.{name}", angles, f"{requirement}; take {_next_coprime(angles + 1, parts.values())}")
 
 
 def _cycle(cycle: Cycle, samples: Samples | None, raw: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -261,8 +261,8 @@ def _cycle(cycle: Cycle, samples: Samples | None, raw: Mapping[str, Any]) -> Ite
     if any(angle_after <= angle_before for angle_before, angle_after in itertools.pairwise(cycle.crank_deg)):
         yield Mistake("cycle.crank_deg", cycle.crank_deg, "angles must rise")
     if cycle.crank_deg[-1] >= cycle.turn_deg:
-        allowed = f"must be < {cycle.turn_deg:g}, a turn of the {cycle.turn}"
-        yield Mistake(f"cycle.crank_deg[{len(cycle.crank_deg) - 1}]", cycle.crank_deg[-1], allowed)
+        requirement = f"must be < {cycle.turn_deg:g}, a turn of the {cycle.turn}"
+        yield Mistake(f"cycle.crank_deg[{len(cycle.crank_deg) - 1}]", cycle.crank_deg[-1], requirement)
     if cycle.keep_contacts == "all":
         return
     if len(set(cycle.keep_contacts)) < len(cycle.keep_contacts):
@@ -276,11 +276,11 @@ def _metrics(metrics: Metrics, cycle: Cycle) -> Iterator[Mistake]:
     if low >= high:
         yield Mistake("metrics.rigidity_percent", metrics.rigidity_percent, "must rise: [lower, upper]")
     if metrics.lost_motion_percent in metrics.rigidity_percent:
-        allowed = (
+        requirement = (
             f"must differ from rigidity_percent = {list(metrics.rigidity_percent)}: the lost motion is read where the "
             "play is being taken up, the rigidity beyond it; makers use 3 % for the one, 50 and 100 % for the other"
         )
-        yield Mistake("metrics.lost_motion_percent", metrics.lost_motion_percent, allowed)
+        yield Mistake("metrics.lost_motion_percent", metrics.lost_motion_percent, requirement)
     top_percent = 100 * cycle.torque_fraction
     for name, percent in {"rigidity_percent": high, "lost_motion_percent": metrics.lost_motion_percent}.items():
         if percent > top_percent:
@@ -302,17 +302,17 @@ def _patches(reduce: Reduce, design: Design) -> Iterator[Mistake]:
 
 
 def _readings(clearance: Clearance | None, design: Design) -> Iterator[Mistake]:
-    allowed = design.output.diameter_readings
-    if clearance and clearance.roller_reading not in allowed:
-        meanings = " or ".join(f'"{reading}": {meaning}' for reading, meaning in allowed.items())
+    requirement = design.output.diameter_readings
+    if clearance and clearance.roller_reading not in requirement:
+        meanings = " or ".join(f'"{reading}": {meaning}' for reading, meaning in requirement.items())
         yield Mistake("clearance.roller_reading", clearance.roller_reading, f"must be {meanings}")
 
 
 def _diameters(raw: Mapping[str, Any], design: Design) -> Iterator[Mistake]:
     """Tolerances of diameters that no part of the output has, and an effect on a bearing that is not there."""
     if design.output.carries_disks and "bearing_clearance" in design.effects:
-        allowed = "acts on a bearing of the disk, which is carried by the output; set bearing.clearance_um"
-        yield Mistake("design.effects.bearing_clearance", None, allowed)
+        requirement = "acts on a bearing of the disk, which is carried by the output; set bearing.clearance_um"
+        yield Mistake("design.effects.bearing_clearance", None, requirement)
     if design.output.toleranced_diameters:
         return
     cases = raw.get("cases", ())
@@ -320,5 +320,5 @@ def _diameters(raw: Mapping[str, Any], design: Design) -> Iterator[Mistake]:
     sections |= {f"cases[{k}]": case for k, case in enumerate(cases if isinstance(cases, tuple) else ())}
     for key, section in sections.items():
         if isinstance(section, Mapping) and "roller_diameter" in section:
-            allowed = f"acts on nothing: a {design.output.name} has no part of toleranced diameter; delete it"
-            yield Mistake(f"{key}.roller_diameter", None, allowed)
+            requirement = f"acts on nothing: a {design.output.name} has no part of toleranced diameter; delete it"
+            yield Mistake(f"{key}.roller_diameter", None, requirement)

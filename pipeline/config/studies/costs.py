@@ -170,8 +170,10 @@ class IsoGrade(Cost):
         grades = {str(grade) for grade in TOLERANCES_UM}
         relative_costs = self.relative_costs or EXAMPLE_COSTS
         if set(relative_costs) - grades or len(relative_costs) < 2:
-            allowed = f"must have two or more of the grades {min(TOLERANCES_UM)} to {max(TOLERANCES_UM)}, as 5 = 1.6"
-            yield Mistake(f"{key}.relative_costs", sorted(relative_costs), allowed)
+            requirement = (
+                f"must have two or more of the grades {min(TOLERANCES_UM)} to {max(TOLERANCES_UM)}, as 5 = 1.6"
+            )
+            yield Mistake(f"{key}.relative_costs", sorted(relative_costs), requirement)
         elif np.any(np.diff([relative_costs[name] for name in sorted(relative_costs, key=int)]) >= 0):
             yield Mistake(
                 f"{key}.relative_costs", list(relative_costs.values()), "must descend: a coarser grade costs less"

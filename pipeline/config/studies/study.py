@@ -54,7 +54,7 @@ class Samples(Section):
         return self.count + self.nominal_first
 
     @property
-    def replicated(self) -> bool:
+    def has_replicates(self) -> bool:
         """Whether the samples come in `randomisations` independent replicates."""
         return self.experiment in ("sobol", "latin_hypercube")
 
@@ -143,7 +143,7 @@ class Cycle(Section):
         return 360.0 * self.crank_turns
 
     @property
-    def searched(self) -> bool:
+    def has_turn_search(self) -> bool:
         """Whether the worst of each unit is searched for over the whole turn of the output."""
         return self.turn == "output" and self.loaded_angles is not None and self.crank_turns > 1
 
@@ -193,14 +193,14 @@ class _Limits(Section):
         limits = {name: getattr(self, name) for name in (*metric_library(), *turn_library())}
         return {name: limit for name, limit in limits.items() if limit is not None}
 
-    def kept(self, values: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.bool_]]:
+    def pass_flags(self, values: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.bool_]]:
         """Whether each value (n,) keeps each limit that is set on one of the ``values``, and `ALL_LIMITS` of them."""
         metrics: Mapping[str, Limited] = {**metric_library(), **turn_library()}
         limits = {name: limit for name, limit in self.of_metrics.items() if name in values}
         kept_samples = {name: metrics[name].keeps(np.asarray(values[name]), limit) for name, limit in limits.items()}
         return {**kept_samples, ALL_LIMITS: np.logical_and.reduce(list(kept_samples.values()))} if kept_samples else {}
 
-    def limited(self, name: str, values: Container[str]) -> list[str]:
+    def limited_metrics(self, name: str, values: Container[str]) -> list[str]:
         """Metrics of the ``values`` whose limits a yield of this name counts."""
         return [metric for metric in self.of_metrics if metric in values] if name == ALL_LIMITS else [name]
 

@@ -42,18 +42,20 @@ def tolerance_problems(tolerances: Mapping[str, Distribution], design: Design | 
     design : the reducer they belong to, None where it could not be read.
     """
     dimensions = dimension_library()
-    correlated = [name for name, dimension in dimensions.items() if dimension.elements and dimension.elements.radius_mm]
+    circular_dimensions = [
+        name for name, dimension in dimensions.items() if dimension.elements and dimension.elements.radius_mm
+    ]
     for name, tolerance in tolerances.items():
         key = f"tolerances.{name}"
         yield from tolerance.problems(key)
         length = tolerance.correlation_length_mm if isinstance(tolerance, Spread) else None
-        if length is not None and name not in correlated:
-            allowed = f"only {', '.join(correlated)} lie along a machined circle; delete it"
-            yield Mistake(f"{key}.correlation_length_mm", length, allowed)
+        if length is not None and name not in circular_dimensions:
+            requirement = f"only {', '.join(circular_dimensions)} lie along a machined circle; delete it"
+            yield Mistake(f"{key}.correlation_length_mm", length, requirement)
         yield from _zone_problems(dimensions[name], tolerance)
         if dimensions[name].one_sided and tolerance.least_um < 0:
-            allowed = "must be >= 0, and with allowance_um added too"
-            yield Mistake(f"{key}.{tolerance.lowest_key}", tolerance.limits_um[0], allowed)
+            requirement = "must be >= 0, and with allowance_um added too"
+            yield Mistake(f"{key}.{tolerance.lowest_key}", tolerance.limits_um[0], requirement)
         if design is not None:
             yield from _size_problems(dimensions[name], tolerance, design)
 
@@ -61,11 +63,13 @@ def tolerance_problems(tolerances: Mapping[str, Distribution], design: Design | 
 def _zone_problems(dimension: Dimension, tolerance: Distribution) -> Iterator[Mistake]:
     key = f"tolerances.{dimension.name}.distribution"
     if dimension.zone and tolerance.varies and not tolerance.in_disc:
-        allowed = 'is of a number, and this is a point in a zone: write position = "dia 0.02" (mm) in place of limits'
-        yield Mistake(key, tolerance.name, allowed)
+        requirement = (
+            'is of a number, and this is a point in a zone: write position = "dia 0.02" (mm) in place of limits'
+        )
+        yield Mistake(key, tolerance.name, requirement)
     if tolerance.in_disc and not dimension.zone:
-        allowed = f"is of a point in a zone, and {dimension.title} is a number; take one with limits"
-        yield Mistake(key, tolerance.name, allowed)
+        requirement = f"is of a point in a zone, and {dimension.title} is a number; take one with limits"
+        yield Mistake(key, tolerance.name, requirement)
 
 
 def _size_problems(dimension: Dimension, tolerance: Distribution, design: Design) -> Iterator[Mistake]:

@@ -59,10 +59,10 @@ def plain_temperatures(
         if not isinstance(value, str):
             continue
         if value not in PARTS or isinstance(raw.get(f"{value}_C", ""), str):
-            allowed = (
+            requirement = (
                 f"must be a number, a distribution or the part whose temperature it has; {nearest_name(value, PARTS)}"
             )
-            problems.append(Mistake(f"temperature.{key}", value, allowed))
+            problems.append(Mistake(f"temperature.{key}", value, requirement))
             continue
         follows[part], temperatures[key] = value, temperatures[f"{value}_C"]
     return temperatures, draws, follows, problems
@@ -79,7 +79,7 @@ def read_draws(draws: Mapping[str, Any]) -> tuple[dict[str, Distribution], list[
         except ValidationError as error:
             mistakes = problems_of(error, _Draw)
             problems += [
-                Mistake(p.key.replace("draw", key, 1).replace("_um", "_K"), p.value, p.allowed) for p in mistakes
+                Mistake(p.key.replace("draw", key, 1).replace("_um", "_K"), p.value, p.requirement) for p in mistakes
             ]
             continue
         mistakes = list(draw.draw.problems(key))
@@ -87,7 +87,7 @@ def read_draws(draws: Mapping[str, Any]) -> tuple[dict[str, Distribution], list[
             mistakes.append(
                 Mistake(f"{key}.distribution", draw.draw.name, "is of a point in a zone; take one with limits")
             )
-        problems += [Mistake(p.key.replace("_um", "_K"), p.value, p.allowed.replace("_um", "_K")) for p in mistakes]
+        problems += [Mistake(p.key.replace("_um", "_K"), p.value, p.requirement.replace("_um", "_K")) for p in mistakes]
         read[part] = draw.draw
     return read, problems
 
@@ -111,7 +111,7 @@ def thermal_of(warm: Warm, design: Design, draws: Mapping[str, Distribution], fo
             slope_per_K=material.modulus_slope_per_K or 0.0,
             rise_K=temperature_rise(warm.temperature, part),
         )
-    return Thermal(drawn=tuple(draws), parts=parts)
+    return Thermal(drawn_parts=tuple(draws), parts=parts)
 
 
 def growth_tolerances(thermal: Thermal, draws: Mapping[str, Distribution]) -> dict[str, dict[str, Any]]:
@@ -120,8 +120,8 @@ def growth_tolerances(thermal: Thermal, draws: Mapping[str, Distribution]) -> di
     for part, draw in draws.items():
         settings = draw.model_dump(exclude_none=True)
         factor = thermal.parts[part].growth_um(1.0)
-        scaled = {name: factor * value if name.endswith("_um") else value for name, value in settings.items()}
-        tolerances[f"{part}_growth"] = scaled
+        tolerance = {name: factor * value if name.endswith("_um") else value for name, value in settings.items()}
+        tolerances[f"{part}_growth"] = tolerance
     return tolerances
 
 
@@ -135,8 +135,8 @@ def draw_problems(
         key, nominal = f"temperature.{part}_C", getattr(temperature, f"{part}_C")
         for name, end in (("lower_K", lower), ("upper_K", upper)):
             if not COLDEST <= nominal + end <= HOTTEST:
-                allowed = f"is {nominal + end:g} degrees C; must lie within {COLDEST:g} and {HOTTEST:g}"
-                problems.append(Mistake(f"{key}.{name}", end, allowed))
+                requirement = f"is {nominal + end:g} degrees C; must lie within {COLDEST:g} and {HOTTEST:g}"
+                problems.append(Mistake(f"{key}.{name}", end, requirement))
         if thermal.parts[part].expansion_per_K == 0:
             problems.append(Mistake(key, None, "is drawn of a material with expansion_per_K = 0; state one number"))
     if not problems and draws:
@@ -168,16 +168,16 @@ def _modulus_problems(thermal: Thermal, design: Design, limits: Mapping[str, tup
         pairs = zip(ends_of_disk, ends, strict=True) if are_coupled else ((x, y) for x in ends_of_disk for y in ends)
         spread = max(abs(part.softening(y) / thermal.parts["disk"].softening(x) - 1) for x, y in pairs)
         if share * spread > UNLIKE_SOFTENING:
-            allowed = (
+            requirement = (
                 f"{name} and disk soften unlike, by up to {100 * share * spread:.2g} % of a contact's compliance, and "
                 f"a drawn temperature changes all moduli as the disk's; must be within {100 * UNLIKE_SOFTENING:g} %: "
                 "draw less, or state the temperatures"
             )
-            return [Mistake("temperature", None, allowed)]
+            return [Mistake("temperature", None, requirement)]
     if (design.effects or design.series) and any(part.slope_per_K for part in thermal.parts.values()):
         parts = ", ".join([*(f"[effects] {n}" for n in design.effects), *(f"[series] {n}" for n in design.series)])
-        allowed = f"are drawn beside {parts}, whose change with the modulus is not known"
-        return [Mistake("temperature", None, f"{allowed}: state the temperatures, or delete modulus_slope_per_K")]
+        requirement = f"are drawn beside {parts}, whose change with the modulus is not known"
+        return [Mistake("temperature", None, f"{requirement}: state the temperatures, or delete modulus_slope_per_K")]
     return []
 
 
@@ -186,8 +186,8 @@ def _range(thermal: Thermal, part: str, limits: Mapping[str, tuple[float, float]
     return limits.get(thermal.parts[part].follows, (0.0, 0.0))
 
 
-def told_draws(draws: Mapping[str, Distribution], follows: Mapping[str, str]) -> str:
+def draw_sentence(draws: Mapping[str, Distribution], follows: Mapping[str, str]) -> str:
     """The distributions in a sentence."""
     parts = [f"{part} {draw.name}, {'{:+g} to {:+g}'.format(*_limits(draw))} K" for part, draw in draws.items()]
-    shared = [f"{part} as the {source}" for part, source in follows.items() if source in draws]
-    return f"Drawn about these: {'; '.join(parts + shared)}."
+    coupled_parts = [f"{part} as the {source}" for part, source in follows.items() if source in draws]
+    return f"Drawn about these: {'; '.join(parts + coupled_parts)}."

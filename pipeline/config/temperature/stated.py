@@ -69,18 +69,18 @@ def temperature_problems(temperature: Temperature, design: Design) -> list[Mista
     for part, name in materials_of_parts(temperature, design).items():
         key = f"temperature.{part}_material"
         if name not in design.materials:
-            allowed = f"no such material in the design; {nearest_name(name, design.materials)}"
-            problems.append(Mistake(key, name, allowed))
+            requirement = f"no such material in the design; {nearest_name(name, design.materials)}"
+            problems.append(Mistake(key, name, requirement))
         elif design.materials[name].expansion_per_K is None:
-            allowed = f"the design's materials.{name} must have expansion_per_K, as 1.2e-5 of steel"
+            requirement = f"the design's materials.{name} must have expansion_per_K, as 1.2e-5 of steel"
             problems.append(
-                Mistake(key if hasattr(temperature, f"{part}_material") else f"temperature.{part}_C", name, allowed)
+                Mistake(key if hasattr(temperature, f"{part}_material") else f"temperature.{part}_C", name, requirement)
             )
     for part in ("disk", "pins"):
         material = design.materials[materials_of_parts(temperature, design)[part]]
         if _softening(material, temperature_rise(temperature, part)) <= 0:
-            allowed = "leaves the material no modulus by its modulus_slope_per_K; take a lower temperature"
-            problems.append(Mistake(f"temperature.{part}_C", getattr(temperature, f"{part}_C"), allowed))
+            requirement = "leaves the material no modulus by its modulus_slope_per_K; take a lower temperature"
+            problems.append(Mistake(f"temperature.{part}_C", getattr(temperature, f"{part}_C"), requirement))
     return problems
 
 
@@ -103,7 +103,7 @@ def _softening(material: MaterialSection, rise: float) -> float:
     return 1 + (material.modulus_slope_per_K or 0.0) * rise
 
 
-def warmed(temperature: Temperature, design: Design) -> Warm:
+def thermal_growth(temperature: Temperature, design: Design) -> Warm:
     """How the parts of a design have grown."""
     growth = {}
     for part, name in materials_of_parts(temperature, design).items():
@@ -115,27 +115,27 @@ def warm_design(warm: Warm, design: Design) -> Design:
     """The design with the disk's growth in all of its lengths, and each part's modulus at its temperature."""
     raw = design.model_dump()
     for section in GROWING:
-        raw[section] = _grown(raw[section], warm.growth["disk"])
-    renamed = {}
+        raw[section] = _scale_lengths(raw[section], warm.growth["disk"])
+    warm_materials = {}
     for part, section in (("disk", "disk"), ("pins", "pins"), ("disk", "output")):
         rise = temperature_rise(warm.temperature, part)
         for key, value in list(raw[section].items()):
             if key.endswith("material") and value in design.materials:
                 material = design.materials[value]
                 name = f"{value} at {rise + warm.temperature.reference_C:g} deg C"
-                softened = material.youngs_modulus_MPa * _softening(material, rise)
-                renamed[name] = {**material.model_dump(), "youngs_modulus_MPa": softened}
+                modulus = material.youngs_modulus_MPa * _softening(material, rise)
+                warm_materials[name] = {**material.model_dump(), "youngs_modulus_MPa": modulus}
                 raw[section][key] = name
-    raw["materials"] = {**raw["materials"], **renamed}
+    raw["materials"] = {**raw["materials"], **warm_materials}
     return Design.model_validate(raw)
 
 
-def _grown(value: Any, factor: float, length: bool = False) -> Any:
+def _scale_lengths(value: Any, factor: float, length: bool = False) -> Any:
     """Lengths of nested settings times a factor."""
     if isinstance(value, Mapping):
-        return {key: _grown(item, factor, str(key).endswith(LENGTHS)) for key, item in value.items()}
+        return {key: _scale_lengths(item, factor, str(key).endswith(LENGTHS)) for key, item in value.items()}
     if isinstance(value, tuple | list):
-        return tuple(_grown(item, factor, length) for item in value)
+        return tuple(_scale_lengths(item, factor, length) for item in value)
     return value * factor if length and isinstance(value, int | float) else value
 
 
@@ -153,33 +153,33 @@ def shifts_um(warm: Warm, design: Design) -> dict[str, float]:
 def warm_tolerances(warm: Warm, tolerances: Mapping[str, Any], design: Design) -> dict[str, Any]:
     """The tolerances of a study, each grown with its part, with the shifts in their allowances."""
     shifts = shifts_um(warm, design)
-    resolved = {}
+    tolerance_sections = {}
     for name, settings in tolerances.items():
-        warm_settings = _grown(settings, _growth_of(warm, name))
+        warm_settings = _scale_lengths(settings, _growth_of(warm, name))
         if isinstance(warm_settings, Mapping) and shifts.get(name):
             warm_settings = {
                 **warm_settings,
-                "allowance_um": _shifted(warm_settings.get("allowance_um", 0.0), shifts[name]),
+                "allowance_um": _shift_value(warm_settings.get("allowance_um", 0.0), shifts[name]),
             }
-        resolved[name] = warm_settings
+        tolerance_sections[name] = warm_settings
     for name, shift in shifts.items():
-        if name not in resolved and shift:
-            resolved[name] = {"distribution": "fixed", "value_um": 0.0, "allowance_um": shift}
-    return resolved
+        if name not in tolerance_sections and shift:
+            tolerance_sections[name] = {"distribution": "fixed", "value_um": 0.0, "allowance_um": shift}
+    return tolerance_sections
 
 
 def warm_case(warm: Warm, case: Mapping[str, Any], design: Design) -> dict[str, Any]:
     """A stated unit, each deviation grown with its part and shifted."""
-    resolved = {name: _grown(value, _growth_of(warm, name), name != "label") for name, value in case.items()}
+    deviations = {name: _scale_lengths(value, _growth_of(warm, name), name != "label") for name, value in case.items()}
     for name, shift in shifts_um(warm, design).items():
-        resolved[name] = _shifted(resolved.get(name, 0.0), shift)
-    return resolved
+        deviations[name] = _shift_value(deviations.get(name, 0.0), shift)
+    return deviations
 
 
-def _shifted(value: Any, shift: float) -> Any:
+def _shift_value(value: Any, shift: float) -> Any:
     """A number, or each of a list, more by ``shift``; what is no number is left to the validation."""
     if isinstance(value, tuple):
-        return tuple(_shifted(item, shift) for item in value)
+        return tuple(_shift_value(item, shift) for item in value)
     return value + shift if isinstance(value, int | float) else value
 
 
@@ -187,7 +187,7 @@ def _growth_of(warm: Warm, dimension: str) -> float:
     return warm.growth[PART_OF.get(dimension, "disk")]
 
 
-def told(temperature: Temperature) -> str:
+def temperature_sentence(temperature: Temperature) -> str:
     """The temperatures in a sentence."""
     parts = ", ".join(f"{part} {getattr(temperature, f'{part}_C'):g}" for part in ("disk", "pins", "housing", "crank"))
     reference = f"the drawing at {temperature.reference_C:g}"

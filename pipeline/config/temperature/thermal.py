@@ -51,10 +51,10 @@ class Thermal(Section):
 
     Attributes
     ----------
-    drawn : parts whose temperature is drawn.
+    drawn_parts : parts whose temperature is drawn.
     """
 
-    drawn: tuple[str, ...]
+    drawn_parts: tuple[str, ...]
     parts: dict[str, ThermalPart]
 
     def warmer(self, growth_um: Mapping[str, Real]) -> dict[str, Real]:

@@ -91,5 +91,5 @@ def priced_tolerances(study: Study) -> tuple[tuple[Priced, ...], dict[str, str]]
 def scaled(study: Study, names: Sequence[str], scale: Real) -> Study:
     """The study with tolerances ``names`` times ``scale`` (n,), their allowances as they are."""
     factors = dict(zip(names, scale, strict=True))
-    tolerances = {name: getattr(study.tolerances, name).scaled(float(factor)) for name, factor in factors.items()}
+    tolerances = {name: getattr(study.tolerances, name).scaled_by(float(factor)) for name, factor in factors.items()}
     return study.model_copy(update={"tolerances": study.tolerances.model_copy(update=tolerances)})

@@ -166,5 +166,5 @@ def _target(drawing: Distribution) -> Fixed:
 
 def passed(study: Study, values: Mapping[str, Real]) -> NDArray[np.bool_]:
     """Whether each unit (n,) keeps all limits; one without a value keeps none."""
-    known = np.all([np.isfinite(values[name]) for name in study.limits.limited(ALL_LIMITS, values)], axis=0)
-    return study.limits.kept(values)[ALL_LIMITS] & known
+    known = np.all([np.isfinite(values[name]) for name in study.limits.limited_metrics(ALL_LIMITS, values)], axis=0)
+    return study.limits.pass_flags(values)[ALL_LIMITS] & known

@@ -25,7 +25,7 @@ from pipeline.config.files.section import (
 )
 from pipeline.config.files.table_file import read_table
 from pipeline.config.mechanisms.carrier import Carrier
-from pipeline.config.reading import found_file, raise_if, read_toml, validated, with_tuples
+from pipeline.config.reading import found_file, raise_if, read_toml, validate_sections, with_tuples
 from pipeline.config.studies.cases import Case, case_problems
 from pipeline.errors import InputError
 from pipeline.identification.measurement.columns import Columns, Text
@@ -239,7 +239,7 @@ def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
     raw = with_tuples(read_toml(path))
     if not NAME.fullmatch(path.parent.name):
         raise InputError(f"unit = {shown_value(path.parent.name)}; the folder's name {NAME_RULE}")
-    problems, parts = validated(UnitSettings, raw)
+    problems, parts = validate_sections(UnitSettings, raw)
     lines: list[str] = []
     problems += _drive_problems(raw)
     design = _collected(
@@ -324,7 +324,7 @@ def _dimensions(folder: Path, name: str, file: str, design: Design | None) -> Ca
         raise_if(problems_of(error, Case), path.name)
         raise
     problems = case_problems({0: case}, design)
-    raise_if([Mistake(p.key.removeprefix("cases[0]."), p.value, p.allowed) for p in problems], path.name)
+    raise_if([Mistake(p.key.removeprefix("cases[0]."), p.value, p.requirement) for p in problems], path.name)
     return case
 
 

@@ -50,7 +50,7 @@ class SamplesSection:
     @property
     def rows(self) -> list[tuple[str, str]]:
         """Half widths and the units that they take."""
-        if self.share is None or self.frames.study.samples.replicated:
+        if self.share is None or self.frames.study.samples.has_replicates:
             return []
         required = needed_units(self.share, self.frames.study.metrics.confidence)
         return [(f"±{plain(100 * width)} %", f"{units:,}") for width, units in required]

@@ -22,7 +22,7 @@ from pipeline.statistics import pass_share
 def limited(frames: Frames, limits: Limits) -> Frames:
     """The frames with other limits, and the yields against those."""
     values = frames.over_turn
-    kept = limits.kept({name: values[name].to_numpy() for name in values})
+    kept = limits.pass_flags({name: values[name].to_numpy() for name in values})
     rows = [
         {"metric": name, "over": "worst", "crank_deg": np.nan, "statistic": "yield", **vars(pass_share(passes, 0.95))}
         for name, passes in kept.items()

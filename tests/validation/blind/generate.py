@@ -135,7 +135,7 @@ def _narrowed(study: Study) -> Study:
     for name in type(study.tolerances).model_fields:
         tolerance = getattr(study.tolerances, name)
         if tolerance.varies:
-            narrow[name] = tolerance.scaled(UNMEASURED)
+            narrow[name] = tolerance.scaled_by(UNMEASURED)
     return study.model_copy(update={"tolerances": study.tolerances.model_copy(update=narrow)})
 
 
