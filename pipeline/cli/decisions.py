@@ -9,7 +9,7 @@ from pipeline import settings
 from pipeline.cli.arguments import workers
 from pipeline.cli.printing import print_answer
 from pipeline.decisions.fresh_units import fresh_yields
-from pipeline.decisions.reweighting import moved_tolerances, reweighted
+from pipeline.decisions.reweighting import moved_tolerances, reweighted_yields
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.library.decisions import allocate, bounds, compare, compared_run, loaded_units
@@ -37,7 +37,7 @@ def reweigh_run(options: argparse.Namespace) -> None:
         raise InputError(f"--check = {options.check}; must be at least 1")
     wide, narrow = (study_of(name) for name in (options.wide, options.narrow))
     moved_tolerances(wide, narrow)  # says what is in the way before anything is run
-    answer = reweighted(compared_run(wide, workers(options)), narrow)
+    answer = reweighted_yields(compared_run(wide, workers(options)), narrow)
     condensed = up_to_date(narrow, ["springs", "reduce"], workers(options))
     shared = prepared_loops(narrow, condensed.outputs)
     fresh = fresh_yields(narrow, wide.samples.count, options.check, partial(loaded_units, shared), condensed.jobs)

@@ -19,7 +19,7 @@ from pipeline.config.studies.study import Study
 from pipeline.decisions.bounds.box import Box
 from pipeline.decisions.bounds.play import Bound, play_bounds
 from pipeline.decisions.fresh_units import Solve
-from pipeline.decisions.lots.lot_yield import passed
+from pipeline.decisions.lots.lot_yield import limit_passes
 from pipeline.engine.frames import write_csv, write_tables
 from pipeline.engine.store import write_json
 from pipeline.engine.table import Column, Table
@@ -84,7 +84,7 @@ class Certificate:
     Attributes
     ----------
     label : of the unit.
-    measured : names of the measured dimensions.
+    measured_dimensions : names of the measured dimensions.
     metrics : rows of `METRICS_TABLE`.
     meets_all : probability that the unit meets every limit, with the interval of the number of draws; None without
         limits.
@@ -94,7 +94,7 @@ class Certificate:
 
     study: Study
     label: str
-    measured: tuple[str, ...]
+    measured_dimensions: tuple[str, ...]
     metrics: pd.DataFrame
     meets_all: Estimate | None
     bounds: tuple[Bound, ...]
@@ -119,11 +119,11 @@ class Certificate:
         result = np.full(len(torque), np.nan)
         for crank in np.unique(crank_deg):
             lower, upper, share = _neighbours(loops.crank_deg, float(crank))
-            for sense, chosen in ((0, rising), (1, ~rising)):
+            for sense, in_sense in ((0, rising), (1, ~rising)):
                 levels = (1 - share) * table[lower, sense] + share * table[upper, sense]
                 for sign in (-1, 1):
                     side = np.sign(loops.torque) == sign
-                    rows = np.flatnonzero((crank_deg == crank) & chosen & (np.sign(torque) == sign))
+                    rows = np.flatnonzero((crank_deg == crank) & in_sense & (np.sign(torque) == sign))
                     rows = rows[np.abs(torque[rows]) <= np.abs(loops.torque[side]).max() * (1 + 1e-9)]
                     result[rows] = np.interp(torque[rows], loops.torque[side], levels[side])
         return result
@@ -164,36 +164,42 @@ def certificate(
     """
     if study.samples.experiment == "cases":
         raise InputError(f"study {study.name}: listed cases have no tolerances; give a study with tolerances")
-    known = measured_values(case)
+    known_values = measured_values(case)
     samples = {"count": draws, "experiment": "monte_carlo", "nominal_first": False}
     drawn_study = study.model_copy(update={"samples": study.samples.model_copy(update=samples)})
-    units = draw_with_parts(drawn_study, known, 0, draws)
+    units = draw_with_parts(drawn_study, known_values, 0, draws)
     values = solve(units)[1]
     loops = solve_loops(units)
     confidence = study.metrics.confidence
-    meets_all = pass_share(passed(study, values), confidence) if study.limits.of_metrics else None
+    meets_all = pass_share(limit_passes(study, values), confidence) if study.limits.of_metrics else None
     return Certificate(
-        study, case.label, tuple(known), _metrics(study, values), meets_all, _bounds(study, known, loops), loops
+        study,
+        case.label,
+        tuple(known_values),
+        _metrics(study, values),
+        meets_all,
+        _bounds(study, known_values, loops),
+        loops,
     )
 
 
 def _metrics(study: Study, values: Mapping[str, Real]) -> pd.DataFrame:
-    limits, kept = study.limits.of_metrics, study.limits.pass_flags(values)
+    limits, pass_flags = study.limits.of_metrics, study.limits.pass_flags(values)
     rows = []
     metrics = {**library(), **turn_library()}
     for name in (name for name in metrics if name in values):
         finite = values[name][np.isfinite(values[name])]
         if len(finite):
             low, high = np.quantile(finite, BAND)
-            share = float(np.mean(kept[name])) if name in limits else np.nan
+            share = float(np.mean(pass_flags[name])) if name in limits else np.nan
             rows.append((name, float(np.median(finite)), low, high, limits.get(name, np.nan), share))
     return pd.DataFrame(rows, columns=[column.name for column in METRICS_TABLE.columns])
 
 
-def _bounds(study: Study, known: Mapping[str, Real], loops: Loops) -> tuple[Bound, ...]:
+def _bounds(study: Study, known_values: Mapping[str, Real], loops: Loops) -> tuple[Bound, ...]:
     """Of the rigid play at the first crank angle; none where everything was measured."""
     try:
-        box = Box.of(study, known)
+        box = Box.from_study(study, known_values)
     except InputError:
         return ()
     rigid = [name for name, metric in library().items() if metric.turn_of_rigid_bodies]
@@ -215,7 +221,7 @@ class Compensated:
     rows: int
 
 
-def compensated(
+def compensation(
     unit: Certificate, crank_deg: Real, rising: NDArray[np.bool_], torque: Real, angle: Real, position: NDArray[np.intp]
 ) -> Compensated:
     """What the compensation table leaves of measured rows (n,).
@@ -231,16 +237,16 @@ def compensated(
     InputError
         If no row lies within the torques of the table.
     """
-    rest = angle - unit.predicted_angle(crank_deg, rising, torque)
-    rows = np.isfinite(rest)
+    remainder = angle - unit.predicted_angle(crank_deg, rising, torque)
+    rows = np.isfinite(remainder)
     if not rows.any():
         raise InputError(f"{unit.label}: no measured row lies within the torques of the compensation table")
-    parts = [_centred(values[rows], position[rows]) for values in (angle, rest)]
-    before, after = (float(np.sqrt(np.mean(part**2))) for part in parts)
-    return Compensated(before, after, int(rows.sum()))
+    parts = [_centred_values(values[rows], position[rows]) for values in (angle, remainder)]
+    rms_before, rms_after = (float(np.sqrt(np.mean(part**2))) for part in parts)
+    return Compensated(rms_before, rms_after, int(rows.sum()))
 
 
-def _centred(values: Real, position: NDArray[np.intp]) -> Real:
+def _centred_values(values: Real, position: NDArray[np.intp]) -> Real:
     """Values (n,) less the mean of their position."""
     _, group = np.unique(position, return_inverse=True)
     return values - (np.bincount(group, values) / np.bincount(group))[group]
@@ -266,12 +272,13 @@ def write_certificate(unit: Certificate, folder: Path) -> dict[str, pd.DataFrame
 
 def limit_sentence(unit: Certificate) -> str:
     """Whether the unit meets its limits."""
-    names: Sequence[str] = unit.measured
-    known = f"{len(names)} measured dimensions" if len(names) != 1 else "1 measured dimension"
+    names: Sequence[str] = unit.measured_dimensions
+    dimension_count = f"{len(names)} measured dimensions" if len(names) != 1 else "1 measured dimension"
     if unit.meets_all is None:
-        return f"{unit.label}: {known}; the study {unit.study.name} sets no limits."
+        return f"{unit.label}: {dimension_count}; the study {unit.study.name} sets no limits."
     share = unit.meets_all
     return (
-        f"{unit.label}: with {known} the unit meets every limit with a probability of {100 * share.value:.3g} % "
+        f"{unit.label}: with {dimension_count} the unit meets every limit with a probability of "
+        f"{100 * share.value:.3g} % "
         f"(95 % CI {100 * share.ci_low:.3g} to {100 * share.ci_high:.3g}, {share.n} draws of the other dimensions)."
     )

@@ -148,9 +148,9 @@ def sdf(joint: Joint) -> str:
     return _text(root)
 
 
-def _sdf_joint(model: Element, name: str, parent: str, child: str) -> Element:
+def _sdf_joint(model: Element, name: str, parent: str, child_link: str) -> Element:
     joint = SubElement(model, "joint", name=name, type="revolute")
-    SubElement(joint, "parent").text, SubElement(joint, "child").text = parent, child
+    SubElement(joint, "parent").text, SubElement(joint, "child").text = parent, child_link
     axis = SubElement(joint, "axis")
     SubElement(axis, "xyz").text = "0 0 1"
     return axis

@@ -34,7 +34,7 @@ FEWEST_EFFECTIVE = 100.0
 """Effective units below which nothing is told: the weights are then those of a few units."""
 MIDPOINTS = 20_000
 """Of the integral over one element's distribution: to 1e-4."""
-FREE = ("limits.", "samples.", "drivers.", "tails")
+FREE_KEYS = ("limits.", "samples.", "drivers.", "tails")
 """Settings that may differ beside the tolerances: they change no unit."""
 
 
@@ -55,7 +55,7 @@ class Reweighted:
     yields: Mapping[str, Estimate]
 
 
-def reweighted(wide: ComparedRun, narrow: Study) -> Reweighted:
+def reweighted_yields(wide: ComparedRun, narrow: Study) -> Reweighted:
     """Yields of a study with other scalar tolerances, from a finished run.
 
     Parameters
@@ -109,7 +109,7 @@ def moved_tolerances(wide: Study, narrow: Study) -> tuple[str, ...]:
         section, _, key_tail = key.partition(".")
         if section == "tolerances":
             names.append(key_tail.partition(".")[0])
-        elif not key.startswith(FREE):
+        elif not key.startswith(FREE_KEYS):
             problems.append(f"{key} differs between {wide.name} and {narrow.name}; reweighting moves tolerances alone")
     moved_names = tuple(dict.fromkeys(names))
     problems += [problem for name in moved_names if (problem := _unmovable(wide, narrow, name))]

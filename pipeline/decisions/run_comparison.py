@@ -67,7 +67,7 @@ DRIVER_CHANGES = Table(
         ),
     ),
 )
-UNCOMPARED = ("name", "title", "description", "run", "costs", "design.title", "design.source", "design.provenance")
+UNCOMPARED_KEYS = ("name", "title", "description", "run", "costs", "design.title", "design.source", "design.provenance")
 """Settings that change no result."""
 
 
@@ -93,11 +93,11 @@ def differing_inputs(a: Study, b: Study) -> list[tuple[str, Any, Any]]:
     settings = [dict(_flat(study.model_dump())) for study in (a, b)]
     keys = sorted(set(settings[0]) | set(settings[1]))
     rows = [(key, settings[0].get(key), settings[1].get(key)) for key in keys]
-    return [row for row in rows if row[1] != row[2] and not _uncompared(row[0])]
+    return [row for row in rows if row[1] != row[2] and not _is_uncompared(row[0])]
 
 
-def _uncompared(key: str) -> bool:
-    return any(key == name or key.startswith(f"{name}.") for name in UNCOMPARED)
+def _is_uncompared(key: str) -> bool:
+    return any(key == name or key.startswith(f"{name}.") for name in UNCOMPARED_KEYS)
 
 
 def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
@@ -180,11 +180,11 @@ class _Pair:
     values: tuple[pd.DataFrame, pd.DataFrame]
     replicate: tuple[Replicate, Replicate]
     confidence: float
-    paired: bool
+    is_paired: bool
     seed: int
 
     @property
-    def replicated(self) -> bool:
+    def has_replicates(self) -> bool:
         """Whether both come in independent randomisations."""
         return all(entry is not None for entry in self.replicate)
 
@@ -203,15 +203,19 @@ def _sample_rows(a: ComparedRun, b: ComparedRun) -> list[tuple]:
     rows = [row for metric in library() for row in _metric_rows(pair, metric)]
     within_limits = [run.study.limits.pass_flags(frame) for run, frame in zip((a, b), frames, strict=True)]
     for name in (name for name in within_limits[0] if name in within_limits[1]):
-        limited = [run.study.limits.limited_metrics(name, frame) for run, frame in zip((a, b), frames, strict=True)]
-        has_value = [frame[names].notna().all(axis=1).to_numpy() for frame, names in zip(frames, limited, strict=True)]
+        limited_metrics = [
+            run.study.limits.limited_metrics(name, frame) for run, frame in zip((a, b), frames, strict=True)
+        ]
+        has_value = [
+            frame[names].notna().all(axis=1).to_numpy() for frame, names in zip(frames, limited_metrics, strict=True)
+        ]
         rows += _yield_rows(pair, name, (within_limits[0][name], within_limits[1][name]), (has_value[0], has_value[1]))
     return rows
 
 
-def _chosen(pair: _Pair, has_value: tuple, values: tuple) -> tuple[tuple, tuple]:
+def _known_values(pair: _Pair, has_value: tuple, values: tuple) -> tuple[tuple, tuple]:
     """Values and replicates of what is known, of both runs where they are paired."""
-    if pair.paired:
+    if pair.is_paired:
         has_value = (has_value[0] & has_value[1],) * 2
     replicate = tuple(None if r is None else r[k] for r, k in zip(pair.replicate, has_value, strict=True))
     return tuple(v[k] for v, k in zip(values, has_value, strict=True)), replicate
@@ -219,37 +223,37 @@ def _chosen(pair: _Pair, has_value: tuple, values: tuple) -> tuple[tuple, tuple]
 
 def _metric_rows(pair: _Pair, metric: str) -> Iterator[tuple]:
     total = tuple(frame[metric].to_numpy(float) for frame in pair.values)
-    (a, b), replicate = _chosen(pair, tuple(np.isfinite(entry) for entry in total), total)
+    (a, b), replicate = _known_values(pair, tuple(np.isfinite(entry) for entry in total), total)
     if min(a.size, b.size) == 0:
         return
     statistics: dict[str, Callable[[Real], float]] = {"mean": mean, "std": standard_deviation}
     statistics |= {name: partial(quantile, level=level) for name, level in QUANTILES.items()}
-    if pair.replicated:
+    if pair.has_replicates:
         ends = {
-            name: replicated_difference(statistic, (a, b), replicate, pair.confidence, pair.paired)
+            name: replicated_difference(statistic, (a, b), replicate, pair.confidence, pair.is_paired)
             if enough_beyond(min(a.size, b.size), QUANTILES.get(name, 0.5))
             else (-np.inf, np.inf)
             for name, statistic in statistics.items()
         }
     else:
-        ends = {"mean": mean_difference(a, b, pair.confidence, pair.paired)}
-        ends |= order_differences(a, b, pair.confidence, pair.paired, pair.seed)
+        ends = {"mean": mean_difference(a, b, pair.confidence, pair.is_paired)}
+        ends |= order_differences(a, b, pair.confidence, pair.is_paired, pair.seed)
     for name, statistic in statistics.items():
         of_a, of_b = statistic(a), statistic(b)
-        yield (metric, name, of_a, of_b, of_b - of_a, *ends[name], a.size, b.size, pair.paired)
+        yield (metric, name, of_a, of_b, of_b - of_a, *ends[name], a.size, b.size, pair.is_paired)
 
 
 def _yield_rows(pair: _Pair, name: str, within_limit: tuple, has_value: tuple) -> Iterator[tuple]:
-    (a, b), replicate = _chosen(pair, has_value, within_limit)
+    (a, b), replicate = _known_values(pair, has_value, within_limit)
     if min(a.size, b.size) == 0:
         return
-    if pair.replicated and np.ptp(a) and np.ptp(b):
-        counted = (a.astype(float), b.astype(float))
-        ends = replicated_difference(mean, counted, replicate, pair.confidence, pair.paired)
+    if pair.has_replicates and np.ptp(a) and np.ptp(b):
+        passes = (a.astype(float), b.astype(float))
+        ends = replicated_difference(mean, passes, replicate, pair.confidence, pair.is_paired)
     else:
-        ends = share_difference(a, b, pair.confidence, pair.paired)
+        ends = share_difference(a, b, pair.confidence, pair.is_paired)
     of_a, of_b = float(a.mean()), float(b.mean())
-    yield (name, "yield", of_a, of_b, of_b - of_a, *ends, a.size, b.size, pair.paired)
+    yield (name, "yield", of_a, of_b, of_b - of_a, *ends, a.size, b.size, pair.is_paired)
 
 
 def driver_changes(a: ComparedRun, b: ComparedRun) -> Columns:
@@ -259,5 +263,5 @@ def driver_changes(a: ComparedRun, b: ComparedRun) -> Columns:
     for run in (a, b):
         table = run.sensitivity[run.sensitivity["over"] == "worst"]
         parts.append(table.astype(dict.fromkeys(keys, str))[[*keys, "index", "ci_low", "ci_high"]])
-    merged = parts[0].merge(parts[1], on=keys, how="outer", suffixes=("_a", "_b"))
-    return {column.name: merged[column.name].to_numpy() for column in DRIVER_CHANGES.columns}
+    indices = parts[0].merge(parts[1], on=keys, how="outer", suffixes=("_a", "_b"))
+    return {column.name: indices[column.name].to_numpy() for column in DRIVER_CHANGES.columns}

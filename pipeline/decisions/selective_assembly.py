@@ -20,7 +20,7 @@ from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions.fixed import Fixed
 from pipeline.config.studies.study import Study
 from pipeline.decisions.fresh_units import BATCH, Solve
-from pipeline.decisions.lots.lot_yield import passed
+from pipeline.decisions.lots.lot_yield import limit_passes
 from pipeline.decisions.lots.measured_lot import MeasuredLot
 from pipeline.engine.frames import write_tables
 from pipeline.engine.processes.parallel import worker_results
@@ -66,17 +66,17 @@ class Assembly:
         measured have the mean of their tolerance.
     passes : (n_first, n_second) whether a pair keeps all limits then.
     pairs : (n_pairs, 2) parts of the best assignment.
-    random, selected : yields of fresh units assembled at random and by the assignment.
+    random, selected_yield : yields of fresh units assembled at random and by the assignment.
     mounting_N : (n_first, n_second) largest contact force without torque [N]; None where no limit was stated.
     """
 
-    first: MeasuredLot
-    second: MeasuredLot
+    first_lot: MeasuredLot
+    second_lot: MeasuredLot
     margin: Real
     passes: NDArray[np.bool_]
     pairs: NDArray[np.intp]
     random: Estimate
-    selected: Estimate
+    selected_yield: Estimate
     mounting_N: Real | None
 
     def binding_share(self, limit_N: float) -> float:
@@ -85,8 +85,13 @@ class Assembly:
         return float(np.mean(~(self.mounting_N <= limit_N)))
 
 
-def assembled(
-    study: Study, first: MeasuredLot, second: MeasuredLot, solve: Solve, jobs: int, mounting: Mounting | None = None
+def best_assembly(
+    study: Study,
+    first_lot: MeasuredLot,
+    second_lot: MeasuredLot,
+    solve: Solve,
+    jobs: int,
+    mounting: Mounting | None = None,
 ) -> Assembly:
     """The best assignment of the parts of one lot to those of another.
 
@@ -101,31 +106,35 @@ def assembled(
         If the lots have a dimension in common or parts without a value, there are too many pairs, or the study has no
         limits.
     """
-    common = sorted(set(first.values) & set(second.values))
+    common = sorted(set(first_lot.values) & set(second_lot.values))
     if common:
-        raise InputError(f"{first.name} and {second.name} both have {', '.join(common)}; a unit has one of each")
+        raise InputError(
+            f"{first_lot.name} and {second_lot.name} both have {', '.join(common)}; a unit has one of each"
+        )
     if not study.limits.of_metrics:
         raise InputError(f"study {study.name}: [limits] is empty; a margin needs a limit")
-    n_first, n_second = len(first.parts), len(second.parts)
+    n_first, n_second = len(first_lot.parts), len(second_lot.parts)
     if n_first * n_second > MOST_PAIRS:
         raise InputError(f"{n_first} x {n_second} parts; at most {MOST_PAIRS:,} pairs are solved; split the lots")
-    _check_complete(first)
-    _check_complete(second)
+    _check_complete(first_lot)
+    _check_complete(second_lot)
     rows, columns = (index.ravel() for index in np.indices((n_first, n_second)))
-    mean_study = _unmeasured_at_mean(study, {*first.values, *second.values})
-    values = _solved(mean_study, _measured(first, rows) | _measured(second, columns), solve, jobs)
+    mean_study = _unmeasured_at_mean(study, {*first_lot.values, *second_lot.values})
+    values = _solve_metrics(
+        mean_study, _measured_values(first_lot, rows) | _measured_values(second_lot, columns), solve, jobs
+    )
     margin = _margins(study, values).reshape(n_first, n_second)
-    passes = passed(study, values).reshape(n_first, n_second)
+    passes = limit_passes(study, values).reshape(n_first, n_second)
     score = PASS_SCORE * passes + np.clip(np.nan_to_num(margin, nan=-1.0), -1.0, 1.0)
     pairs = np.stack(linear_sum_assignment(score, maximize=True), axis=1)
     rng = np.random.default_rng(study.samples.seed)
-    shuffled = np.stack([rng.permutation(n_first)[: len(pairs)], rng.permutation(n_second)[: len(pairs)]], axis=1)
-    shares = [_verified(study, first, second, choice, solve, jobs) for choice in (shuffled, pairs)]
+    random_pairs = np.stack([rng.permutation(n_first)[: len(pairs)], rng.permutation(n_second)[: len(pairs)]], axis=1)
+    shares = [_verified_yield(study, first_lot, second_lot, choice, solve, jobs) for choice in (random_pairs, pairs)]
     forces = None
     if mounting is not None:
-        measured = _measured(first, rows) | _measured(second, columns)
-        forces = mounting(_errors(mean_study, measured, 0, len(rows))).reshape(n_first, n_second)
-    return Assembly(first, second, margin, passes, pairs, shares[0], shares[1], forces)
+        measured_values = _measured_values(first_lot, rows) | _measured_values(second_lot, columns)
+        forces = mounting(_errors(mean_study, measured_values, 0, len(rows))).reshape(n_first, n_second)
+    return Assembly(first_lot, second_lot, margin, passes, pairs, shares[0], shares[1], forces)
 
 
 def _check_complete(lot: MeasuredLot) -> None:
@@ -135,11 +144,11 @@ def _check_complete(lot: MeasuredLot) -> None:
             raise InputError(f"{lot.name}: part {lot.parts[missing[0]]} has no {name}; measure it or delete the part")
 
 
-def _measured(lot: MeasuredLot, rows: NDArray[np.intp]) -> dict[str, Real]:
+def _measured_values(lot: MeasuredLot, rows: NDArray[np.intp]) -> dict[str, Real]:
     return {name: values[rows] for name, values in lot.values.items()}
 
 
-def _unmeasured_at_mean(study: Study, measured: set[str]) -> Study:
+def _unmeasured_at_mean(study: Study, measured_names: set[str]) -> Study:
     """The study whose dimensions that were not measured have the mean of their tolerance."""
     means = {
         name: Fixed(
@@ -148,22 +157,24 @@ def _unmeasured_at_mean(study: Study, measured: set[str]) -> Study:
             value_um=tolerance.average_um,
         )
         for name, tolerance in study.tolerances
-        if name not in measured and tolerance.varies and not dimension_library()[name].direction
+        if name not in measured_names and tolerance.varies and not dimension_library()[name].direction
     }
     return study.model_copy(update={"tolerances": study.tolerances.model_copy(update=means)})
 
 
-def _errors(study: Study, measured: Mapping[str, Real], start: int, stop: int) -> Errors:
+def _errors(study: Study, measured_values: Mapping[str, Real], start: int, stop: int) -> Errors:
     samples = {"count": max(stop, 1), "experiment": "monte_carlo", "nominal_first": False}
     larger_study = study.model_copy(update={"samples": study.samples.model_copy(update=samples)})
-    return draw_with_parts(larger_study, {name: part[start:stop] for name, part in measured.items()}, start, stop)
+    return draw_with_parts(
+        larger_study, {name: part[start:stop] for name, part in measured_values.items()}, start, stop
+    )
 
 
-def _solved(study: Study, measured: Mapping[str, Real], solve: Solve, jobs: int) -> dict[str, Real]:
+def _solve_metrics(study: Study, measured_values: Mapping[str, Real], solve: Solve, jobs: int) -> dict[str, Real]:
     """Each metric over the turn (n,) of units with these parts."""
-    n = len(next(iter(measured.values())))
+    n = len(next(iter(measured_values.values())))
     parts = worker_results(
-        jobs, (delayed(solve)(_errors(study, measured, start, min(start + BATCH, n))) for start in range(0, n, BATCH))
+        jobs, (delayed(solve)(_errors(study, measured_values, start, min(start + BATCH, n))) for start in range(0, n, BATCH))
     )
     return {name: np.concatenate([part[1][name] for part in parts]) for name in parts[0][1]}
 
@@ -179,13 +190,15 @@ def _margins(study: Study, values: Mapping[str, Real]) -> Real:
     return np.min(margins, axis=0)
 
 
-def _verified(
-    study: Study, first: MeasuredLot, second: MeasuredLot, pairs: NDArray[np.intp], solve: Solve, jobs: int
+def _verified_yield(
+    study: Study, first_lot: MeasuredLot, second_lot: MeasuredLot, pairs: NDArray[np.intp], solve: Solve, jobs: int
 ) -> Estimate:
     """Yield of ``DRAWS`` fresh units of each pair."""
     rows = np.repeat(pairs, DRAWS, axis=0)
-    values = _solved(study, _measured(first, rows[:, 0]) | _measured(second, rows[:, 1]), solve, jobs)
-    return pass_share(passed(study, values), study.metrics.confidence)
+    values = _solve_metrics(
+        study, _measured_values(first_lot, rows[:, 0]) | _measured_values(second_lot, rows[:, 1]), solve, jobs
+    )
+    return pass_share(limit_passes(study, values), study.metrics.confidence)
 
 
 def pair_rows(assembly: Assembly) -> pd.DataFrame:
@@ -194,8 +207,8 @@ def pair_rows(assembly: Assembly) -> pd.DataFrame:
     forces = np.full(len(rows), np.nan) if assembly.mounting_N is None else assembly.mounting_N[rows, columns]
     frame = pd.DataFrame(
         {
-            "first": [assembly.first.parts[k] for k in rows],
-            "second": [assembly.second.parts[k] for k in columns],
+            "first": [assembly.first_lot.parts[k] for k in rows],
+            "second": [assembly.second_lot.parts[k] for k in columns],
             "margin": assembly.margin[rows, columns],
             "passes": assembly.passes[rows, columns],
             "mounting_force_N": forces,

@@ -165,7 +165,7 @@ def bounds(study: Study | str | Path, jobs: int | Workers | None = None) -> Answ
         If the study has no tolerances with limits.
     """
     study = study_of(study)
-    Box.of(study)  # says what is missing before anything is run
+    Box.from_study(study)  # says what is missing before anything is run
     finished = up_to_date(study, ["aggregate"], jobs)
     study, outputs = finished.study, finished.outputs
     shared = prepared_loops(study, outputs)

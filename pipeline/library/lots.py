@@ -17,7 +17,7 @@ from pipeline.decisions.certificate import (
     Certificate,
     Compensated,
     Loops,
-    compensated,
+    compensation,
     limit_sentence,
     write_certificate,
 )
@@ -25,7 +25,7 @@ from pipeline.decisions.certificate import certificate as certificate_of
 from pipeline.decisions.lots import results
 from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot
 from pipeline.decisions.lots.ovalities import with_separate_ovalities
-from pipeline.decisions.selective_assembly import Assembly, assembled, write_pairs
+from pipeline.decisions.selective_assembly import Assembly, best_assembly, write_pairs
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.measurement.measurement import Measurement
@@ -115,7 +115,7 @@ def assemble(
     condensed = up_to_date(study, ["springs", "reduce"], jobs)
     prepared = prepared_loops(study, condensed.outputs)
     mounting = None if mounting_force is None else partial(hysteresis.mounting_forces, prepared)
-    assembly = assembled(study, first_lot, second_lot, partial(loaded_units, prepared), condensed.jobs, mounting)
+    assembly = best_assembly(study, first_lot, second_lot, partial(loaded_units, prepared), condensed.jobs, mounting)
     folder = settings.RUNS / "assemble" / f"{study.name}-{first_lot.name}-{second_lot.name}"
     frames = write_pairs(assembly, folder)
     write_assembly_page(study, assembly, mounting_force, folder)
@@ -186,7 +186,7 @@ def whole_loops(shared: hysteresis.Shared, sampled: Errors) -> Loops:
 def _measured_loop(unit: Certificate, measurement: Measurement) -> Compensated:
     cells = measurement.cells
     cranks = measurement.drive_cranks[cells.position]
-    return compensated(unit, cranks, cells.direction > 0, cells.torque_mean, cells.angle_mean, cells.position)
+    return compensation(unit, cranks, cells.direction > 0, cells.torque_mean, cells.angle_mean, cells.position)
 
 
 def _read_lot(path: Path, study: Study) -> MeasuredLot:

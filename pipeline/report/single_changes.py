@@ -118,7 +118,7 @@ class SingleChanges:
             return np.nan
         low, high = getattr(self.study.tolerances, name).limits_um
         price = Priced(name, high - low, costs[name], costs[name].count(name, self.study.design))
-        return float(price.at(np.array(scale)) - price.at(np.array(1.0)))
+        return float(price.cost_at(np.array(scale)) - price.cost_at(np.array(1.0)))
 
     @property
     def sentence(self) -> str:

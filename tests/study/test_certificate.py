@@ -9,8 +9,8 @@ import pytest
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.reading import load_case
-from pipeline.decisions.bounds.play import ATTAINED, LEAST_FOUND
-from pipeline.decisions.certificate import certificate, compensated, measured_values
+from pipeline.decisions.bounds.play import ATTAINED_BOUND, LEAST_FOUND
+from pipeline.decisions.certificate import certificate, compensation, measured_values
 from pipeline.errors import InputError
 from pipeline.library.decisions import loaded_units
 from pipeline.library.lots import whole_loops
@@ -82,7 +82,7 @@ def test_bounds_hold_every_unit_that_the_measured_one_may_be(certified):
     bounds = {bound.quantity: bound.value for bound in certified.bounds}
     zero = len(certified.loops.torque) // 2
     play = certified.loops.angle[:, 0, 0, zero] - certified.loops.angle[:, 0, 0, zero - 1]
-    assert bounds[LEAST_FOUND] < bounds[ATTAINED]
+    assert bounds[LEAST_FOUND] < bounds[ATTAINED_BOUND]
     assert np.all(play > bounds[LEAST_FOUND])  # play and the deflection at the smallest torques
 
 
@@ -112,10 +112,10 @@ def test_compensation_leaves_the_undeclared_effect_alone(measured_file, certifie
     cranks, senses, torques = np.meshgrid(loops.crank_deg, [True, False], loops.torque, indexing="ij")
     rows = (cranks.ravel(), senses.ravel(), torques.ravel())
     position = np.repeat(np.arange(3), loops.angle[0, 0].size)
-    result = compensated(certified, *rows, loops.angle[0].ravel(), position)
+    result = compensation(certified, *rows, loops.angle[0].ravel(), position)
     assert result.after_arcmin < 0.35 * result.before_arcmin
     without = whole_loops(shared_of(certified.study), unit_like(measured_file, certified.study, 3))
-    alone = compensated(certified, *rows, without.angle[0].ravel(), position)
+    alone = compensation(certified, *rows, without.angle[0].ravel(), position)
     assert alone.after_arcmin < result.after_arcmin
 
 

@@ -14,11 +14,11 @@ from pipeline.config.files.table_file import TableFile, read_table
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.lots.dimension_fit import correlation_length, dimension_fit
 from pipeline.decisions.lots.fitted_distribution import fitted_kinds
-from pipeline.decisions.lots.lot_yield import lot_yield, passed, study_of_lot
+from pipeline.decisions.lots.lot_yield import limit_passes, lot_yield, study_of_lot
 from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot
 from pipeline.decisions.lots.ovalities import with_separate_ovalities
 from pipeline.decisions.lots.results import lot_fits, study_text
-from pipeline.decisions.selective_assembly import assembled
+from pipeline.decisions.selective_assembly import best_assembly
 from pipeline.errors import InputError
 from pipeline.sampling import draw
 from pipeline.sampling.correlation import correlated_numbers
@@ -149,7 +149,7 @@ def test_the_yield_of_a_lot_is_that_of_its_true_distributions():
     assert share.ci_high - share.ci_low < 0.2
     assert outcome.costs[0].name == "disk_profile"
     assert outcome.costs[0].gain.ci_low > 0
-    assert passed(STUDY, outcome.values).mean() == share.value
+    assert limit_passes(STUDY, outcome.values).mean() == share.value
 
 
 def test_the_study_of_a_lot_runs_from_its_file(tmp_path):
@@ -212,19 +212,19 @@ def play_of_a_fit(errors):
 
 def test_the_assignment_is_the_best_of_all_and_its_yield_is_verified():
     first, second = lots_for_assembly(6)
-    assembly = assembled(STUDY, first, second, play_of_a_fit, 1)
+    assembly = best_assembly(STUDY, first, second, play_of_a_fit, 1)
     best = max(sum(assembly.passes[k, j] for k, j in enumerate(order)) for order in permutations(range(6)))
     assert assembly.passes[tuple(assembly.pairs.T)].sum() == best
     assert len({*assembly.pairs[:, 1].tolist()}) == 6
     expected = np.abs(first.values["disk_profile"] - 10 + second.values["eccentricity"].T) <= 1.0
     assert np.array_equal(assembly.passes, expected)
-    assert assembly.selected.value == pytest.approx(best / 6)
+    assert assembly.selected_yield.value == pytest.approx(best / 6)
 
 
 def test_the_share_of_pairs_that_bind_is_that_above_the_force():
     first, second = lots_for_assembly(5)
     force = lambda errors: errors.disk_profile * 10.0  # noqa: E731
-    assembly = assembled(STUDY, first, second, play_of_a_fit, 1, force)
+    assembly = best_assembly(STUDY, first, second, play_of_a_fit, 1, force)
     limit = float(np.sort(first.values["disk_profile"].ravel())[2] * 10.0)
     assert assembly.binding_share(limit) == pytest.approx(2 / 5)
 
@@ -232,4 +232,4 @@ def test_the_share_of_pairs_that_bind_is_that_above_the_force():
 def test_lots_with_a_common_dimension_are_refused():
     first, _ = lots_for_assembly(5)
     with pytest.raises(InputError, match="both have disk_profile"):
-        assembled(STUDY, first, first, play_of_a_fit, 1)
+        best_assembly(STUDY, first, first, play_of_a_fit, 1)

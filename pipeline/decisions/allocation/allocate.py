@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
-from pipeline.decisions.allocation.priced import Priced, priced_tolerances, scaled
+from pipeline.decisions.allocation.priced import Priced, priced_tolerances, with_scaled_tolerances
 from pipeline.decisions.allocation.search import TRUST, Rough, Search, Tell, Trial
 from pipeline.decisions.fresh_units import Solve
 from pipeline.statistics import Estimate
@@ -39,7 +39,7 @@ class Choice:
     check: Mapping[str, Estimate]
 
     @property
-    def passed(self) -> Estimate:
+    def yield_estimate(self) -> Estimate:
         """Yield against all limits."""
         return self.check[ALL_LIMITS]
 
@@ -51,31 +51,31 @@ class Allocation:
     Attributes
     ----------
     study : with the new tolerances.
-    stated, equal, cheapest : the study's tolerances, all scaled alike to the yield, and those of least cost or, where
-        the yield is not reached, those that come nearest to it; None where scaling alike does not reach it.
+    stated_choice, equal, cheapest : the study's tolerances, all scaled alike to the yield, and those of least cost
+        or, where the yield is not reached, those that come nearest to it; None where scaling alike does not reach it.
     hardest_limit : the limit that most units break there.
     tradeoff : (n, 2) yields and least costs by the linear model there; missing beyond its reach.
-    unmoved : tolerances that were not moved, and why.
+    unmoved_reasons : tolerances that were not moved, and why.
     units : in each round and in each check.
-    solved : units that were load-solved in all.
+    solved_units : units that were load-solved in all.
     """
 
     study: Study
     target: float
-    priced: tuple[Priced, ...]
-    stated: Choice
+    priced_dimensions: tuple[Priced, ...]
+    stated_choice: Choice
     equal: Choice | None
     cheapest: Choice
     hardest_limit: str
     tradeoff: Real
-    unmoved: Mapping[str, str]
+    unmoved_reasons: Mapping[str, str]
     units: int
-    solved: int
+    solved_units: int
 
     @property
-    def reached(self) -> bool:
+    def reaches_target(self) -> bool:
         """Whether the yield of the cheapest tolerances reaches the target within the accuracy of its check."""
-        return self.cheapest.passed.ci_high >= self.target
+        return self.cheapest.yield_estimate.ci_high >= self.target
 
 
 def allocate(
@@ -99,27 +99,33 @@ def allocate(
     One standard error more than the target is aimed at; where fresh units still miss it, the miss is added to the aim
     and the search goes on. No two rounds or checks share a unit, and the reported checks decide nothing.
     """
-    priced, unmoved = priced_tolerances(study)
-    groups, alike, sets = tuple((k,) for k in range(len(priced))), (tuple(range(len(priced))),), count()
-    search, equal_search = (Search(study, priced, g, units, solve, rough, jobs, tell, sets) for g in (groups, alike))
-    found = _confirmed(search, target)
-    equal = _confirmed(equal_search, target)
+    priced_dimensions, unmoved_reasons = priced_tolerances(study)
+    groups, one_group, sets = (
+        tuple((k,) for k in range(len(priced_dimensions))),
+        (tuple(range(len(priced_dimensions))),),
+        count(),
+    )
+    search, equal_search = (
+        Search(study, priced_dimensions, g, units, solve, rough, jobs, tell, sets) for g in (groups, one_group)
+    )
+    best_trial = _confirmed_trial(search, target)
+    equal = _confirmed_trial(equal_search, target)
     low, high = search.bounds
-    for k, tolerance in enumerate(priced):
-        if np.isclose(found.scale[k], low[k], rtol=2e-3) or np.isclose(found.scale[k], high[k], rtol=2e-3):
-            unmoved[tolerance.name] = f"lies at the bound of its scale, {found.scale[k]:.3g}"
+    for k, tolerance in enumerate(priced_dimensions):
+        if np.isclose(best_trial.scale[k], low[k], rtol=2e-3) or np.isclose(best_trial.scale[k], high[k], rtol=2e-3):
+            unmoved_reasons[tolerance.name] = f"lies at the bound of its scale, {best_trial.scale[k]:.3g}"
     return Allocation(
-        study=scaled(study, search.names, found.scale),
+        study=with_scaled_tolerances(study, search.names, best_trial.scale),
         target=target,
-        priced=priced,
-        stated=_choice(search, np.ones(len(priced))),
-        equal=_choice(search, equal_search.spread(equal.scale)) if equal.passed.value >= target else None,
-        cheapest=_choice(search, found.scale),
-        hardest_limit=search.hardest_limit(found.units),
-        tradeoff=_tradeoff(search, found.units),
-        unmoved=unmoved,
+        priced_dimensions=priced_dimensions,
+        stated_choice=_choice(search, np.ones(len(priced_dimensions))),
+        equal=_choice(search, equal_search.spread(equal.scale)) if equal.yield_estimate.value >= target else None,
+        cheapest=_choice(search, best_trial.scale),
+        hardest_limit=search.hardest_limit(best_trial.units),
+        tradeoff=_tradeoff(search, best_trial.units),
+        unmoved_reasons=unmoved_reasons,
         units=units,
-        solved=next(sets) * units,
+        solved_units=next(sets) * units,
     )
 
 
@@ -127,25 +133,25 @@ def _choice(search: Search, scale: Real) -> Choice:
     return Choice(scale, search.cost(scale), search.check(scale))
 
 
-def _confirmed(search: Search, target: float) -> Trial:
+def _confirmed_trial(search: Search, target: float) -> Trial:
     """The best trial, its yield by units that took no part in the search."""
     low, high = search.bounds
     aim = target + np.sqrt(target * (1 - target) / search.units)
     trial = search.trial(np.clip(np.ones(len(search.groups)), low, high))
-    confirmed: list[Trial] = []
+    trials: list[Trial] = []
     for _ in range(REAIMS + 1):
-        trial = search.improved(trial, min(aim, 1 - 1 / search.units), target)
+        trial = search.improve(trial, min(aim, 1 - 1 / search.units), target)
         scale = np.maximum(np.floor(trial.scale * 10**DIGITS) / 10**DIGITS, low)
-        passed = search.check(search.spread(scale))[ALL_LIMITS]
-        trial = replace(trial, scale=scale, cost=search.cost(search.spread(scale)), passed=passed)
-        confirmed.append(trial)
-        if passed.value >= target or len(confirmed) > 1 and not trial.is_better(confirmed[-2], target):
+        yield_estimate = search.check(search.spread(scale))[ALL_LIMITS]
+        trial = replace(trial, scale=scale, cost=search.cost(search.spread(scale)), yield_estimate=yield_estimate)
+        trials.append(trial)
+        if yield_estimate.value >= target or len(trials) > 1 and not trial.is_better(trials[-2], target):
             break
-        aim += target - passed.value
-    best = confirmed[0]
-    for trial in confirmed[1:]:
-        best = trial if trial.is_better(best, target) else best
-    return best
+        aim += target - yield_estimate.value
+    best_trial = trials[0]
+    for trial in trials[1:]:
+        best_trial = trial if trial.is_better(best_trial, target) else best_trial
+    return best_trial
 
 
 def _tradeoff(search: Search, units: LinearUnits) -> Real:
@@ -153,7 +159,9 @@ def _tradeoff(search: Search, units: LinearUnits) -> Real:
     low, high = np.maximum(low, units.scale / TRUST), np.minimum(high, units.scale * TRUST)
     rows = []
     for share in YIELDS:
-        best = cheapest(units, search.costs(), share, low, high)
-        is_interior = best.meets_yield and units.passed(best.scale) < share + 0.5 * (1 - share)
-        rows.append((share, search.cost(best.scale) if is_interior else np.nan))
+        cheapest_scales = cheapest(units, search.costs(), share, low, high)
+        is_interior = cheapest_scales.meets_yield and units.pass_share(cheapest_scales.scale) < share + 0.5 * (
+            1 - share
+        )
+        rows.append((share, search.cost(cheapest_scales.scale) if is_interior else np.nan))
     return np.array(rows)

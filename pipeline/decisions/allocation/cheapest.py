@@ -49,7 +49,7 @@ class LinearUnits:
         """(n, n_limits) at other scales."""
         return np.asarray(self.value + self.slope @ (scale - self.scale))
 
-    def passed(self, scale: Real) -> float:
+    def pass_share(self, scale: Real) -> float:
         """Share of the units that keep all limits."""
         return float(np.mean(self.badness(scale).max(axis=1) <= 0))
 
@@ -60,10 +60,10 @@ class LinearUnits:
     def soft(self, scale: Real) -> tuple[float, Real]:
         """Yield with limits softened by `SOFTNESS`, and its slope (n_dims,) by the scales."""
         badness = self.badness(scale)
-        worst = np.argmax(badness, axis=1)
-        units = np.arange(len(worst))
-        soft_pass = expit(-badness[units, worst] / SOFTNESS)
-        slope = -(soft_pass * (1 - soft_pass) / SOFTNESS) @ self.slope[units, worst] / len(units)
+        worst_limit = np.argmax(badness, axis=1)
+        units = np.arange(len(worst_limit))
+        soft_pass = expit(-badness[units, worst_limit] / SOFTNESS)
+        slope = -(soft_pass * (1 - soft_pass) / SOFTNESS) @ self.slope[units, worst_limit] / len(units)
         return float(soft_pass.mean()), np.asarray(slope)
 
 
@@ -99,10 +99,10 @@ def cheapest(units: LinearUnits, costs: Sequence[CostOfScale], target: float, lo
         slope = (values[:, 1] - values[:, 0]) / (ends[1] - ends[0])
         return float(values.mean(axis=1).sum()) / total, slope / total
 
-    nearest = _nearest(units, np.clip(units.scale, low, high), target, low, high)
-    if not nearest.meets_yield:
-        return nearest
-    soft_target, scale, feasible = target, nearest.scale, [nearest.scale]
+    largest_yield = _largest_yield(units, np.clip(units.scale, low, high), target, low, high)
+    if not largest_yield.meets_yield:
+        return largest_yield
+    soft_target, scale, feasible = target, largest_yield.scale, [largest_yield.scale]
     for _ in range(ROUNDS):
         logs = _minimum(cost, partial(_soft_yield, units, soft_target), np.log(scale), np.log(low), np.log(high))
         meeting_scale = _meeting(units, np.exp(logs), target, low, high)
@@ -132,13 +132,13 @@ def _log_loss(units: LinearUnits, logs: Real) -> tuple[float, Real]:
     """Mean of -log(soft pass) of the units' worst badness, and its slope by the logarithms of the scales."""
     scale = np.exp(logs)
     badness = units.badness(scale)
-    worst, rows = np.argmax(badness, axis=1), np.arange(len(badness))
-    steepness = badness[rows, worst] / SOFTNESS
-    slope = (expit(steepness) / SOFTNESS) @ units.slope[rows, worst] / len(rows)
+    worst_limit, rows = np.argmax(badness, axis=1), np.arange(len(badness))
+    steepness = badness[rows, worst_limit] / SOFTNESS
+    slope = (expit(steepness) / SOFTNESS) @ units.slope[rows, worst_limit] / len(rows)
     return float(np.mean(np.logaddexp(0.0, steepness))), slope * scale
 
 
-def _nearest(units: LinearUnits, scale: Real, target: float, low: Real, high: Real) -> Best:
+def _largest_yield(units: LinearUnits, scale: Real, target: float, low: Real, high: Real) -> Best:
     """Scales of the largest soft yield within the bounds; a log loss first leads there where every unit fails."""
 
     def lost(logs: Real) -> tuple[float, Real]:
@@ -148,22 +148,22 @@ def _nearest(units: LinearUnits, scale: Real, target: float, low: Real, high: Re
     logs, bounds = np.log(scale), list(zip(np.log(low), np.log(high), strict=True))
     for objective in (partial(_log_loss, units), lost):
         logs = minimize(objective, logs, jac=True, method="L-BFGS-B", bounds=bounds).x
-    best = np.clip(np.exp(logs), low, high)
-    return Best(best, units.excess(best, target) <= 0)
+    best_scale = np.clip(np.exp(logs), low, high)
+    return Best(best_scale, units.excess(best_scale, target) <= 0)
 
 
 def _meeting(units: LinearUnits, scale: Real, target: float, low: Real, high: Real) -> Real | None:
     """The scales times the one factor, within `REACH`, at which the quantile meets 0; None where none does."""
 
-    def scaled(factor: float) -> Real:
+    def clipped_scale(factor: float) -> Real:
         return np.clip(factor * scale, low, high)
 
     small, large = (1.0, REACH) if units.excess(scale, target) <= 0 else (1 / REACH, 1.0)
-    if units.excess(scaled(small), target) > 0:
+    if units.excess(clipped_scale(small), target) > 0:
         return None
-    if units.excess(scaled(large), target) <= 0:
-        return scaled(large)
+    if units.excess(clipped_scale(large), target) <= 0:
+        return clipped_scale(large)
     for _ in range(HALVINGS):
         middle = np.sqrt(small * large)
-        small, large = (middle, large) if units.excess(scaled(middle), target) <= 0 else (small, middle)
-    return scaled(small)
+        small, large = (middle, large) if units.excess(clipped_scale(middle), target) <= 0 else (small, middle)
+    return clipped_scale(small)

@@ -28,7 +28,7 @@ class Priced:
     cost: Cost
     count: int
 
-    def at(self, scale: Real) -> Real:
+    def cost_at(self, scale: Real) -> Real:
         """Cost at scales (any shape); missing where it is not known."""
         return self.count * self.cost.of_one(self.width_um * np.asarray(scale))
 
@@ -41,7 +41,7 @@ class Priced:
     def price_per_um(self, scale: float) -> float:
         """What an um of the zone more saves."""
         ends = np.array([0.999, 1.001]) * scale
-        cost = self.at(np.clip(ends, *self.bounds))
+        cost = self.cost_at(np.clip(ends, *self.bounds))
         return float((cost[0] - cost[1]) / np.ptp(np.clip(ends, *self.bounds)) / self.width_um)
 
 
@@ -64,31 +64,31 @@ def priced_tolerances(study: Study) -> tuple[tuple[Priced, ...], dict[str, str]]
             "take it out of a copy of the study"
             for name in of_turn
         )
-    costs, priced, unmoved = study.costs.of_dimensions, [], {}
+    costs, priced_dimensions, unmoved_reasons = study.costs.of_dimensions, [], {}
     for name, tolerance in study.tolerances:
         low, high = tolerance.limits_um
         if not tolerance.varies:
             if name in costs:
-                unmoved[name] = "does not vary"
+                unmoved_reasons[name] = "does not vary"
         elif name not in costs:
-            unmoved[name] = f"no cost is stated ([costs.{name}])"
+            unmoved_reasons[name] = f"no cost is stated ([costs.{name}])"
         else:
-            priced.append(Priced(name, high - low, costs[name], costs[name].count(name, study.design)))
-    if not priced:
+            priced_dimensions.append(Priced(name, high - low, costs[name], costs[name].count(name, study.design)))
+    if not priced_dimensions:
         raise InputError(f"study {study.name}: no tolerance that varies has a cost; state one, as [costs.pin_radial]")
     empty = [
         priced_tolerance.name
-        for priced_tolerance in priced
+        for priced_tolerance in priced_dimensions
         if not priced_tolerance.bounds[0] < priced_tolerance.bounds[1]
     ]
     if empty:
         raise InputError(
             f"study {study.name}: costs.{name}: its table lies beyond the scales 0.2 to 5" for name in empty
         )
-    return tuple(priced), unmoved
+    return tuple(priced_dimensions), unmoved_reasons
 
 
-def scaled(study: Study, names: Sequence[str], scale: Real) -> Study:
+def with_scaled_tolerances(study: Study, names: Sequence[str], scale: Real) -> Study:
     """The study with tolerances ``names`` times ``scale`` (n,), their allowances as they are."""
     factors = dict(zip(names, scale, strict=True))
     tolerances = {name: getattr(study.tolerances, name).scaled_by(float(factor)) for name, factor in factors.items()}

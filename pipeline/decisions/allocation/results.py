@@ -55,20 +55,26 @@ TRADEOFF = Table(
 def allocation_rows(allocation: Allocation) -> Columns:
     """Rows of `ALLOCATION`."""
     limits = np.array(
-        [getattr(allocation.study.tolerances, tolerance.name).limits_um for tolerance in allocation.priced]
+        [getattr(allocation.study.tolerances, tolerance.name).limits_um for tolerance in allocation.priced_dimensions]
     )
     return {
-        "dimension": np.array([tolerance.name for tolerance in allocation.priced], object),
+        "dimension": np.array([tolerance.name for tolerance in allocation.priced_dimensions], object),
         "lower_um": limits[:, 0],
         "upper_um": limits[:, 1],
-        "was": np.array([tolerance.width_um for tolerance in allocation.priced]),
+        "was": np.array([tolerance.width_um for tolerance in allocation.priced_dimensions]),
         "width_um": limits[:, 1] - limits[:, 0],
-        "was_cost": np.array([float(tolerance.at(np.array(1.0))) for tolerance in allocation.priced]),
+        "was_cost": np.array([float(tolerance.cost_at(np.array(1.0))) for tolerance in allocation.priced_dimensions]),
         "cost": np.array(
-            [float(tolerance.at(f)) for tolerance, f in zip(allocation.priced, allocation.cheapest.scale, strict=True)]
+            [
+                float(tolerance.cost_at(f))
+                for tolerance, f in zip(allocation.priced_dimensions, allocation.cheapest.scale, strict=True)
+            ]
         ),
         "price_per_um": np.array(
-            [price.price_per_um(f) for price, f in zip(allocation.priced, allocation.cheapest.scale, strict=True)],
+            [
+                price.price_per_um(f)
+                for price, f in zip(allocation.priced_dimensions, allocation.cheapest.scale, strict=True)
+            ],
             float,
         ),
     }
@@ -76,7 +82,7 @@ def allocation_rows(allocation: Allocation) -> Columns:
 
 def check_rows(allocation: Allocation) -> Columns:
     """Rows of `CHECK`."""
-    choices = {"before": allocation.stated, "equal": allocation.equal, "found": allocation.cheapest}
+    choices = {"before": allocation.stated_choice, "equal": allocation.equal, "found": allocation.cheapest}
     rows = [
         (label, metric, estimate.value, estimate.ci_low, estimate.ci_high, estimate.n, choice.cost)
         for label, choice in choices.items()
@@ -97,13 +103,13 @@ def study_text(allocation: Allocation, design: str) -> str:
     study = allocation.study
     content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude={"name", "design"})
     content["title"] = f"{study.title or study.name}: cheapest tolerances at {100 * allocation.target:g} %"
-    content["tolerances"] = {name: _rounded(section) for name, section in content["tolerances"].items()}
+    content["tolerances"] = {name: _rounded_lengths(section) for name, section in content["tolerances"].items()}
     if study.cycle.loaded_angles:
         content["cycle"].pop("crank_deg")
     content = {"design": design, **{key: value for key, value in content.items() if value != {}}}
     name = study_name(study)
     parse_study(content, name, f"{name}.toml", lambda _: study.design)
-    passing = allocation.cheapest.passed
+    passing = allocation.cheapest.yield_estimate
     comment = (
         f"# The cheapest tolerances of {study.name} found for a yield of {100 * allocation.target:g} %.\n"
         f"# {passing.n} fresh units: {passing.value:.4f} ({passing.ci_low:.4f} to {passing.ci_high:.4f}).\n"
@@ -111,7 +117,7 @@ def study_text(allocation: Allocation, design: str) -> str:
     return comment + toml_of(content)
 
 
-def _rounded(section: dict[str, Any]) -> dict[str, Any]:
+def _rounded_lengths(section: dict[str, Any]) -> dict[str, Any]:
     """Lengths without the last bits of a product."""
     return {key: float(f"{value:.9g}") if isinstance(value, float) else value for key, value in section.items()}
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
-from pipeline.decisions.allocation.priced import Priced, scaled
+from pipeline.decisions.allocation.priced import Priced, with_scaled_tolerances
 from pipeline.decisions.fresh_units import BATCH, Angles, Solve, fresh_yields
 from pipeline.engine.processes.parallel import worker_results
 from pipeline.model.metrics import library
@@ -39,7 +39,7 @@ STEP = 0.15
 """Share by which a scale is changed for the slopes of the rough model."""
 ROUNDS = 10
 """Trials at most in one search."""
-SETTLED = 0.02
+SETTLED_STEP = 0.02
 """Change of the scales, in the logarithm, below which a round would solve the same point again."""
 
 
@@ -51,21 +51,26 @@ class Trial:
     ----------
     scale : (n_groups,) scales of the groups.
     cost : of the whole reducer.
-    passed : yield against all limits, by units that took no part in choosing the scales.
+    yield_estimate : yield against all limits, by units that took no part in choosing the scales.
     units : the linear model about the scales.
     """
 
     scale: Real
     cost: float
-    passed: Estimate
+    yield_estimate: Estimate
     units: LinearUnits
 
-    def is_better(self, other: Trial, target: float) -> bool:
+    def is_better(self, other_trial: Trial, target: float) -> bool:
         """Whether it is cheaper where both reach the target; else whether it reaches it, or comes nearer."""
-        reached, other_reached = self.passed.value >= target, other.passed.value >= target
-        if reached and other_reached:
-            return self.cost < other.cost
-        return reached or (not other_reached and self.passed.value >= other.passed.value)  # 0 % at both: go on
+        reaches_target, other_reaches_target = (
+            self.yield_estimate.value >= target,
+            other_trial.yield_estimate.value >= target,
+        )
+        if reaches_target and other_reaches_target:
+            return self.cost < other_trial.cost
+        return reaches_target or (
+            not other_reaches_target and self.yield_estimate.value >= other_trial.yield_estimate.value
+        )  # 0 % at both: go on
 
 
 @dataclass(frozen=True)
@@ -80,7 +85,7 @@ class Search:
     """
 
     study: Study
-    priced: tuple[Priced, ...]
+    priced_dimensions: tuple[Priced, ...]
     groups: tuple[tuple[int, ...], ...]
     units: int
     solve: Solve
@@ -92,36 +97,38 @@ class Search:
     @property
     def names(self) -> list[str]:
         """Of the priced tolerances."""
-        return [tolerance.name for tolerance in self.priced]
+        return [tolerance.name for tolerance in self.priced_dimensions]
 
     @property
     def bounds(self) -> tuple[Real, Real]:
         """Of the scales of the groups."""
-        low = [max(self.priced[k].bounds[0] for k in group) for group in self.groups]
-        high = [min(self.priced[k].bounds[1] for k in group) for group in self.groups]
+        low = [max(self.priced_dimensions[k].bounds[0] for k in group) for group in self.groups]
+        high = [min(self.priced_dimensions[k].bounds[1] for k in group) for group in self.groups]
         return np.array(low), np.array(high)
 
     def spread(self, scale: Real) -> Real:
         """Scales of the groups (n_groups,) as scales of the tolerances (n_priced,)."""
-        spread = np.ones(len(self.priced))
+        spread = np.ones(len(self.priced_dimensions))
         for group, factor in zip(self.groups, scale, strict=True):
             spread[list(group)] = factor
         return spread
 
     def cost(self, scale: Real) -> float:
         """Of the whole reducer, at scales (n_priced,)."""
-        return float(sum(tolerance.at(factor) for tolerance, factor in zip(self.priced, scale, strict=True)))
+        return float(
+            sum(tolerance.cost_at(factor) for tolerance, factor in zip(self.priced_dimensions, scale, strict=True))
+        )
 
     def costs(self) -> list[Callable[[Real], Real]]:
         """Of each group by its scale."""
-        return [partial(_group_cost, [self.priced[k] for k in group]) for group in self.groups]
+        return [partial(_group_cost, [self.priced_dimensions[k] for k in group]) for group in self.groups]
 
-    def drawn(self, scale: Real, start: int, stop: int) -> Errors:
+    def draw_units(self, scale: Real, start: int, stop: int) -> Errors:
         """Errors of units at scales (n_priced,); those behind the study's own are fresh."""
         first_unit = self.study.samples.count
         samples = {"count": first_unit + stop, "experiment": "monte_carlo", "nominal_first": False}
         larger_study = self.study.model_copy(update={"samples": self.study.samples.model_copy(update=samples)})
-        return draw(scaled(larger_study, self.names, scale), first_unit + start, first_unit + stop)
+        return draw(with_scaled_tolerances(larger_study, self.names, scale), first_unit + start, first_unit + stop)
 
     def batches(self, start: int) -> list[tuple[int, int]]:
         """Units of the set that begins at ``start``, some at a time."""
@@ -130,7 +137,7 @@ class Search:
 
     def check(self, scale: Real) -> dict[str, Estimate]:
         """Yields of a fresh set of units at scales (n_priced,)."""
-        at_scale = scaled(self.study, self.names, scale)
+        at_scale = with_scaled_tolerances(self.study, self.names, scale)
         start = self.study.samples.count + next(self.sets) * self.units
         yields = fresh_yields(at_scale, start, self.units, self.solve, self.jobs)
         self.tell(f"check: {yield_text(yields[ALL_LIMITS], self.units)} at cost {self.cost(scale):.3g}")
@@ -139,20 +146,20 @@ class Search:
     def trial(self, scale: Real) -> Trial:
         """A fresh set of units, load-solved at scales (n_groups,), and the linear model about them."""
         units = self.linear(scale, next(self.sets) * self.units)
-        passed = pass_share(units.value.max(axis=1) <= 0, self.study.metrics.confidence)
-        return Trial(scale, self.cost(self.spread(scale)), passed, units)
+        yield_estimate = pass_share(units.value.max(axis=1) <= 0, self.study.metrics.confidence)
+        return Trial(scale, self.cost(self.spread(scale)), yield_estimate, units)
 
     def linear(self, scale: Real, start: int) -> LinearUnits:
         """The units from ``start`` on about scales (n_groups,): load-solved there, their slopes by the rough model."""
-        parts = worker_results(self.jobs, (delayed(_followed)(self, scale, *ends) for ends in self.batches(start)))
-        angles, turns, chosen, *moved_parts = (_joined([part[k] for part in parts]) for k in range(len(parts[0])))
+        parts = worker_results(self.jobs, (delayed(_solve_units)(self, scale, *ends) for ends in self.batches(start)))
+        angles, turns, chosen_angles, *moved_parts = (_join([part[k] for part in parts]) for k in range(len(parts[0])))
         values, slopes = [], []
         for tail in tails(self.study):
             value = tail.sign * turns[tail.metric]
             spread = float(np.nanstd(value)) or 1.0
             changes = []
             for k, present in enumerate(moved_parts):
-                of_here, of_there = predicted_turn(angles[tail.metric], chosen, present)
+                of_here, of_there = predicted_turn(angles[tail.metric], chosen_angles, present)
                 changes.append((tail.over_turn(of_there) - tail.over_turn(of_here)) / (STEP * scale[k]) / spread)
             values.append((value - tail.limit) / spread)
             slopes.append(np.stack(changes, axis=-1))
@@ -162,7 +169,7 @@ class Search:
         has_metrics = np.isfinite(value).all(axis=1)
         return LinearUnits(scale, value[has_metrics], slope[has_metrics])
 
-    def improved(self, best: Trial, aim: float, target: float) -> Trial:
+    def improve(self, best_trial: Trial, aim: float, target: float) -> Trial:
         """The best trial of a search from ``best``.
 
         Each round solves the cheapest scales of the best trial's linear model at the yield ``aim``, within a trust
@@ -172,30 +179,32 @@ class Search:
         radius = np.log(TRUST)
         for number in range(1, ROUNDS + 1):
             step = np.exp(radius)
-            floor, ceiling = np.maximum(low, best.scale / step), np.minimum(high, best.scale * step)
-            scale = cheapest(best.units, self.costs(), aim, floor, ceiling).scale
-            if np.max(np.abs(np.log(scale / best.scale))) < SETTLED:
+            floor, ceiling = np.maximum(low, best_trial.scale / step), np.minimum(high, best_trial.scale * step)
+            scale = cheapest(best_trial.units, self.costs(), aim, floor, ceiling).scale
+            if np.max(np.abs(np.log(scale / best_trial.scale))) < SETTLED_STEP:
                 break
             trial = self.trial(scale)
-            is_better = trial.is_better(best, target)
+            is_better = trial.is_better(best_trial, target)
             self.tell(
-                f"round {number}: {yield_text(trial.passed, self.units)} at cost {trial.cost:.3g}; "
+                f"round {number}: {yield_text(trial.yield_estimate, self.units)} at cost {trial.cost:.3g}; "
                 f"{'best so far' if is_better else 'not better, shorter steps from the best'}"
             )
-            best, radius = (trial, min(GROWTH * radius, np.log(TRUST))) if is_better else (best, SHRINKAGE * radius)
-        return best
+            best_trial, radius = (
+                (trial, min(GROWTH * radius, np.log(TRUST))) if is_better else (best_trial, SHRINKAGE * radius)
+            )
+        return best_trial
 
     def hardest_limit(self, units: LinearUnits) -> str:
         """The limit that most units break, as the study states it."""
-        worst = tails(self.study)[int(np.argmax(np.mean(units.value > 0, axis=0)))].metric
-        return f"{worst} = {self.study.limits.of_metrics[worst]:g}"
+        worst_limit = tails(self.study)[int(np.argmax(np.mean(units.value > 0, axis=0)))].metric
+        return f"{worst_limit} = {self.study.limits.of_metrics[worst_limit]:g}"
 
 
-def yield_text(passed: Estimate, units: int) -> str:
+def yield_text(yield_estimate: Estimate, units: int) -> str:
     """A yield with its interval and the units behind it; how many of them have no result, if any."""
-    missing = f" of {units:,}, the others have no result" if passed.n < units else ""
-    ends = f"{100 * passed.ci_low:.1f} to {100 * passed.ci_high:.1f}"
-    return f"yield {100 * passed.value:.1f} % ({ends}; {passed.n:,} units{missing})"
+    missing = f" of {units:,}, the others have no result" if yield_estimate.n < units else ""
+    ends = f"{100 * yield_estimate.ci_low:.1f} to {100 * yield_estimate.ci_high:.1f}"
+    return f"yield {100 * yield_estimate.value:.1f} % ({ends}; {yield_estimate.n:,} units{missing})"
 
 
 def tails(study: Study) -> list[Tail]:
@@ -206,18 +215,18 @@ def tails(study: Study) -> list[Tail]:
 
 
 def _group_cost(group: Sequence[Priced], scale: Real) -> Real:
-    return np.sum([entry.at(scale) for entry in group], axis=0)
+    return np.sum([entry.cost_at(scale) for entry in group], axis=0)
 
 
-def _followed(search: Search, scale: Real, start: int, stop: int) -> list[Angles]:
+def _solve_units(search: Search, scale: Real, start: int, stop: int) -> list[Angles]:
     """Of units their metrics at the loaded angles and over the turn, and those of the rough model, here and moved."""
-    angles, turns = search.solve(search.drawn(search.spread(scale), start, stop))
-    results = [angles, turns, search.rough(search.drawn(search.spread(scale), start, stop))]
+    angles, turns = search.solve(search.draw_units(search.spread(scale), start, stop))
+    results = [angles, turns, search.rough(search.draw_units(search.spread(scale), start, stop))]
     for k in range(len(scale)):
         trial_scale = scale * np.where(np.arange(len(scale)) == k, 1 + STEP, 1.0)
-        results.append(search.rough(search.drawn(search.spread(trial_scale), start, stop)))
+        results.append(search.rough(search.draw_units(search.spread(trial_scale), start, stop)))
     return results
 
 
-def _joined(parts: Sequence[Angles]) -> dict[str, Real]:
+def _join(parts: Sequence[Angles]) -> dict[str, Real]:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

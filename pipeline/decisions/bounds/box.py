@@ -35,21 +35,21 @@ class Box:
 
     Attributes
     ----------
-    free : columns of the errors that vary, by tolerance.
+    free_columns : columns of the errors that vary, by tolerance.
     waves : columns of amplitude and phase of the tolerances with a direction, (n_elements, 2) each.
     n_columns : of a point.
-    measured : total deviations (1, n_elements) [um] of dimensions that do not vary, since they were measured.
+    measured_values : total deviations (1, n_elements) [um] of dimensions that do not vary, since they were measured.
     """
 
     study: Study
-    free: dict[str, NDArray[np.intp]]
+    free_columns: dict[str, NDArray[np.intp]]
     waves: dict[str, NDArray[np.intp]]
     n_columns: int
-    measured: Mapping[str, Real] = field(default_factory=dict)
+    measured_values: Mapping[str, Real] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, study: Study, measured: Mapping[str, Real] | None = None) -> Box:
-        """The box of a study, of which some dimensions were ``measured``.
+    def from_study(cls, study: Study, measured_values: Mapping[str, Real] | None = None) -> Box:
+        """The box of a study, of which some dimensions were ``measured_values``.
 
         Raises
         ------
@@ -58,11 +58,11 @@ class Box:
         """
         if study.samples.experiment == "cases":
             raise InputError(f"study {study.name}: listed cases have no tolerance box")
-        known = dict(measured or {})
+        known_values = dict(measured_values or {})
         varying = {
             name: tolerance
             for name, tolerance in study.tolerances
-            if tolerance.varies and not {name, dimension_library()[name].acts_on} & set(known)
+            if tolerance.varies and not {name, dimension_library()[name].acts_on} & set(known_values)
         }
         if not varying:
             raise InputError(f"study {study.name}: no tolerance varies; give one two limits, as tolerances.pin_radial")
@@ -70,13 +70,16 @@ class Box:
         sizes = dimensions(study)
         ends = dict(zip(sizes, np.cumsum(list(sizes.values())), strict=True))
         columns = {name: np.arange(ends[name] - size, ends[name]) for name, size in sizes.items()}
-        directed = [name for name in varying if dimension_library()[name].direction]
+        names_with_direction = [name for name in varying if dimension_library()[name].direction]
         return cls(
             study.model_copy(update={"tolerances": study.tolerances.model_copy(update=sides)}),
-            {name: columns[name] for name in varying if name not in directed},
-            {name: np.stack([columns[name], columns[dimension_library()[name].phase]], axis=1) for name in directed},
+            {name: columns[name] for name in varying if name not in names_with_direction},
+            {
+                name: np.stack([columns[name], columns[dimension_library()[name].phase]], axis=1)
+                for name in names_with_direction
+            },
             sum(sizes.values()),
-            known,
+            known_values,
         )
 
     @property
@@ -94,19 +97,19 @@ class Box:
     @property
     def columns(self) -> NDArray[np.intp]:
         """Columns of all errors that vary, without the waves'."""
-        return np.concatenate([np.empty(0, np.intp), *self.free.values()])
+        return np.concatenate([np.empty(0, np.intp), *self.free_columns.values()])
 
     def errors(self, points: Real) -> Errors:
         """Errors of points (n, n_columns)."""
-        return errors_with_parts(self.study, self.measured, points)
+        return errors_with_parts(self.study, self.measured_values, points)
 
-    def flipped(self, point: Real, edge_share: float) -> Real:
+    def flipped_points(self, point: Real, edge_share: float) -> Real:
         """(n_free, n_columns) the point with one error after the other at ``edge_share``."""
         points = np.repeat(point[None], len(self.columns), axis=0)
         points[np.arange(len(self.columns)), self.columns] = edge_share
         return points
 
-    def turned(self, point: Real, wave: NDArray[np.intp]) -> Real:
+    def rotated_points(self, point: Real, wave: NDArray[np.intp]) -> Real:
         """(PHASES, n_columns) the point with the full amplitude of a wave, by its columns, in every direction."""
         points = np.repeat(point[None], PHASES, axis=0)
         amplitude, phase = wave
@@ -119,7 +122,7 @@ def _uniform(tolerance: Distribution) -> Uniform:
     return Uniform(distribution="uniform", allowance_um=tolerance.allowance_um, lower_um=low, upper_um=high)
 
 
-def climbed(box: Box, evaluate: Evaluate, start: Real) -> tuple[Real, float]:
+def coordinate_search(box: Box, evaluate: Evaluate, start: Real) -> tuple[Real, float]:
     """A vertex of the box at which no single error makes a number larger, and the number.
 
     Parameters
@@ -131,25 +134,25 @@ def climbed(box: Box, evaluate: Evaluate, start: Real) -> tuple[Real, float]:
     All errors are tried alone; those that help are moved together if that is better than the best of them alone. A
     lower bound of the largest value: there may be higher vertices that no single error leads to.
     """
-    point, best = start, float(evaluate(start[None])[0])
+    point, largest_value = start, float(evaluate(start[None])[0])
     for _ in range(FLIPS):
-        moves = [box.flipped(point, edge_share) for edge_share in (0.0, 1.0)] + [
-            box.turned(point, wave) for wave in box.all_waves
+        moves = [box.flipped_points(point, edge_share) for edge_share in (0.0, 1.0)] + [
+            box.rotated_points(point, wave) for wave in box.all_waves
         ]
         values = np.split(
             np.nan_to_num(evaluate(np.concatenate(moves)), nan=-np.inf), np.cumsum([len(m) for m in moves])[:-1]
         )
-        combined = point.copy()
+        joint_point = point.copy()
         for edge_share, gains in zip((0.0, 1.0), values[:2], strict=True):
-            combined[box.columns[gains > best]] = edge_share
+            joint_point[box.columns[gains > largest_value]] = edge_share
         for wave, rows, gains in zip(box.all_waves, moves[2:], values[2:], strict=True):
-            if gains.max() > best:
-                combined[wave] = rows[np.argmax(gains)][wave]
+            if gains.max() > largest_value:
+                joint_point[wave] = rows[np.argmax(gains)][wave]
         moves_of_all, flat = np.concatenate(moves), np.concatenate(values)
-        candidates = [(float(np.nan_to_num(evaluate(combined[None])[0], nan=-np.inf)), combined)]
+        candidates = [(float(np.nan_to_num(evaluate(joint_point[None])[0], nan=-np.inf)), joint_point)]
         candidates.append((float(flat.max()), moves_of_all[np.argmax(flat)]))
         value, candidate = max(candidates, key=lambda pair: pair[0])
-        if not value > best:
+        if not value > largest_value:
             break
-        point, best = candidate, value
-    return point, best
+        point, largest_value = candidate, value
+    return point, largest_value

@@ -20,7 +20,7 @@ class Capability:
     ----------
     cpk : distance of the mean from the limit over three standard deviations.
     yield_if_normal : share within the limit that it implies where the metric is normal.
-    passed : the share of the samples.
+    pass_estimate : the share of the samples.
     """
 
     metric: str
@@ -28,12 +28,12 @@ class Capability:
     std: float
     cpk: float
     yield_if_normal: float
-    passed: Estimate
+    pass_estimate: Estimate
 
     @property
     def is_normal_plausible(self) -> bool:
         """Whether the yield of a normal distribution with this C_pk lies within the interval of the yield found."""
-        return self.passed.ci_low <= self.yield_if_normal <= self.passed.ci_high
+        return self.pass_estimate.ci_low <= self.yield_if_normal <= self.pass_estimate.ci_high
 
 
 def capability(metric: str, values: NDArray[np.float64], limit: float, confidence: float) -> Capability:

@@ -14,7 +14,7 @@ from pipeline.sampling import deviations_at
 
 Real = NDArray[np.float64]
 
-FAR = 0.9973
+QUANTILE_LEVEL = 0.9973
 """Level of the far quantile: three standard deviations of a normal distribution on both sides."""
 
 
@@ -57,13 +57,13 @@ def stack(study: Study, box: Box, evaluate: Evaluate, numbers: Real) -> Stack:
     numbers : (n, n_columns) of the unit cube, from which the study draws its errors, correlated as it says.
     """
     centre, columns = box.centre, box.columns
-    points = [centre[None], box.flipped(centre, 0.25), box.flipped(centre, 0.75)]
-    points += [box.turned(centre, wave) for wave in box.all_waves]
+    points = [centre[None], box.flipped_points(centre, 0.25), box.flipped_points(centre, 0.75)]
+    points += [box.rotated_points(centre, wave) for wave in box.all_waves]
     values = np.split(evaluate(np.concatenate(points)), np.cumsum([len(entry) for entry in points])[:-1])
     middle = float(values[0][0])
     slope = dict(zip(columns.tolist(), 2 * (values[2] - values[1]), strict=True))
     deviations, parts = deviations_at(study, numbers), {}
-    for name, of_name in box.free.items():
+    for name, of_name in box.free_columns.items():
         steps = _share(study, name, deviations[name]) - 0.5
         parts[name] = steps @ np.array([slope[column] for column in of_name.tolist()])
     responses = iter(values[3:])
@@ -85,7 +85,7 @@ def _share(study: Study, name: str, deviation: Real) -> Real:
 
 def statistics_of(metric: str, values: Real) -> dict[str, float]:
     """Mean, std, and the 99.73 % quantile on the bad side of values (n,)."""
-    level = 1 - FAR if library()[metric].smaller_is_worse else FAR
+    level = 1 - QUANTILE_LEVEL if library()[metric].smaller_is_worse else QUANTILE_LEVEL
     return {
         "mean": float(values.mean()),
         "std": float(values.std(ddof=1)),

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.config.studies.study import Study
-from pipeline.decisions.bounds.box import Box, Evaluate, climbed
+from pipeline.decisions.bounds.box import Box, Evaluate, coordinate_search
 from pipeline.decisions.bounds.capability import Capability, capability
 from pipeline.decisions.bounds.linear import stack, statistics_of
 from pipeline.decisions.bounds.play import Bound, play_bounds
@@ -126,7 +126,7 @@ def findings(
     InputError
         If the study has no tolerance box.
     """
-    box = Box.of(study)
+    box = Box.from_study(study)
     samples = study.samples.model_copy(update={"experiment": "monte_carlo", "count": UNITS})
     numbers = uniforms(samples, sum(dimensions(study).values()), 0, UNITS)
     bounds, stacks, contributions = [], [], []
@@ -138,8 +138,8 @@ def findings(
             evaluate = partial(_metric_at, solve, box, crank, metric)
             if metric not in rigid:
                 sign = -1.0 if library()[metric].smaller_is_worse else 1.0
-                _, worst = climbed(box, partial(_signed, evaluate, sign), box.centre)
-                bounds.append(Bound(metric, crank, WORST_FOUND, sign * worst))
+                _, worst_value = coordinate_search(box, partial(_signed_value, evaluate, sign), box.centre)
+                bounds.append(Bound(metric, crank, WORST_FOUND, sign * worst_value))
             linear = stack(study, box, evaluate, numbers)
             is_finite = np.isfinite(drawn_metrics[metric])
             full, of_stack = (
@@ -162,15 +162,24 @@ def _metric_at(solve: SolveAt, box: Box, crank_deg: float, metric: str, points: 
     return solve(crank_deg, box.errors(points))[metric]
 
 
-def _signed(evaluate: Evaluate, sign: float, points: Real) -> Real:
+def _signed_value(evaluate: Evaluate, sign: float, points: Real) -> Real:
     return sign * evaluate(points)
 
 
 def table_rows(bound_findings: BoundFindings) -> dict[Table, Columns]:
     """Rows of the four tables."""
     capabilities = [
-        (c.metric, c.mean, c.std, c.cpk, c.yield_if_normal, c.passed.value, c.passed.ci_low, c.passed.ci_high)
-        + (c.passed.n, c.is_normal_plausible)
+        (
+            c.metric,
+            c.mean,
+            c.std,
+            c.cpk,
+            c.yield_if_normal,
+            c.pass_estimate.value,
+            c.pass_estimate.ci_low,
+            c.pass_estimate.ci_high,
+        )
+        + (c.pass_estimate.n, c.is_normal_plausible)
         for c in bound_findings.capabilities
     ]
     bounds = [(entry.metric, entry.crank_deg, entry.quantity, entry.value) for entry in bound_findings.bounds]

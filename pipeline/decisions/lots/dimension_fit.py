@@ -101,28 +101,28 @@ def dimension_fit(
     seed : of the bootstrap.
     """
     complete = np.all(np.isfinite(values), axis=1)
-    parts, values = [label for label, known in zip(parts, complete, strict=True) if known], values[complete]
+    parts, values = [label for label, is_known in zip(parts, complete, strict=True) if is_known], values[complete]
     flat = values.ravel()
     if len(flat) < FEWEST_PARTS or np.ptp(flat) == 0:
         return None
     kinds = fitted_kinds(flat, dimension, drawing)
-    best, circle = kinds[0].distribution, _circumference(dimension, values, design)
+    best_distribution, circle = kinds[0].distribution, _circumference(dimension, values, design)
     length = correlation_length(values, circle) if circle else None
-    replicates = _replicates(best, values.shape, circle, length, np.random.default_rng(seed))
+    replicates = _replicates(best_distribution, values.shape, circle, length, np.random.default_rng(seed))
     mean, spread = _moments(flat, replicates, confidence)
     of_length = None
     if length is not None and circle:
-        trials = [correlation_length(lot, circle, tested=False) or length for lot in replicates]
+        trials = [correlation_length(lot, circle, with_test=False) or length for lot in replicates]
         ratios = np.quantile(np.array(trials) / length, _ends(confidence))
         of_length = Estimate(length, length / ratios[1], length / ratios[0], len(flat))
-        best = best.model_copy(update={"correlation_length_mm": float(f"{length:.3g}")})
+        best_distribution = best_distribution.model_copy(update={"correlation_length_mm": float(f"{length:.3g}")})
     cp, cpk = _capability(dimension, drawing, flat, replicates, spread, confidence)
     return DimensionFit(
         dimension,
         tuple(parts),
         values,
         tuple(kinds),
-        best,
+        best_distribution,
         mean,
         spread,
         of_length,
@@ -141,12 +141,12 @@ def _circumference(dimension: Dimension, values: Real, design: Design) -> float 
     return 2 * np.pi * elements.radius_mm(design)
 
 
-def correlation_length(values: Real, circumference: float, tested: bool = True) -> float | None:
+def correlation_length(values: Real, circumference: float, with_test: bool = True) -> float | None:
     """Correlation length [mm] of neighbours on circles (n_circles, n_elements), by maximum likelihood.
 
     Parameters
     ----------
-    tested : whether None is returned where the likelihood ratio does not reject independence.
+    with_test : whether None is returned where the likelihood ratio does not reject independence.
 
     Notes
     -----
@@ -168,11 +168,11 @@ def correlation_length(values: Real, circumference: float, tested: bool = True) 
     trials = np.linspace(low, high, int(LENGTHS_PER_DECADE * (high - low) / np.log(10)) + 2)
     k = int(np.argmin([cost(trial) for trial in trials]))
     bracket = trials[max(k - 1, 0)], trials[min(k + 1, len(trials) - 1)]
-    found = scipy.optimize.minimize_scalar(cost, bounds=bracket, method="bounded")
+    optimum = scipy.optimize.minimize_scalar(cost, bounds=bracket, method="bounded")
     independent = float(np.sum(power)) * len(values)
-    if tested and independent - found.fun < scipy.stats.chi2.ppf(1 - 2 * LEVEL, 1):
+    if with_test and independent - optimum.fun < scipy.stats.chi2.ppf(1 - 2 * LEVEL, 1):
         return None
-    return float(np.exp(found.x))
+    return float(np.exp(optimum.x))
 
 
 def _replicates(

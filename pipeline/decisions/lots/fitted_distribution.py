@@ -51,9 +51,9 @@ def fitted_kinds(values: Real, dimension: Dimension, drawing: Distribution) -> l
     fits = _ZONE_FITS if dimension.zone else _FITS
     kinds = []
     for fit in fits:
-        fitted = fit(deviation, dimension, drawing)
-        if fitted is not None:
-            settings, log_likelihood, n_parameters = fitted
+        fitted_kind = fit(deviation, dimension, drawing)
+        if fitted_kind is not None:
+            settings, log_likelihood, n_parameters = fitted_kind
             settings = {key: float(f"{v:.{DIGITS}g}") if isinstance(v, float) else v for key, v in settings.items()}
             distribution = library()[settings["distribution"]](allowance_um=drawing.allowance_um, **settings)
             kinds.append(FittedKind(distribution, n_parameters * np.log(len(values)) - 2 * log_likelihood))
@@ -92,8 +92,8 @@ def _truncated_normal(deviation: Real, dimension: Dimension, drawing: Distributi
 
     start = np.array([np.mean(deviation), np.log(np.std(deviation))])
     box = ((lower, upper), (np.log(1e-3 * width), np.log(2 * width)))
-    found = minimize(cost, np.clip(start, *np.transpose(box)), method="L-BFGS-B", bounds=box)
-    return _normal_settings(float(found.x[0]), float(np.exp(found.x[1])), lower, upper), -n * float(found.fun), 2
+    optimum = minimize(cost, np.clip(start, *np.transpose(box)), method="L-BFGS-B", bounds=box)
+    return _normal_settings(float(optimum.x[0]), float(np.exp(optimum.x[1])), lower, upper), -n * float(optimum.fun), 2
 
 
 def _normal_settings(mean: float, scale: float, lower: float, upper: float) -> dict:
@@ -131,26 +131,26 @@ def _triangular(deviation: Real, dimension: Dimension, drawing: Distribution) ->
         return -float(np.mean(np.log(density)))
 
     tries = [minimize(cost, [-3.0, -3.0, peak], method="Nelder-Mead") for peak in (-4.0, -1.0, 0.0, 1.0, 4.0)]
-    found = min(tries, key=lambda attempt: attempt.fun)
-    lower, upper, mode = settings(found.x)
+    optimum = min(tries, key=lambda attempt: attempt.fun)
+    lower, upper, mode = settings(optimum.x)
     values = {"distribution": "triangular", "lower_um": lower, "upper_um": upper, "mode_um": mode}
-    return values, -len(deviation) * float(found.fun), 3
+    return values, -len(deviation) * float(optimum.fun), 3
 
 
 def _uniform_in_disc(deviation: Real, dimension: Dimension, drawing: Distribution) -> Fit:
-    n, largest = len(deviation), float(np.max(deviation))
-    if largest <= 0:
+    n, largest_distance = len(deviation), float(np.max(deviation))
+    if largest_distance <= 0:
         return None
-    settings = {"distribution": "uniform_in_disc", "radius_um": largest * (2 * n + 1) / (2 * n)}
-    return settings, float(np.sum(np.log(2 * np.maximum(deviation, 1e-12) / largest**2))), 1
+    settings = {"distribution": "uniform_in_disc", "radius_um": largest_distance * (2 * n + 1) / (2 * n)}
+    return settings, float(np.sum(np.log(2 * np.maximum(deviation, 1e-12) / largest_distance**2))), 1
 
 
 def _normal_in_disc(deviation: Real, dimension: Dimension, drawing: Distribution) -> Fit:
     """The zone's radius is three standard deviations of a coordinate, as the kind defines it."""
-    largest = float(np.max(deviation))
-    if largest <= 0:
+    largest_distance = float(np.max(deviation))
+    if largest_distance <= 0:
         return None
-    scale = max(float(np.sqrt(np.mean(deviation**2) / 2)) * _TRUNCATION, largest / 3)
+    scale = max(float(np.sqrt(np.mean(deviation**2) / 2)) * _TRUNCATION, largest_distance / 3)
     density = np.maximum(deviation, 1e-12) / scale**2 * np.exp(-0.5 * (deviation / scale) ** 2) / -np.expm1(-4.5)
     return {"distribution": "normal_in_disc", "radius_um": 3 * scale}, float(np.sum(np.log(density))), 1
 

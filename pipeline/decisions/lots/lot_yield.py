@@ -71,8 +71,8 @@ def study_of_lot(study: Study, fits: Sequence[DimensionFit]) -> Study:
     return _with_tolerances(study, {fit.dimension.name: fit.tolerance for fit in fits})
 
 
-def _with_tolerances(study: Study, replaced: Mapping[str, Distribution]) -> Study:
-    return study.model_copy(update={"tolerances": study.tolerances.model_copy(update=dict(replaced))})
+def _with_tolerances(study: Study, replacements: Mapping[str, Distribution]) -> Study:
+    return study.model_copy(update={"tolerances": study.tolerances.model_copy(update=dict(replacements))})
 
 
 def lot_yield(study: Study, fits: Sequence[DimensionFit], solve: Solve, units: int, jobs: int) -> LotYield:
@@ -87,19 +87,19 @@ def lot_yield(study: Study, fits: Sequence[DimensionFit], solve: Solve, units: i
         raise InputError(f"study {study.name}: [limits] is empty; a yield needs a limit")
     if study.samples.experiment == "cases":
         raise InputError(f"study {study.name}: listed cases are not drawn; give a study with tolerances")
-    made = study_of_lot(study, fits)
+    lot_study = study_of_lot(study, fits)
     start = study.samples.count
 
     def values(variant: Study, number: int = units) -> Mapping[str, Real]:
         return fresh_values(variant, start, number, solve, jobs)
 
-    drawn_values, made_values = values(study), values(made)
-    confidence, passes = study.metrics.confidence, passed(study, made_values)
+    drawn_values, made_values = values(study), values(lot_study)
+    confidence, passes = study.metrics.confidence, limit_passes(study, made_values)
     costs = []
     for fit in fits:
         drawing = getattr(study.tolerances, fit.dimension.name)
-        perfect = _with_tolerances(made, {fit.dimension.name: _target(drawing)})
-        perfect_passes = passed(study, values(perfect))
+        perfect = _with_tolerances(lot_study, {fit.dimension.name: _target(drawing)})
+        perfect_passes = limit_passes(study, values(perfect))
         low, high = share_difference(passes, perfect_passes, confidence, True)
         gain = Estimate(float(perfect_passes.mean() - passes.mean()), low, high, units)
         costs.append(DimensionCost(fit.dimension.name, float(perfect_passes.mean()), gain))
@@ -124,19 +124,19 @@ def _with_part_uncertainty(
     rng = np.random.default_rng(study.samples.seed)
     moves = []
     for _ in range(RESAMPLED_LOTS):
-        made = _with_tolerances(study, {fit.dimension.name: _refitted(fit, study, rng) for fit in fits})
-        odds = _log_odds(yields(study, values(made, units)))
+        lot_study = _with_tolerances(study, {fit.dimension.name: _refit(fit, study, rng) for fit in fits})
+        odds = _log_odds(yields(study, values(lot_study, units)))
         moves.append({name: odds[name] - base[name] for name in base})
     quantile = float(scipy.stats.t.ppf((1 + study.metrics.confidence) / 2, RESAMPLED_LOTS))
-    widened = {}
+    wide_yields = {}
     for name, share in shares.items():
         parts = quantile * float(np.sqrt(np.mean([move[name] ** 2 for move in moves])))
         centre, low, high = (_odds(value, share.n) for value in (share.value, share.ci_low, share.ci_high))
         low, high = centre - np.hypot(centre - low, parts), centre + np.hypot(high - centre, parts)
-        widened[name] = Estimate(
+        wide_yields[name] = Estimate(
             share.value, min(float(expit(low)), share.ci_low), max(float(expit(high)), share.ci_high), share.n
         )
-    return widened
+    return wide_yields
 
 
 def _log_odds(shares: Mapping[str, Estimate]) -> dict[str, float]:
@@ -148,11 +148,11 @@ def _odds(share: float, n: int) -> float:
     return float(logit(np.clip(share, 0.5 / n, 1 - 0.5 / n)))
 
 
-def _refitted(fit: DimensionFit, study: Study, rng: np.random.Generator) -> Distribution:
+def _refit(fit: DimensionFit, study: Study, rng: np.random.Generator) -> Distribution:
     """The fit of as many parts drawn from the measured ones with replacement."""
-    resampled = fit.values[rng.integers(len(fit.values), size=len(fit.values))]
+    resampled_values = fit.values[rng.integers(len(fit.values), size=len(fit.values))]
     drawing = getattr(study.tolerances, fit.dimension.name)
-    kinds = fitted_kinds(resampled.ravel(), fit.dimension, drawing)
+    kinds = fitted_kinds(resampled_values.ravel(), fit.dimension, drawing)
     if not kinds:
         return fit.tolerance
     length = getattr(fit.tolerance, "correlation_length_mm", None)
@@ -164,7 +164,9 @@ def _target(drawing: Distribution) -> Fixed:
     return Fixed(distribution="fixed", allowance_um=drawing.allowance_um, value_um=drawing.average_um)
 
 
-def passed(study: Study, values: Mapping[str, Real]) -> NDArray[np.bool_]:
+def limit_passes(study: Study, values: Mapping[str, Real]) -> NDArray[np.bool_]:
     """Whether each unit (n,) keeps all limits; one without a value keeps none."""
-    known = np.all([np.isfinite(values[name]) for name in study.limits.limited_metrics(ALL_LIMITS, values)], axis=0)
-    return study.limits.pass_flags(values)[ALL_LIMITS] & known
+    has_values = np.all(
+        [np.isfinite(values[name]) for name in study.limits.limited_metrics(ALL_LIMITS, values)], axis=0
+    )
+    return study.limits.pass_flags(values)[ALL_LIMITS] & has_values

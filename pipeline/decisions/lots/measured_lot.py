@@ -35,13 +35,13 @@ class MeasuredLot:
     parts : label of each part (n_parts,).
     values : of each measured dimension (n_parts, n_elements) [um], total deviations with the signs of the dimensions;
         NaN where a part has no value. Dimensions without elements have one column.
-    ignored : columns of the table that are no dimension.
+    ignored_columns : columns of the table that are no dimension.
     """
 
     name: str
     parts: tuple[str, ...]
     values: Mapping[str, Real]
-    ignored: tuple[str, ...]
+    ignored_columns: tuple[str, ...]
 
 
 def measured_lot(name: str, table: TableFile, design: Design) -> MeasuredLot:
@@ -62,24 +62,24 @@ def measured_lot(name: str, table: TableFile, design: Design) -> MeasuredLot:
     """
     problems: list[str] = []
     read: dict[str, dict[int | None, Real]] = {}
-    ignored = []
+    ignored_columns = []
     for column in table.cells:
         if column == PART:
             continue
-        named = _dimension_of(column, design)
-        if named is None:
-            ignored.append(column)
+        match = _dimension_of(column, design)
+        if match is None:
+            ignored_columns.append(column)
             continue
-        dimension, element = named
+        dimension, element = match
         if dimension.count(design) == 0:
             problems.append(f"{table.name}: column {column}: {dimension.refusal(design)}")
             continue
         values = table.numbers(column)
-        wrong = ~table.is_blank(column) & ~(np.abs(values) <= LARGEST_DEVIATION)
-        problems += table.faults(column, wrong, f"must be a deviation in um, at most {LARGEST_DEVIATION:g}")
+        is_wrong = ~table.is_blank(column) & ~(np.abs(values) <= LARGEST_DEVIATION)
+        problems += table.faults(column, is_wrong, f"must be a deviation in um, at most {LARGEST_DEVIATION:g}")
         read.setdefault(dimension.name, {})[element] = values
     if not read and not problems:
-        hints = [f"{column!r}: {nearest_name(column, tuple(dimension_library()))}" for column in ignored[:3]]
+        hints = [f"{column!r}: {nearest_name(column, tuple(dimension_library()))}" for column in ignored_columns[:3]]
         problems.append(
             f"{table.name}: no column is named after a toleranced dimension "
             f"({'; '.join(hints) or 'the table is empty'})"
@@ -94,7 +94,7 @@ def measured_lot(name: str, table: TableFile, design: Design) -> MeasuredLot:
         for key, parts in read.items()
     }
     part_labels = tuple(labels[k] if labels else str(k + 1) for k in starts)
-    return MeasuredLot(name, part_labels, values_of, tuple(ignored))
+    return MeasuredLot(name, part_labels, values_of, tuple(ignored_columns))
 
 
 def _dimension_of(column: str, design: Design) -> tuple[Dimension, int | None] | None:

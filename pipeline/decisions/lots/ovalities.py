@@ -31,28 +31,28 @@ def with_separate_ovalities(lot: MeasuredLot, study: Study) -> MeasuredLot:
     name = "pin_radial"
     library, values = dimension_library(), lot.values.get(name)
     orders = {
-        other: int(other.rsplit("_", 1)[1])
-        for other, dimension in library.items()
-        if dimension.acts_on == name and getattr(study.tolerances, other).varies
+        other_name: int(other_name.rsplit("_", 1)[1])
+        for other_name, dimension in library.items()
+        if dimension.acts_on == name and getattr(study.tolerances, other_name).varies
     }
     if values is None or values.shape[1] < 2 * (FIRST_FREE_ORDER + FREE_ORDERS) or set(orders) & set(lot.values):
         return lot
-    measured = {**lot.values, name: values.copy()}
+    measured_values = {**lot.values, name: values.copy()}
     coefficients = 2 * np.fft.rfft(values, axis=1) / values.shape[1]
-    free = np.arange(FIRST_FREE_ORDER, FIRST_FREE_ORDER + FREE_ORDERS)
-    power_of_pins = np.nanmean(np.abs(coefficients[:, free]) ** 2, axis=0)
-    slope, intercept = np.polyfit(free**2, 1 / power_of_pins, 1, w=power_of_pins)
-    largest = float(power_of_pins.max())
+    free_orders = np.arange(FIRST_FREE_ORDER, FIRST_FREE_ORDER + FREE_ORDERS)
+    power_of_pins = np.nanmean(np.abs(coefficients[:, free_orders]) ** 2, axis=0)
+    slope, offset = np.polyfit(free_orders**2, 1 / power_of_pins, 1, w=power_of_pins)
+    largest_power = float(power_of_pins.max())
     turn = 2j * np.pi * np.arange(values.shape[1]) / values.shape[1]
-    for other, order in orders.items():
+    for other_name, order in orders.items():
         wave = coefficients[:, order]
-        inverse = intercept + slope * order**2
-        chance = 1 / inverse if inverse > 0 else largest
+        inverse = offset + slope * order**2
+        chance = 1 / inverse if inverse > 0 else largest_power
         size = np.abs(wave)
         amplitude = np.sqrt(np.maximum(size**2 - chance, 0.0))
-        rest = wave * (1 - np.divide(amplitude, size, out=np.zeros_like(size), where=size > 0))
-        power = np.nanmean(np.abs(rest) ** 2)
-        kept = rest * np.sqrt(chance / power) if power > 0 else rest
-        measured[name] -= ((wave - kept)[:, None] * np.exp(order * turn)).real
-        measured[other] = amplitude[:, None]
-    return replace(lot, values=measured)
+        remainder = wave * (1 - np.divide(amplitude, size, out=np.zeros_like(size), where=size > 0))
+        power = np.nanmean(np.abs(remainder) ** 2)
+        kept_wave = remainder * np.sqrt(chance / power) if power > 0 else remainder
+        measured_values[name] -= ((wave - kept_wave)[:, None] * np.exp(order * turn)).real
+        measured_values[other_name] = amplitude[:, None]
+    return replace(lot, values=measured_values)

@@ -102,12 +102,12 @@ class LotFindings:
 
     Attributes
     ----------
-    skipped : measured dimensions without a fit, and why.
+    skipped_dimensions : measured dimensions without a fit, and why.
     """
 
     lot: MeasuredLot
     fits: tuple[DimensionFit, ...]
-    skipped: tuple[tuple[str, str], ...]
+    skipped_dimensions: tuple[tuple[str, str], ...]
     outcome: LotYield
 
 
@@ -119,7 +119,7 @@ def lot_fits(study: Study, lot: MeasuredLot) -> tuple[tuple[DimensionFit, ...], 
     InputError
         If no dimension of the lot can be fitted.
     """
-    fits, skipped = [], []
+    fits, skipped_dimensions = [], []
     for name, values in lot.values.items():
         fit = dimension_fit(
             dimension_library()[name],
@@ -131,27 +131,27 @@ def lot_fits(study: Study, lot: MeasuredLot) -> tuple[tuple[DimensionFit, ...], 
             study.samples.seed,
         )
         if fit is None:
-            skipped.append((name, f"fewer than {FEWEST_PARTS} values, or all equal"))
+            skipped_dimensions.append((name, f"fewer than {FEWEST_PARTS} values, or all equal"))
         else:
             fits.append(fit)
     if not fits:
         raise InputError(f"{lot.name}: no dimension has {FEWEST_PARTS} different values; measure more parts")
-    return tuple(fits), tuple(skipped)
+    return tuple(fits), tuple(skipped_dimensions)
 
 
 def lot_findings(study: Study, lot: MeasuredLot, solve: Solve, units: int, jobs: int) -> LotFindings:
     """Fits of a lot and the yield of a study made from it."""
-    fits, skipped = lot_fits(study, lot)
-    return LotFindings(lot, fits, skipped, lot_yield(study, fits, solve, units, jobs))
+    fits, skipped_dimensions = lot_fits(study, lot)
+    return LotFindings(lot, fits, skipped_dimensions, lot_yield(study, fits, solve, units, jobs))
 
 
 def fit_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
     """Rows of `FITS`."""
     rows = []
-    for found in findings:
-        for fit in found.fits:
-            others = {name: gap for name, gap in relative_bic(fit.kinds).items() if gap > 0}
-            following = min(others.items(), key=lambda item: item[1], default=("", np.nan))
+    for lot_result in findings:
+        for fit in lot_result.fits:
+            relative_gaps = {name: gap for name, gap in relative_bic(fit.kinds).items() if gap > 0}
+            following = min(relative_gaps.items(), key=lambda item: item[1], default=("", np.nan))
             drift = fit.drift
             estimates = {
                 "mean_um": fit.mean,
@@ -162,7 +162,7 @@ def fit_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
                 "drift_um": drift.change_um if drift else None,
             }
             row: dict[str, Any] = {
-                "lot": found.lot.name,
+                "lot": lot_result.lot.name,
                 "dimension": fit.dimension.name,
                 "parts": len(fit.values),
                 "n": fit.values.size,
@@ -172,8 +172,12 @@ def fit_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
                 "drift_p_value": drift.p_value if drift else np.nan,
             }
             for name, estimate in estimates.items():
-                known = estimate or NO_ESTIMATE
-                row |= {name: known.value, f"{name}_ci_low": known.ci_low, f"{name}_ci_high": known.ci_high}
+                known_estimate = estimate or NO_ESTIMATE
+                row |= {
+                    name: known_estimate.value,
+                    f"{name}_ci_low": known_estimate.ci_low,
+                    f"{name}_ci_high": known_estimate.ci_high,
+                }
             rows.append(row)
     return pd.DataFrame(rows, columns=[column.name for column in FITS.columns])
 
@@ -181,9 +185,9 @@ def fit_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
 def outlier_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
     """Rows of `OUTLIERS`."""
     rows = [
-        (found.lot.name, fit.dimension.name, fit.parts[part], element, fit.values[part, element])
-        for found in findings
-        for fit in found.fits
+        (lot_result.lot.name, fit.dimension.name, fit.parts[part], element, fit.values[part, element])
+        for lot_result in findings
+        for fit in lot_result.fits
         for part, element in fit.outliers
     ]
     return pd.DataFrame(rows, columns=[column.name for column in OUTLIERS.columns])
@@ -192,9 +196,9 @@ def outlier_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
 def yield_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
     """Rows of `YIELDS`."""
     rows = [
-        (found.lot.name, metric, tolerances, share.value, share.ci_low, share.ci_high, share.n)
-        for found in findings
-        for tolerances, shares in (("drawn", found.outcome.as_drawn), ("made", found.outcome.as_made))
+        (lot_result.lot.name, metric, tolerances, share.value, share.ci_low, share.ci_high, share.n)
+        for lot_result in findings
+        for tolerances, shares in (("drawn", lot_result.outcome.as_drawn), ("made", lot_result.outcome.as_made))
         for metric, share in shares.items()
     ]
     return pd.DataFrame(rows, columns=[column.name for column in YIELDS.columns])
@@ -203,9 +207,9 @@ def yield_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
 def cost_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
     """Rows of `COSTS`."""
     rows = [
-        (found.lot.name, cost.name, cost.yield_at_target, cost.gain.value, cost.gain.ci_low, cost.gain.ci_high)
-        for found in findings
-        for cost in found.outcome.costs
+        (lot_result.lot.name, cost.name, cost.yield_at_target, cost.gain.value, cost.gain.ci_low, cost.gain.ci_high)
+        for lot_result in findings
+        for cost in lot_result.outcome.costs
     ]
     return pd.DataFrame(rows, columns=[column.name for column in COSTS.columns])
 
@@ -213,17 +217,21 @@ def cost_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
 def lot_differences(study: Study, findings: Sequence[LotFindings]) -> pd.DataFrame:
     """Rows of `DIFFERENCES`: metrics and yields of units made from the second lot less those of the first."""
     runs = [
-        ComparedRun(_named(study_of_lot(study, found.fits), found.lot.name), _frame(found), pd.DataFrame())
-        for found in findings
+        ComparedRun(
+            _renamed_study(study_of_lot(study, lot_result.fits), lot_result.lot.name),
+            _frame(lot_result),
+            pd.DataFrame(),
+        )
+        for lot_result in findings
     ]
     return pd.DataFrame(differences(*runs))
 
 
-def _frame(found: LotFindings) -> pd.DataFrame:
-    return pd.DataFrame(dict(found.outcome.values))
+def _frame(lot_result: LotFindings) -> pd.DataFrame:
+    return pd.DataFrame(dict(lot_result.outcome.values))
 
 
-def _named(study: Study, name: str) -> Study:
+def _renamed_study(study: Study, name: str) -> Study:
     """The study as a run of its units alone: sample 0 is a drawn one."""
     samples = study.samples.model_copy(update={"nominal_first": False})
     return study.model_copy(update={"name": name, "samples": samples})
@@ -231,8 +239,8 @@ def _named(study: Study, name: str) -> Study:
 
 def study_text(study: Study, fits: Sequence[DimensionFit], lot: str, name: str, design: str) -> str:
     """The study with the distributions of a lot as a TOML file; ``design`` names its design."""
-    made = study_of_lot(study, fits)
-    content: dict[str, Any] = made.model_dump(exclude_defaults=True, exclude={"name", "design"})
+    lot_study = study_of_lot(study, fits)
+    content: dict[str, Any] = lot_study.model_dump(exclude_defaults=True, exclude={"name", "design"})
     content["title"] = f"{study.title or study.name}: parts of {lot}"
     if study.cycle.loaded_angles:
         content["cycle"].pop("crank_deg", None)

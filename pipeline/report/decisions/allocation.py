@@ -27,8 +27,8 @@ CHOICES = {
 
 def sentence(allocation: Allocation) -> str:
     """What was found, in a few sentences."""
-    found, stated = allocation.cheapest, allocation.stated
-    if not allocation.reached:
+    found, stated = allocation.cheapest, allocation.stated_choice
+    if not allocation.reaches_target:
         return (
             f"The target of {_share(allocation.target)} is not reached. The best tolerances found give {_yield(found)} "
             f"and cost {found.cost:.3g}; those of the study give {_yield(stated)} and cost {stated.cost:.3g}. Most "
@@ -49,7 +49,7 @@ def sentence(allocation: Allocation) -> str:
 
 
 def _yield(choice: Choice) -> str:
-    passed = choice.passed
+    passed = choice.yield_estimate
     return f"{_share(passed.value)} ({100 * passed.ci_low:.1f} to {_share(passed.ci_high)}, {passed.n:,} fresh units)"
 
 
@@ -93,16 +93,16 @@ def write_allocation_page(allocation: Allocation, file: str, folder: Path) -> No
         tradeoff=[
             (_share(share), f"{cost:.4g}" if np.isfinite(cost) else NOTHING) for share, cost in allocation.tradeoff
         ],
-        examples=[PARAMETERS[tolerance.name] for tolerance in allocation.priced if tolerance.cost.example],
-        unmoved=[(PARAMETERS[name], reason) for name, reason in allocation.unmoved.items()],
-        solved=allocation.solved,
+        examples=[PARAMETERS[tolerance.name] for tolerance in allocation.priced_dimensions if tolerance.cost.example],
+        unmoved=[(PARAMETERS[name], reason) for name, reason in allocation.unmoved_reasons.items()],
+        solved=allocation.solved_units,
         pictures=_pictures(allocation, folder),
     )
     write_atomic(folder / "report.html", page.encode())
 
 
 def _pictures(allocation: Allocation, folder: Path) -> dict[str, Picture]:
-    choices = {"before": allocation.stated, "equal": allocation.equal, "found": allocation.cheapest}
+    choices = {"before": allocation.stated_choice, "equal": allocation.equal, "found": allocation.cheapest}
     points = {CHOICES[name]: _point(choice) for name, choice in choices.items() if choice is not None}
     figure = tradeoff_figure(allocation.tradeoff, points, allocation.target)
     caption = (
@@ -113,5 +113,5 @@ def _pictures(allocation: Allocation, folder: Path) -> dict[str, Picture]:
 
 
 def _point(choice: Choice) -> tuple[float, float, float, float]:
-    passing = choice.passed
+    passing = choice.yield_estimate
     return choice.cost, passing.value, passing.ci_low, passing.ci_high

@@ -21,10 +21,10 @@ SHOWN_PAIRS = 30
 
 def assembly_sentences(assembly: Assembly, mounting_limit: float | None) -> list[str]:
     """How much the assignment raises the yield, and how many pairs bind."""
-    gain = assembly.selected.value - assembly.random.value
+    gain = assembly.selected_yield.value - assembly.random.value
     texts = [
         f"The assignment raises the yield from {_percent(assembly.random)} with random assembly to "
-        f"{_percent(assembly.selected)} ({100 * gain:+.2g} percentage points)."
+        f"{_percent(assembly.selected_yield)} ({100 * gain:+.2g} percentage points)."
     ]
     if mounting_limit is not None:
         texts.append(
@@ -57,8 +57,8 @@ def write_assembly_page(study: Study, assembly: Assembly, mounting_limit: float 
     page = rendered(
         TEMPLATE,
         study=study,
-        first=assembly.first.name,
-        second=assembly.second.name,
+        first=assembly.first_lot.name,
+        second=assembly.second_lot.name,
         sentences=assembly_sentences(assembly, mounting_limit),
         draws=DRAWS,
         yields=[
@@ -68,7 +68,7 @@ def write_assembly_page(study: Study, assembly: Assembly, mounting_limit: float 
                 "ends": f"{100 * share.ci_low:.3g} to {100 * share.ci_high:.3g} %",
                 "units": f"{share.n:,}",
             }
-            for title, share in (("at random", assembly.random), ("by the assignment", assembly.selected))
+            for title, share in (("at random", assembly.random), ("by the assignment", assembly.selected_yield))
         ],
         pairs=shown,
         n_pairs=len(rows),

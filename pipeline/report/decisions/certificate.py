@@ -38,7 +38,7 @@ def write_certificate_page(unit: Certificate, loop: Compensated | None, folder: 
         TEMPLATE,
         label=unit.label,
         study=unit.study,
-        measured=[PARAMETERS[name] for name in unit.measured],
+        measured=[PARAMETERS[name] for name in unit.measured_dimensions],
         sentences=[limit_sentence(unit), compensation_sentence(unit, loop)],
         left=compensation_sentence(unit, loop),
         metrics=[

@@ -55,9 +55,11 @@ def remarks(found: LotFindings) -> list[str]:
     if len(rows):
         named = [f"part {row.part} ({PARAMETERS[row.dimension]}, {row.value_um:.3g} µm)" for row in rows.itertuples()]
         texts.append(f"{lot}: outliers, which are kept in the fits: {listed(named[:10])}.")
-    texts += [f"{lot}: {PARAMETERS[name]} is not fitted: {reason}." for name, reason in found.skipped]
-    if found.lot.ignored:
-        texts.append(f"{lot}: columns that are no toleranced dimension and were not used: {listed(found.lot.ignored)}.")
+    texts += [f"{lot}: {PARAMETERS[name]} is not fitted: {reason}." for name, reason in found.skipped_dimensions]
+    if found.lot.ignored_columns:
+        texts.append(
+            f"{lot}: columns that are no toleranced dimension and were not used: {listed(found.lot.ignored_columns)}."
+        )
     return texts
 
 

@@ -35,7 +35,7 @@ def closed_form():
 def test_reciprocal_costs_of_a_chain_meet_the_closed_form():
     units = chain()
     scale = cheapest(units, costs(), TARGET, LOW, HIGH).scale
-    assert units.passed(scale) == pytest.approx(TARGET, abs=5e-5)
+    assert units.pass_share(scale) == pytest.approx(TARGET, abs=5e-5)
     assert np.sum(RATE / scale) == pytest.approx(np.sum(RATE / closed_form()), rel=0.01)
     np.testing.assert_allclose(scale, closed_form(), rtol=0.02)
     equal = LIMIT / (Z * np.sqrt(np.sum((SENSITIVITY / 3) ** 2)))

@@ -60,10 +60,10 @@ def search():
 def test_the_search_ends_at_the_cheapest_point_and_never_below_one_that_it_has_seen(search, start):
     own, seen = search
     first = own.trial(np.full(2, start))
-    best = own.improved(first, TARGET, TARGET)
+    best = own.improve(first, TARGET, TARGET)
     trials = [item for item in seen if isinstance(item, Trial)]
-    reaching = [trial.cost for trial in trials if trial.passed.value >= TARGET]
-    assert best.passed.value >= TARGET
+    reaching = [trial.cost for trial in trials if trial.yield_estimate.value >= TARGET]
+    assert best.yield_estimate.value >= TARGET
     assert best.cost == min(reaching)
     x = np.abs(np.random.default_rng(0).standard_normal((400_000, 2)))
     exact = (8.0 / np.quantile(x.sum(axis=1), TARGET)) ** 0.25  # by symmetry both scales are alike
@@ -72,9 +72,9 @@ def test_the_search_ends_at_the_cheapest_point_and_never_below_one_that_it_has_s
 
 def test_no_two_rounds_or_checks_share_a_unit(search):
     own, _ = search
-    found = allocation._confirmed(own, TARGET)
+    found = allocation._confirmed_trial(own, TARGET)
     used = next(own.sets)
-    assert found.passed.value >= TARGET
+    assert found.yield_estimate.value >= TARGET
     assert used > 4, "each trial and check took a set of its own"
 
 

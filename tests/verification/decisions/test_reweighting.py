@@ -10,7 +10,13 @@ from scipy import integrate, stats
 from pipeline.config import Study, load_study
 from pipeline.config.distributions.distribution import library
 from pipeline.decisions.fresh_units import fresh_yields
-from pipeline.decisions.reweighting import effective_units, kept_of_one, moved_tolerances, reweighted, weighted_share
+from pipeline.decisions.reweighting import (
+    effective_units,
+    kept_of_one,
+    moved_tolerances,
+    reweighted_yields,
+    weighted_share,
+)
 from pipeline.decisions.run_comparison import ComparedRun
 from pipeline.errors import InputError
 from pipeline.sampling import Errors, draw
@@ -87,7 +93,7 @@ def test_wide_runs_know_the_yield_of_a_narrow_study() -> None:
     for seed in range(8):
         wide = study_of(count=1500)
         wide = wide.model_copy(update={"samples": wide.samples.model_copy(update={"seed": seed})})
-        answer = reweighted(run_of(wide), narrow)
+        answer = reweighted_yields(run_of(wide), narrow)
         shares.append(answer.yields[BACKLASH])
         assert set(answer.keeps) == set(NARROW)
         assert answer.units == 1500
@@ -127,7 +133,7 @@ def test_a_ring_keeps_next_to_nothing_and_is_refused() -> None:
 def test_too_few_effective_units_are_refused() -> None:
     tight = study_of("tight", eccentricity={"lower_um": 1.2, "upper_um": 2.0})
     with pytest.raises(InputError, match="fewer than 100 .*eccentricity keeps"):
-        reweighted(run_of(study_of(count=400)), tight)
+        reweighted_yields(run_of(study_of(count=400)), tight)
     assert effective_units(np.zeros(3)) == 0
 
 

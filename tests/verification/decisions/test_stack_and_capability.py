@@ -20,8 +20,8 @@ ROOT = Path(__file__).parent.parent.parent.parent
 def test_a_linear_metric_has_the_spread_of_its_tolerances():
     """3 um of eccentricity's zone and a two-lobed ovality's component: truncated normal, and uniform times a cosine."""
     study = load_study("quick", ROOT)
-    box = Box.of(study)
-    column, (amplitude, phase) = int(box.free["eccentricity"][0]), box.waves["ovality_2"][0]
+    box = Box.from_study(study)
+    column, (amplitude, phase) = int(box.free_columns["eccentricity"][0]), box.waves["ovality_2"][0]
 
     def metric(points):
         return 5 + 3 * (points[:, column] - 0.5) + points[:, amplitude] * np.cos(2 * np.pi * points[:, phase])
