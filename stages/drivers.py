@@ -109,7 +109,7 @@ def _found(shared: Shared, sampled: Errors, rows: np.ndarray) -> dict[str, np.nd
     """The worst of every metric (n,) that a search finds, of some units; missing of the others."""
     columns = {f"{name}_found": np.full(len(sampled), np.nan) for name in library()}
     if shared.turn is not None and len(rows):
-        units = Units.of(shared.loops.study, sampled).some(rows)
+        units = Units.from_errors(shared.loops.study, sampled).some(rows)
         for name, values in search(*shared.turn, units).value.items():
             columns[f"{name}_found"][rows] = values
     return columns

@@ -29,7 +29,7 @@ from pipeline.populations.model_forms import (
     scaled_contacts,
 )
 from pipeline.populations.turn_drives import TurnDrives, Units, solved_metrics
-from pipeline.populations.turn_search import TRAINING_UNITS, search, trained
+from pipeline.populations.turn_search import TRAINING_UNITS, search, train_ranking
 from pipeline.statistics import Estimate, distribution, pass_share
 from pipeline.statistics.differences import mean_difference, order_differences, share_difference
 from stages.reduce import DiskMatrices
@@ -124,7 +124,7 @@ class _Body:
         """Units to metrics (n, n_metrics), at some angles evenly over the turn of a study with these disks."""
         cycle = assembly.load_cycle(study, 0)
         if self.drives is not None:
-            drives = TurnDrives.of(study, self.drives.phases, self.drives.blocks)
+            drives = TurnDrives.from_blocks(study, self.drives.phases, self.drives.blocks)
             for k in range(RIGIDITY_ANGLES):
                 step = k * drives.pitches // RIGIDITY_ANGLES * drives.phases + k % drives.phases
                 yield partial(_metrics_of_step, drives, step)
@@ -139,9 +139,9 @@ class _Body:
     def over_turn(self, study: Study, units: Units) -> dict[str, Real]:
         """Each metric of units over the turn (n,), as the limits mean it."""
         if self.drives is not None:
-            drives = TurnDrives.of(study, self.drives.phases, self.drives.blocks)
+            drives = TurnDrives.from_blocks(study, self.drives.phases, self.drives.blocks)
             seed = np.random.SeedSequence(study.samples.seed, spawn_key=(TRAINING,))
-            return search(drives, trained(drives, units.some(slice(TRAINING_UNITS)), seed), units).value
+            return search(drives, train_ranking(drives, units.some(slice(TRAINING_UNITS)), seed), units).value
         values = np.stack([solved(units) for solved in self.solvers(study)], axis=1)
         values[np.broadcast_to(np.isnan(values).any(axis=1, keepdims=True), values.shape)] = np.nan
         columns = {}
@@ -166,7 +166,7 @@ def _full_compliance(study: Study, disks: DiskMatrices, crank: float) -> Real:
 
 
 def _metrics_of_step(drives: TurnDrives, step: int, units: Units) -> Real:
-    return drives.solved(step, units)[2]
+    return drives.solve_step(step, units)[2]
 
 
 def _metrics_at(study: Study, crank: float, compliance: Real, cycle: LoadCycle, units: Units) -> Real:

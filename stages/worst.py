@@ -13,7 +13,7 @@ from pipeline.model.metrics import library
 from pipeline.model.units import UM_PER_MM
 from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks, symmetric, turned_blocks
 from pipeline.populations.turn_ranking import Ranking
-from pipeline.populations.turn_search import TRAINING_UNITS, Worst, audit, search, trained
+from pipeline.populations.turn_search import TRAINING_UNITS, Worst, audit, search, train_ranking
 from stages.reduce import DiskMatrices
 from stages.sample import SAMPLED, errors_of_columns
 from stages.tables.keys import SAMPLE
@@ -57,12 +57,12 @@ def drives_of(study: Study, disks: DiskMatrices, phases: int = PHASES) -> TurnDr
     pins = study.design.cycloid.pins
     if study.reduce.disk == "rigid":
         n_contacts = len(assembly.reducer(study.design, 0.0).contacts)
-        return TurnDrives.of(study, phases, [np.zeros((1, n_contacts, n_contacts))] * phases)
+        return TurnDrives.from_blocks(study, phases, [np.zeros((1, n_contacts, n_contacts))] * phases)
     if symmetric(study):
         cranks = [360.0 * phase / (pins * phases) for phase in range(phases)]
-        return TurnDrives.of(study, phases, [turned_blocks(study, disks.body(), crank) for crank in cranks])
+        return TurnDrives.from_blocks(study, phases, [turned_blocks(study, disks.body(), crank) for crank in cranks])
     blocks = full_blocks(study, 0.0, lambda crank: [matrix / UM_PER_MM for matrix in disks.at(crank)])
-    return TurnDrives.of(study, 1, [blocks])
+    return TurnDrives.from_blocks(study, 1, [blocks])
 
 
 def audited_samples(study: Study) -> NDArray[np.intp]:
@@ -86,12 +86,12 @@ def ranked_drives(job: Job) -> tuple[TurnDrives, Ranking]:
     drives, stop = drives_of(study, DiskMatrices(job)), min(study.samples.rows, TRAINING_UNITS)
     units = units_of(study, {name: job.read_items("sample", name, 0, stop) for name in SAMPLED})
     seed = np.random.SeedSequence(study.samples.seed, spawn_key=(TRAINING,))
-    return drives, trained(drives, units, seed)
+    return drives, train_ranking(drives, units, seed)
 
 
 def units_of(study: Study, tables: Tables) -> Units:
     """Units of the tables of errors."""
-    return Units.of(study, errors_of_columns(tables))
+    return Units.from_errors(study, errors_of_columns(tables))
 
 
 def _solve(shared: Shared, chunk: Chunk) -> Tables:
@@ -115,7 +115,7 @@ def _columns(drives: TurnDrives, samples: NDArray[np.intp], worst: Worst) -> dic
     for name, values in worst.value.items():
         columns[f"{name}_worst"] = values
         columns[f"{name}_at_crank_deg"] = np.where(np.isnan(values), np.nan, drives.crank_deg(worst.step[name]))
-    return columns | {"n_solved": worst.solved}
+    return columns | {"n_solved": worst.n_solved}
 
 
 WORST = Stage(

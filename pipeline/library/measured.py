@@ -31,7 +31,7 @@ from pipeline.identification.series.results import SeriesAnswer, identify_measur
 from pipeline.library.answer import Answer
 from pipeline.library.running import Workers, study_of, up_to_date
 from pipeline.populations import results as population_results
-from pipeline.populations.comparison import MetricComparison, compared, load_population
+from pipeline.populations.comparison import MetricComparison, load_population, metric_comparisons
 from pipeline.populations.single_units import single_units
 from pipeline.populations.tolerance_shift import closing, read_population_run
 from pipeline.report.unit.change import write_change_page
@@ -263,7 +263,7 @@ def population(
     study = up_to_date(study_of(study), ["aggregate"], jobs).study
     samples = read_population_run(settings.RUNS / study.name, study)
     confidence = study.metrics.confidence
-    comparisons = compared(measured, samples.metrics, confidence, over=over)
+    comparisons = metric_comparisons(measured, samples.metrics, confidence, turn_statistic=over)
     with determined(units.name):
         closings = {
             crank: closing([entry for entry in comparisons if entry.crank_deg == crank], samples, confidence)

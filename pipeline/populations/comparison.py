@@ -36,7 +36,7 @@ FURTHEST = 20.0
 """Ratio of the medians of units and study beyond which the values are in another unit; a degree has 60 minutes."""
 LIKELY = 5.0
 """The same ratio, within which another unit is suggested."""
-APART, ALIKE = 3.0, 1.5
+FACTOR_APART, FACTOR_ALIKE = 3.0, 1.5
 """Ratios of medians of two metrics: beyond the first as they are, and within the second when exchanged."""
 LEAST_EXPECTED = 0.05
 """Median of the study [arcmin or N m/arcmin] below which a ratio says nothing, as of drives with hardly any play."""
@@ -65,7 +65,7 @@ class MetricComparison:
     ----------
     metric : column, with its unit.
     crank_deg : where it was measured; None where the units name no crank angle.
-    over : "angle", or "mean" or "worst" over the crank angles of the study, which the samples are then of.
+    turn_statistic : "angle", or "mean" or "worst" over the crank angles of the study, which the samples are then of.
     units, samples : (n_units,), (n_samples,) values.
     bias : mean of the units less mean of the samples, in the metric's unit, Welch's interval.
     spread_ratio : standard deviation of the units over that of the samples.
@@ -75,7 +75,7 @@ class MetricComparison:
 
     metric: str
     crank_deg: float | None
-    over: str
+    turn_statistic: str
     units: Real
     samples: Real
     bias: Estimate
@@ -97,9 +97,9 @@ def load_population(path: Path) -> pd.DataFrame:
         raise InputError(f"{path.name}: no table: {error}; give a CSV file with one row per unit") from None
     frame = table.cells
     problems = [] if len(frame) else [f"{path.name}: no unit; give one row per unit below the header"]
-    allowed = ("unit", "crank_deg", *measurable_metrics())
+    columns = ("unit", "crank_deg", *measurable_metrics())
     problems += [
-        f"{path.name}: column {name!r}; unknown; {nearest_name(name, allowed)}" for name in frame if name not in allowed
+        f"{path.name}: column {name!r}; unknown; {nearest_name(name, columns)}" for name in frame if name not in columns
     ]
     if "unit" not in frame:
         problems.append(f"{path.name}: column 'unit' is missing; add it")
@@ -109,8 +109,8 @@ def load_population(path: Path) -> pd.DataFrame:
     values = frame.copy()
     for name in [*metrics, *({"crank_deg"} & set(frame))]:
         values[name] = table.numbers(name)
-        wrong = ~table.is_blank(name) & ~((values[name] >= 0) & (values[name] <= LARGEST_VALUE)).to_numpy()
-        problems += table.faults(name, wrong, f"must be 0 to {LARGEST_VALUE:g}, or empty")
+        is_wrong = ~table.is_blank(name) & ~((values[name] >= 0) & (values[name] <= LARGEST_VALUE)).to_numpy()
+        problems += table.faults(name, is_wrong, f"must be 0 to {LARGEST_VALUE:g}, or empty")
     problems += _wrong_keys(table)
     if problems:
         raise InputError(shortened_list(problems, path.name))
@@ -128,35 +128,41 @@ def _wrong_keys(table: TableFile) -> list[str]:
     ]
 
 
-def metrics_at(metrics: pd.DataFrame, crank_deg: float | None, over: str = "mean") -> pd.DataFrame:
+def metrics_at(metrics: pd.DataFrame, crank_deg: float | None, turn_statistic: str = "mean") -> pd.DataFrame:
     """The metrics of each sample (index) at a crank angle, or over all of them; samples that failed are left out.
 
     Parameters
     ----------
     metrics : the table of that name of a run; the nominal reducer is to be left out before.
-    over : "mean" or "worst" over the crank angles, where `crank_deg` is None.
+    turn_statistic : "mean" or "worst" over the crank angles, where `crank_deg` is None.
 
     Raises
     ------
     InputError : the study has no such crank angle.
     """
     names = list(measurable_metrics())
-    failed = metrics.loc[metrics["status"] != "ok", "sample"].unique()
+    failed_samples = metrics.loc[metrics["status"] != "ok", "sample"].unique()
     if crank_deg is None:
-        grouped = metrics.groupby("sample")
-        if over == "mean":
-            return grouped[names].mean().drop(index=failed)
-        worst = {name: "min" if metric.smaller_is_worse else "max" for name, metric in measurable_metrics().items()}
-        return grouped.agg(worst).drop(index=failed)
+        by_sample = metrics.groupby("sample")
+        if turn_statistic == "mean":
+            return by_sample[names].mean().drop(index=failed_samples)
+        worst_statistic = {
+            name: "min" if metric.smaller_is_worse else "max" for name, metric in measurable_metrics().items()
+        }
+        return by_sample.agg(worst_statistic).drop(index=failed_samples)
     of_crank = metrics[np.isclose(metrics["crank_deg"], crank_deg)]
     if of_crank.empty:
         cranks = ", ".join(f"{crank:g}" for crank in np.unique(metrics["crank_deg"]))
         raise InputError(f"units.csv: crank_deg = {crank_deg:g}; the study has {cranks}; add it to its cycle.crank_deg")
-    return of_crank.set_index("sample")[names].drop(index=failed)
+    return of_crank.set_index("sample")[names].drop(index=failed_samples)
 
 
-def compared(
-    population: pd.DataFrame, metrics: pd.DataFrame, confidence: float = 0.95, seed: int = 0, over: str = "mean"
+def metric_comparisons(
+    population: pd.DataFrame,
+    metrics: pd.DataFrame,
+    confidence: float = 0.95,
+    seed: int = 0,
+    turn_statistic: str = "mean",
 ) -> list[MetricComparison]:
     """Each measured metric against the study, at each crank angle that the units name.
 
@@ -166,7 +172,7 @@ def compared(
     metrics : the table of that name of a run, without the nominal reducer.
     confidence : level of the intervals.
     seed : of the permutations.
-    over : "mean" or "worst" over the crank angles of the study, for units without a crank angle.
+    turn_statistic : "mean" or "worst" over the crank angles of the study, for units without a crank angle.
 
     Raises
     ------
@@ -180,35 +186,40 @@ def compared(
     for crank, of_crank in groups:
         if not of_crank.any():
             continue
-        samples = metrics_at(metrics, crank, over)
+        samples = metrics_at(metrics, crank, turn_statistic)
         for metric in [name for name in measurable_metrics() if name in population]:
             units = population.loc[of_crank, metric].dropna().to_numpy(float)
             if units.size:
                 pairs.append((metric, crank, units, samples[metric].to_numpy()))
     medians = {metric: (float(np.median(units)), float(np.nanmedian(samples))) for metric, _, units, samples in pairs}
-    if implausible := [*_exchanged(medians), *filter(None, (_implausible(*item) for item in medians.items()))]:
+    if implausible := [*_exchange_sentences(medians), *filter(None, (_implausible(*item) for item in medians.items()))]:
         raise InputError(implausible)
     return [
-        _comparison(metric, crank, "angle" if crank is not None else over, units, samples, confidence, rng)
+        _comparison(metric, crank, "angle" if crank is not None else turn_statistic, units, samples, confidence, rng)
         for metric, crank, units, samples in pairs
     ]
 
 
-def _exchanged(medians: Mapping[str, tuple[float, float]]) -> Iterator[str]:
+def _exchange_sentences(medians: Mapping[str, tuple[float, float]]) -> Iterator[str]:
     """Pairs of metrics whose medians (units, study) lie far apart as they are and agree when they are exchanged."""
-    for first, second in itertools.combinations(medians, 2):
-        (a, expected_a), (b, expected_b) = medians[first], medians[second]
+    for first_metric, second_metric in itertools.combinations(medians, 2):
+        (a, expected_a), (b, expected_b) = medians[first_metric], medians[second_metric]
         if min(a, b, expected_a, expected_b) <= 0:
             continue
-        apart = min(abs(np.log(a / expected_a)), abs(np.log(b / expected_b)))
-        if apart > np.log(APART) and max(abs(np.log(a / expected_b)), abs(np.log(b / expected_a))) < np.log(ALIKE):
-            yield f"units.csv: {first} has the values of {second} in the study, and the reverse; exchange the columns"
+        least_distance = min(abs(np.log(a / expected_a)), abs(np.log(b / expected_b)))
+        if least_distance > np.log(FACTOR_APART) and max(
+            abs(np.log(a / expected_b)), abs(np.log(b / expected_a))
+        ) < np.log(FACTOR_ALIKE):
+            yield (
+                f"units.csv: {first_metric} has the values of {second_metric} in the study, and the reverse; "
+                "exchange the columns"
+            )
 
 
 def _implausible(metric: str, medians: tuple[float, float]) -> str:
     """Why values, by their medians (units, study), cannot be in the unit of their column; empty if they can."""
-    measured, expected = medians
-    if expected < LEAST_EXPECTED or expected / FURTHEST <= measured <= expected * FURTHEST:
+    measured_median, expected_median = medians
+    if expected_median < LEAST_EXPECTED or expected_median / FURTHEST <= measured_median <= expected_median * FURTHEST:
         return ""
     factors = {"deg": 60.0, "arcsec": 1 / 60, "rad": ARCMIN, "mrad": ARCMIN / 1000}
     torque, _, angle = library()[metric].unit.rpartition("/")
@@ -216,9 +227,15 @@ def _implausible(metric: str, medians: tuple[float, float]) -> str:
         factors = {}
     elif torque:
         factors = {f"{torque}/{unit}": 1 / factor for unit, factor in factors.items()}
-    likely = [unit for unit, factor in factors.items() if expected / LIKELY <= measured * factor <= expected * LIKELY]
+    likely = [
+        unit
+        for unit, factor in factors.items()
+        if expected_median / LIKELY <= measured_median * factor <= expected_median * LIKELY
+    ]
     advice = f"it would be likely in {' or '.join(likely)}; convert it" if likely else "is it the right column?"
-    return f"units.csv: {metric} has a median of {measured:.4g}, the study one of {expected:.4g}; {advice}"
+    return (
+        f"units.csv: {metric} has a median of {measured_median:.4g}, the study one of {expected_median:.4g}; {advice}"
+    )
 
 
 def permutation_tests(units: Real, samples: Real, rng: np.random.Generator) -> tuple[Test, ...]:
@@ -234,22 +251,22 @@ def permutation_tests(units: Real, samples: Real, rng: np.random.Generator) -> t
     Pettitt, A two-sample Anderson-Darling rank statistic, Biometrika 63 (1976) 161; Anderson, On the distribution of
     the two-sample Cramer-von Mises criterion, Ann. Math. Stat. 33 (1962) 1148.
     """
-    pooled = np.concatenate([units, samples])
-    order = np.argsort(pooled, kind="stable")
+    pooled_values = np.concatenate([units, samples])
+    order = np.argsort(pooled_values, kind="stable")
     label = (order < units.size)[None, :]
-    group_end = np.append(np.diff(pooled[order]) > 0, True)
-    observed = _distances(label, group_end)[:, 0]
+    group_end = np.append(np.diff(pooled_values[order]) > 0, True)
+    observed_distances = _distances(label, group_end)[:, 0]
     n_reached = np.ones(len(TESTS))
-    at_once = max(1, PERMUTED_AT_ONCE // pooled.size)
+    at_once = max(1, PERMUTED_AT_ONCE // pooled_values.size)
     n_permuted = 0
     while n_permuted < PERMUTATIONS:
         rows = min(at_once, PERMUTATIONS - n_permuted)
         permuted_labels = rng.permuted(np.repeat(label, rows, axis=0), axis=1)
-        n_reached += np.sum(_distances(permuted_labels, group_end) >= observed[:, None] * (1 - 1e-12), axis=1)
+        n_reached += np.sum(_distances(permuted_labels, group_end) >= observed_distances[:, None] * (1 - 1e-12), axis=1)
         n_permuted += rows
     return tuple(
         Test(name, float(value), float(count / (1 + PERMUTATIONS)))
-        for name, value, count in zip(TESTS, observed, n_reached, strict=True)
+        for name, value, count in zip(TESTS, observed_distances, n_reached, strict=True)
     )
 
 
@@ -279,7 +296,7 @@ def _distances(label: NDArray[np.bool_], group_end: NDArray[np.bool_]) -> Real:
 def _comparison(
     metric: str,
     crank: float | None,
-    over: str,
+    turn_statistic: str,
     units: Real,
     samples: Real,
     confidence: float,
@@ -291,17 +308,17 @@ def _comparison(
     return MetricComparison(
         metric=metric,
         crank_deg=crank,
-        over=over,
+        turn_statistic=turn_statistic,
         units=units,
         samples=samples,
         bias=_bias(units, samples, confidence),
-        spread_ratio=_spread_ratio(units, samples, confidence) if comparable else _unknown(units.size),
+        spread_ratio=_spread_ratio(units, samples, confidence) if comparable else _missing_estimate(units.size),
         quantiles=np.column_stack([probability, *quantiles]),
         tests=permutation_tests(units, samples, rng) if comparable else (),
     )
 
 
-def _unknown(n: int) -> Estimate:
+def _missing_estimate(n: int) -> Estimate:
     return Estimate(np.nan, np.nan, np.nan, n)
 
 
@@ -320,11 +337,11 @@ def _spread_ratio(units: Real, samples: Real, confidence: float) -> Estimate:
     """
     spread = units.std(ddof=1), samples.std(ddof=1)
     if min(spread) == 0:
-        return _unknown(units.size)
+        return _missing_estimate(units.size)
     n = units.size + samples.size
-    centred = [values - values.mean() for values in (units, samples)]
-    pooled = sum(np.sum(values**2) for values in centred) / n
-    kurtosis = sum(np.sum(values**4) for values in centred) / n / pooled**2
+    centred_values = [values - values.mean() for values in (units, samples)]
+    pooled_variance = sum(np.sum(values**2) for values in centred_values) / n
+    kurtosis = sum(np.sum(values**4) for values in centred_values) / n / pooled_variance**2
     freedom = [2 * k / (kurtosis - (k - 3) / (k - 1)) for k in (units.size, samples.size)]
     f = scipy.stats.f(*freedom)
     ratio = (spread[0] / spread[1]) ** 2

@@ -138,16 +138,16 @@ def contact_factor(rigidity: Callable[[float], float], target: float) -> float:
     def beyond(log_factor: float) -> float:
         return float(np.log(rigidity(float(np.exp(log_factor))) / target))
 
-    last, at_last = 0.0, beyond(0.0)
+    last_factor, at_last = 0.0, beyond(0.0)
     if abs(at_last) <= RIGIDITY_TOLERANCE:
         return 1.0
     step = FACTOR_STEP if at_last > 0 else -FACTOR_STEP
-    while abs(last + step) <= np.log(LARGEST_FACTOR):
-        at_next = beyond(last + step)
+    while abs(last_factor + step) <= np.log(LARGEST_FACTOR):
+        at_next = beyond(last_factor + step)
         if not np.isfinite(at_next):
             break
         if at_next * at_last <= 0:
-            low, high = sorted((last, last + step))
+            low, high = sorted((last_factor, last_factor + step))
             return float(np.exp(scipy.optimize.brentq(beyond, low, high, xtol=RIGIDITY_TOLERANCE)))
-        last, at_last = last + step, at_next
+        last_factor, at_last = last_factor + step, at_next
     return np.nan

@@ -31,7 +31,7 @@ LOADED_PER_TURN = 30
 """Loaded crank angles a turn of the crank, or as few more as visit all phases alike."""
 PROBE_DEG = 47.0
 """Crank angle [degrees], of no symmetry, at which it is seen what a turn of the crank leaves as it was."""
-SAME = 1e-9
+SAME_LENGTH = 1e-9
 """Arms and gaps [mm] and directions [-] that differ by less are the same."""
 ARCSEC = 60 * ARCMIN
 """Seconds of arc in a radian."""
@@ -86,7 +86,7 @@ def free_error(study: Study, unit: Errors) -> OutputTurn:
     """
     cranks, lobes = rigid_cranks(study), study.design.cycloid.lobes
     laws = assembly.contact_laws(study, assembly.reducer(study.design, 0.0))  # rigid bodies know none: any will do
-    errors, clearance = _mounted(study, unit)
+    errors, clearance = _mounted_unit(study, unit)
     per_turn = len(cranks) // lobes
     one_batch = per_turn * lobes == len(cranks) and _turns_alike(study) and not np.any(clearance)
     if one_batch:
@@ -122,10 +122,10 @@ def _turns_alike(study: Study) -> bool:
     first_angle, second_angle = (part.some(part.kind == OUTPUT) for part in lists)
     sides = [part.normal * np.conj(part.normal[:1]) for part in (first_angle, second_angle)]
     pairs = ((first_angle.arm, second_angle.arm), (first_angle.gap, second_angle.gap), sides)
-    return all(np.allclose(row_before, row_after, rtol=0, atol=SAME) for row_before, row_after in pairs)
+    return all(np.allclose(row_before, row_after, rtol=0, atol=SAME_LENGTH) for row_before, row_after in pairs)
 
 
-def _mounted(study: Study, unit: Errors) -> tuple[ModelErrors, Real]:
+def _mounted_unit(study: Study, unit: Errors) -> tuple[ModelErrors, Real]:
     """The errors of the unit and the clearance of its bearings, as the model takes them [mm]."""
     return assembly.errors(unit), assembly.bearing_clearance(study.design, unit.bearing_clearance)
 
@@ -138,7 +138,7 @@ def loaded_error(drives: TurnDrives, unit: Errors) -> OutputTurn:
     ArithmeticError
         If some crank angle has no equilibrium.
     """
-    study, units = drives.study, Units.of(drives.study, unit)
+    study, units = drives.study, Units.from_errors(drives.study, unit)
     steps, torques = loaded_steps(study, drives.phases), assembly.definitions(study)
     held_torque = assembly.NMM_PER_NM * torques.rigidity_high
     angles, on_bearing, on_pin = np.empty((3, 2, len(steps)))

@@ -31,28 +31,30 @@ LEAST_SCATTER = 1e-3
 
 @dataclass(frozen=True)
 class Tail:
-    """A metric whose far tail is asked for, `over` the turn; `sign` makes large values the bad ones."""
+    """A metric whose far tail is asked for, `turn_statistic` the turn; `sign` makes large values the bad ones."""
 
     metric: str
-    over: str
+    turn_statistic: str
     sign: float
     limit: float
 
     def over_turn(self, turn: Real) -> Real:
         """Values (n,), the larger the worse, of the metric at the loaded crank angles (n, n_angles)."""
-        worst, best = library()[self.metric].over_turn(turn)
-        return np.asarray(self.sign * {"worst": worst, "best": best, "mean": turn.mean(axis=1)}[self.over])
+        worst_value, best_value = library()[self.metric].over_turn(turn)
+        return np.asarray(
+            self.sign * {"worst": worst_value, "best": best_value, "mean": turn.mean(axis=1)}[self.turn_statistic]
+        )
 
 
-def rough_metrics(study: Study, compliances: Sequence[Real], sampled: Errors) -> Mapping[str, Real]:
+def rough_metrics(study: Study, compliances: Sequence[Real], sampled_errors: Errors) -> Mapping[str, Real]:
     """Metrics (n, n_angles) of units on independent springs.
 
     Parameters
     ----------
     compliances : of the springs (n_contacts,) [mm/N] at each loaded crank angle.
     """
-    errors, definitions = assembly.errors(sampled), assembly.definitions(study)
-    clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    errors, definitions = assembly.errors(sampled_errors), assembly.definitions(study)
+    clearance = assembly.bearing_clearance(study.design, sampled_errors.bearing_clearance)
     readings = [
         winkler_readings(drive_of(study, crank, None, errors, clearance), compliance, definitions)
         for crank, compliance in zip(study.cycle.crank_deg, compliances, strict=True)
@@ -89,18 +91,18 @@ class TailPrediction:
     Attributes
     ----------
     value : (n_units,) on a line over what the rough metrics tell, fitted to the pilot.
-    missed : (n_pilot,) what the line misses of the pilot.
+    prediction_errors : (n_pilot,) what the line misses of the pilot.
     scale : typical size of it.
     limits : of the share beyond, and where the far quantile is expected.
     """
 
     value: Real
-    missed: Real
+    prediction_errors: Real
     scale: float
     limits: tuple[float, float]
 
     @classmethod
-    def fitted(
+    def from_pilot(
         cls, tail: Tail, loaded_values: Real, pilot: Mapping[str, Real], units: Mapping[str, Real]
     ) -> TailPrediction:
         """From the rough metrics of the units, and of the pilot whose metric under load is known (n, n_angles)."""
@@ -123,7 +125,7 @@ class TailPrediction:
         chance = np.stack([exceedance_chance(self.value, limit, self.scale) for limit in self.limits])
         return np.asarray(np.sum(chance / np.mean(chance, axis=1)[:, None] ** 2, axis=0))
 
-    def expected(self, probability: Real) -> list[float]:
+    def effective_counts(self, probability: Real) -> list[float]:
         """Independent units beyond each limit that the taken ones are worth, if all units miss as the pilot does.
 
         (sum q)^2 / sum(q/probability) with the chance q of a unit, the share of the pilot's misses that would do.
@@ -132,7 +134,7 @@ class TailPrediction:
         weight = np.append(np.cumsum(1 / probability[order][::-1])[::-1], 0.0)
         numbers = []
         for limit in self.limits:
-            rank = np.searchsorted(self.value[order], limit - self.missed, side="right")
+            rank = np.searchsorted(self.value[order], limit - self.prediction_errors, side="right")
             share, weights = np.mean(self.value.size - rank), np.mean(weight[rank])
             numbers.append(float(share**2 / weights) if weights > 0 else 0.0)
         return numbers

@@ -15,7 +15,7 @@ from pipeline.populations.tolerance_shift import Closing
 
 
 def comparison_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
-    """One row a metric and crank angle (empty: `over` the crank angles of the study)."""
+    """One row a metric and crank angle (empty: `turn_statistic` the crank angles of the study)."""
     rows = []
     for comparison in comparisons:
         tests = {test.name: test for test in comparison.tests}
@@ -23,7 +23,7 @@ def comparison_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
             {
                 "metric": comparison.metric,
                 "crank_deg": np.nan if comparison.crank_deg is None else comparison.crank_deg,
-                "over": comparison.over,
+                "over": comparison.turn_statistic,
                 "units": comparison.units.size,
                 "samples": comparison.samples.size,
                 "units_mean": comparison.units.mean(),
@@ -69,7 +69,7 @@ def quantile_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
 
 def sentence(closing: Closing) -> str:
     """What the comparison says in one sentence."""
-    if not closing.biased:
+    if not closing.has_bias:
         return f"The units' means do not differ from the study's (p = {closing.p_value:.2g})."
     closers = [candidate for candidate in closing.candidates if candidate.closes]
     if not closers:

@@ -67,14 +67,14 @@ def scaled_tolerances(study: Study) -> list[str]:
 
 
 def surrogate_values(
-    study: Study, start: int, stop: int, rough: Rough, loaded: Mapping[str, Real], pilot: Mapping[str, Real]
+    study: Study, start: int, stop: int, rough: Rough, loaded_values: Mapping[str, Real], pilot: Mapping[str, Real]
 ) -> dict[str, NDArray]:
     """Metrics over the turn of the samples from ``start`` to ``stop`` at every scale of every tolerance.
 
     Parameters
     ----------
     rough : metrics (n, n_angles) of the rough model.
-    loaded, pilot : metrics (n_pilot, n_angles) of the pilot under load, and by the rough model.
+    loaded_values, pilot : metrics (n_pilot, n_angles) of the pilot under load, and by the rough model.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def surrogate_values(
     }
     for name in library():
         tail = Tail(name, study.limits.over, -1.0 if library()[name].smaller_is_worse else 1.0, 0.0)
-        columns[name] = tail.sign * tail.over_turn(predicted_turn(loaded[name], pilot, units)[1])
+        columns[name] = tail.sign * tail.over_turn(predicted_turn(loaded_values[name], pilot, units)[1])
     order = np.argsort(np.tile(np.arange(stop - start), len(points)), kind="stable")
     sample = np.repeat(np.arange(start, stop, dtype=np.int64), len(points))
     return {"sample": sample} | {name: values[order] for name, values in columns.items()}
@@ -104,53 +104,62 @@ def _population(study: Study, name: str, scale: float) -> Population:
 
 
 def scaled_yields(
-    study: Study, surrogate: pd.DataFrame, solved: pd.DataFrame, stated: Mapping[str, Estimate]
+    study: Study, surrogate: pd.DataFrame, solved_values: pd.DataFrame, stated_yields: Mapping[str, Estimate]
 ) -> Iterator[ScaledYield]:
     """Yield at every scale of every tolerance, by limit and against all.
 
     Parameters
     ----------
     surrogate : the columns of `surrogate_values`.
-    solved : load-solved metrics over the turn as the limits mean it, by sample.
-    stated : yields of the whole study by metric and of `ALL_LIMITS`.
+    solved_values : load-solved metrics over the turn as the limits mean it, by sample.
+    stated_yields : yields of the whole study by metric and of `ALL_LIMITS`.
     """
     metrics = [name for name in study.limits.of_metrics if name in library()]
     by_sample = surrogate.set_index("sample")
     here = by_sample[by_sample["tolerance"] == AS_STATED][metrics]
-    solved = solved[list(study.limits.of_metrics)].reindex(here.index).astype(float)
-    explained = {name: _explained(solved[name], here[name]) for name in metrics}
-    explained[ALL_LIMITS] = float(np.nanmin([*explained.values(), 1.0]))
+    solved_values = solved_values[list(study.limits.of_metrics)].reindex(here.index).astype(float)
+    correlations = {name: _squared_correlation(solved_values[name], here[name]) for name in metrics}
+    correlations[ALL_LIMITS] = float(np.nanmin([*correlations.values(), 1.0]))
     for (tolerance, scale), part in by_sample.groupby(["tolerance", "scale"], sort=False):
-        moved = solved.copy()
-        moved[metrics] += part[metrics] - here
-        both = (moved.notna() & solved.notna()).all(axis=1).to_numpy()
-        if tolerance == AS_STATED or not both.any():
+        moved_values = solved_values.copy()
+        moved_values[metrics] += part[metrics] - here
+        has_both = (moved_values.notna() & solved_values.notna()).all(axis=1).to_numpy()
+        if tolerance == AS_STATED or not has_both.any():
             continue
-        before, after = study.limits.pass_flags(solved[both]), study.limits.pass_flags(moved[both])
-        for name, estimate in stated.items():
-            if name in explained and name in before:
-                shifted = _shifted(estimate, before[name], after[name], study.metrics.confidence)
-                yield ScaledYield(str(tolerance), float(scale), name, **vars(shifted), explained=explained[name])
+        passes_before, passes_after = (
+            study.limits.pass_flags(solved_values[has_both]),
+            study.limits.pass_flags(moved_values[has_both]),
+        )
+        for name, estimate in stated_yields.items():
+            if name in correlations and name in passes_before:
+                shifted_yield = _shifted_yield(
+                    estimate, passes_before[name], passes_after[name], study.metrics.confidence
+                )
+                yield ScaledYield(
+                    str(tolerance), float(scale), name, **vars(shifted_yield), explained=correlations[name]
+                )
 
 
-def _explained(solved: pd.Series, predicted: pd.Series) -> float:
+def _squared_correlation(values: pd.Series, predictions: pd.Series) -> float:
     """Squared correlation of values and their predictions; NaN of fewer than three values or equal ones."""
-    pairs = pd.DataFrame({"solved": solved, "predicted": predicted}).dropna()
+    pairs = pd.DataFrame({"solved": values, "predicted": predictions}).dropna()
     varies = len(pairs) > 2 and (pairs.std() > 0).all()
     return float(pairs["solved"].corr(pairs["predicted"]) ** 2) if varies else np.nan
 
 
-def _shifted(stated: Estimate, before: NDArray, after: NDArray, confidence: float) -> Estimate:
+def _shifted_yield(
+    stated_yield: Estimate, passes_before: NDArray, passes_after: NDArray, confidence: float
+) -> Estimate:
     """A yield plus the difference of pairs; its interval from both, which are taken to be independent."""
-    before, after = np.asarray(before), np.asarray(after)
-    difference = float(np.mean(after) - np.mean(before))
+    passes_before, passes_after = np.asarray(passes_before), np.asarray(passes_after)
+    difference = float(np.mean(passes_after) - np.mean(passes_before))
     low, high = (
-        share_difference(before, after, confidence, are_paired=True)
-        if np.any(before != after)
+        share_difference(passes_before, passes_after, confidence, are_paired=True)
+        if np.any(passes_before != passes_after)
         else (difference, difference)
     )
-    value = float(np.clip(stated.value + difference, 0.0, 1.0))
-    down = np.hypot(stated.value - stated.ci_low, difference - low)
-    up = np.hypot(stated.ci_high - stated.value, high - difference)
-    ends = np.clip([value - down, value + up], 0.0, 1.0)
-    return replace(stated, value=value, ci_low=float(ends[0]), ci_high=float(ends[1]), n=len(before))
+    value = float(np.clip(stated_yield.value + difference, 0.0, 1.0))
+    lower_half = np.hypot(stated_yield.value - stated_yield.ci_low, difference - low)
+    upper_half = np.hypot(stated_yield.ci_high - stated_yield.value, high - difference)
+    ends = np.clip([value - lower_half, value + upper_half], 0.0, 1.0)
+    return replace(stated_yield, value=value, ci_low=float(ends[0]), ci_high=float(ends[1]), n=len(passes_before))

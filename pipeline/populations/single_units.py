@@ -43,12 +43,12 @@ class SingleUnits:
     def outlying(self) -> tuple[str, ...]:
         """Units that are named, by Holm's procedure."""
         order = np.argsort(self.p_value)
-        named = []
+        sentences = []
         for step, k in enumerate(order):
             if self.p_value[k] > LEVEL / (len(order) - step):
                 break
-            named.append(self.units[k])
-        return tuple(named)
+            sentences.append(self.units[k])
+        return tuple(sentences)
 
     @property
     def sentence(self) -> str:
@@ -70,12 +70,12 @@ class SingleUnits:
         )
 
 
-def single_units(population: pd.DataFrame, metrics: pd.DataFrame, over: str) -> list[SingleUnits]:
+def single_units(population: pd.DataFrame, metrics: pd.DataFrame, turn_statistic: str) -> list[SingleUnits]:
     """Each unit against the study, at each crank angle that the units name.
 
     Parameters
     ----------
-    population, metrics, over : as for ``compared``.
+    population, metrics, turn_statistic : as for ``metric_comparisons``.
 
     Notes
     -----
@@ -85,14 +85,14 @@ def single_units(population: pd.DataFrame, metrics: pd.DataFrame, over: str) -> 
     """
     names = [name for name in measurable_metrics() if name in population and population[name].notna().any()]
     cranks = population["crank_deg"].to_numpy() if "crank_deg" in population else np.full(len(population), np.nan)
-    found = []
+    groups = []
     for crank in [None] if np.isnan(cranks).all() else np.unique(cranks[np.isfinite(cranks)]):
-        chosen = population[np.isnan(cranks) if crank is None else cranks == crank]
-        chosen = chosen.dropna(subset=names)
-        samples = metrics_at(metrics, None if crank is None else float(crank), over)[names].dropna()
+        units_at_crank = population[np.isnan(cranks) if crank is None else cranks == crank]
+        units_at_crank = units_at_crank.dropna(subset=names)
+        samples = metrics_at(metrics, None if crank is None else float(crank), turn_statistic)[names].dropna()
         number = None if crank is None else float(crank)
-        found.append(_at_crank(number, chosen["unit"].astype(str).tolist(), chosen[names], samples))
-    return found
+        groups.append(_at_crank(number, units_at_crank["unit"].astype(str).tolist(), units_at_crank[names], samples))
+    return groups
 
 
 def _at_crank(crank: float | None, labels: list[str], units: pd.DataFrame, samples: pd.DataFrame) -> SingleUnits:

@@ -101,46 +101,48 @@ def far_tails(study: Study, units: int, budget: int, rough: Solve, solve: Solve,
     """
     tails, large_population = tails_of(study), population(study, units)
     starts = range(0, units, BATCH)
-    parts = worker_results(jobs, (delayed(_drawn)(large_population, rough, a, min(a + BATCH, units)) for a in starts))
-    rough_units = _joined(parts)
+    parts = worker_results(jobs, (delayed(_rough_metrics)(large_population, rough, a, min(a + BATCH, units)) for a in starts))
+    rough_units = _join(parts)
     pilot = draw(large_population, units, units + PILOT)
     loaded_pilot, rough_pilot = solve(pilot), rough(pilot)
-    predictions = [TailPrediction.fitted(tail, loaded_pilot[tail.metric], rough_pilot, rough_units) for tail in tails]
+    predictions = [
+        TailPrediction.from_pilot(tail, loaded_pilot[tail.metric], rough_pilot, rough_units) for tail in tails
+    ]
     probability = inclusion_probability(np.sum([metric.demand for metric in predictions], axis=0), budget)
     rng = np.random.default_rng(np.random.SeedSequence(study.samples.seed, spawn_key=(SELECTION,)))
     selected_units = np.flatnonzero(rng.random(units) < probability)
     parts = worker_results(
         jobs,
         (
-            delayed(_solved)(large_population, solve, selected_units[a : a + BATCH])
+            delayed(_solve_units)(large_population, solve, selected_units[a : a + BATCH])
             for a in range(0, selected_units.size, BATCH)
         ),
     )
-    values = _joined(parts)
+    values = _join(parts)
     rows = []
     for tail, prediction in zip(tails, predictions, strict=True):
-        bad, expected = tail.over_turn(values[tail.metric]), prediction.expected(probability)
-        rows += _rows(tail, bad, probability[selected_units], units, study.metrics.confidence, expected)
+        bad, expected_counts = tail.over_turn(values[tail.metric]), prediction.effective_counts(probability)
+        rows += _rows(tail, bad, probability[selected_units], units, study.metrics.confidence, expected_counts)
     return rows
 
 
-def _drawn(population: Population, rough: Solve, start: int, stop: int) -> Mapping[str, Real]:
+def _rough_metrics(population: Population, rough: Solve, start: int, stop: int) -> Mapping[str, Real]:
     return rough(draw(population, start, stop))
 
 
-def _joined(parts: Sequence[Mapping[str, Real]]) -> Mapping[str, Real]:
+def _join(parts: Sequence[Mapping[str, Real]]) -> Mapping[str, Real]:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def _solved(population: Population, solve: Solve, selected_units: NDArray[np.intp]) -> Mapping[str, Real]:
+def _solve_units(population: Population, solve: Solve, selected_units: NDArray[np.intp]) -> Mapping[str, Real]:
     """Metrics of the taken units; each is drawn by its own number."""
     unit_errors = [draw(population, int(unit), int(unit) + 1) for unit in selected_units]
-    combined = {name: np.concatenate([getattr(part, name) for part in unit_errors]) for name in vars(unit_errors[0])}
-    return solve(Errors(**combined))
+    columns = {name: np.concatenate([getattr(part, name) for part in unit_errors]) for name in vars(unit_errors[0])}
+    return solve(Errors(**columns))
 
 
 def _rows(
-    tail: Tail, bad: Real, probability: Real, units: int, confidence: float, expected: list[float]
+    tail: Tail, bad: Real, probability: Real, units: int, confidence: float, expected_counts: list[float]
 ) -> list[TailRow]:
     """Share and quantile of one metric; units without equilibrium, and those that they stand for, are left out.
 
@@ -150,9 +152,9 @@ def _rows(
     units -= round(float(np.sum(1 / probability[~finite])))
     share = tail_share(bad[finite] > tail.limit, probability[finite], units, confidence)
     quantile = tail_quantile(bad[finite], probability[finite], units, LEVEL, confidence)
-    if expected[0] < FEWEST_BEYOND:
+    if expected_counts[0] < FEWEST_BEYOND:
         share = replace(share, ci_low=0.0, ci_high=1.0)
-    if expected[1] < FEWEST_BEYOND:
+    if expected_counts[1] < FEWEST_BEYOND:
         quantile = replace(quantile, ci_low=-np.inf, ci_high=np.inf)
     low, high = sorted((tail.sign * quantile.ci_low, tail.sign * quantile.ci_high))
     quantile = replace(quantile, value=tail.sign * quantile.value, ci_low=low, ci_high=high)

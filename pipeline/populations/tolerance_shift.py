@@ -69,8 +69,8 @@ class Candidate:
 
         A tolerance whose slopes the samples do not determine would explain anything.
         """
-        determined = self.shift_low_um * self.shift_high_um > 0
-        return determined and self.within_limits and not self.p_value < ALPHA
+        excludes_zero = self.shift_low_um * self.shift_high_um > 0
+        return excludes_zero and self.within_limits and not self.p_value < ALPHA
 
 
 @dataclass(frozen=True)
@@ -79,19 +79,19 @@ class Closing:
 
     Attributes
     ----------
-    biased : whether the biases differ from zero, all metrics together, at the level of 5 %.
+    has_bias : whether the biases differ from zero, all metrics together, at the level of 5 %.
     p_value : of no bias at all.
     candidates : every tolerance that varies in the study; those that close come first, then by what they leave.
     """
 
-    biased: bool
+    has_bias: bool
     p_value: float
     candidates: tuple[Candidate, ...]
 
     @property
     def takes_an_effect(self) -> bool:
         """Whether there is a difference that no single tolerance closes within its limits."""
-        return self.biased and not any(candidate.closes for candidate in self.candidates)
+        return self.has_bias and not any(candidate.closes for candidate in self.candidates)
 
 
 def read_population_run(run: Path, study: Study) -> StudyPopulation:
@@ -154,7 +154,7 @@ def closing(comparisons: Sequence[MetricComparison], population: StudyPopulation
     if len({comparison.crank_deg for comparison in comparisons}) != 1:
         raise ValueError("comparisons of one crank angle are asked for")
     names = [comparison.metric for comparison in comparisons]
-    metrics = metrics_at(population.metrics, comparisons[0].crank_deg, comparisons[0].over)[names]
+    metrics = metrics_at(population.metrics, comparisons[0].crank_deg, comparisons[0].turn_statistic)[names]
     deviations = population.deviations.loc[metrics.index]
     deviations = deviations.loc[:, deviations.std() > 1e-9 * (1e-3 + deviations.abs().max())]
     bias = np.array([comparison.bias.value for comparison in comparisons])
@@ -207,10 +207,10 @@ def _closest_shift(bias: Real, slope: Real, covariance: Real, slope_covariance: 
     """Shift [um] that leaves least, its standard deviation [um], and what it leaves."""
     shift, deviation, remaining = 0.0, np.inf, 0.0
     for _ in range(ITERATIONS):
-        weighted = np.linalg.solve(covariance + shift**2 * slope_covariance, np.column_stack([slope, bias]))
-        information = float(slope @ weighted[:, 0])
-        shift, deviation = float(slope @ weighted[:, 1]) / information, information**-0.5
-        remaining = max(float(bias @ weighted[:, 1]) - information * shift**2, 0.0)
+        weighted_columns = np.linalg.solve(covariance + shift**2 * slope_covariance, np.column_stack([slope, bias]))
+        information = float(slope @ weighted_columns[:, 0])
+        shift, deviation = float(slope @ weighted_columns[:, 1]) / information, information**-0.5
+        remaining = max(float(bias @ weighted_columns[:, 1]) - information * shift**2, 0.0)
     return shift, deviation, remaining
 
 

@@ -41,7 +41,7 @@ HOUSING_ERRORS = ("pin_radial", "pin_tangential", "pin_radius", "pin_roundness")
 """Errors of the pins."""
 SOLVED_AT_ONCE = 2_000
 """States that are solved together: 50 MB of forces."""
-SAME = 1e-9
+SAME_LENGTH = 1e-9
 """Arms and gaps [mm] and directions [-] that differ by less are the same."""
 
 
@@ -54,10 +54,10 @@ class Units:
     modulus: Real | None
 
     @classmethod
-    def of(cls, study: Study, sampled: Errors) -> "Units":
+    def from_errors(cls, study: Study, sampled_errors: Errors) -> "Units":
         """Sampled units of a study."""
-        clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
-        return cls(assembly.errors(sampled), clearance, assembly.modulus(study.design, sampled))
+        clearance = assembly.bearing_clearance(study.design, sampled_errors.bearing_clearance)
+        return cls(assembly.errors(sampled_errors), clearance, assembly.modulus(study.design, sampled_errors))
 
     def __len__(self) -> int:
         return len(self.clearance)
@@ -88,7 +88,7 @@ class TurnDrives:
     cycle: LoadCycle
 
     @classmethod
-    def of(cls, study: Study, phases: int, blocks: Sequence[Real]) -> "TurnDrives":
+    def from_blocks(cls, study: Study, phases: int, blocks: Sequence[Real]) -> "TurnDrives":
         """From the condensed disks of each phase."""
         cranks = [360.0 * phase / (study.design.cycloid.pins * phases) for phase in range(phases)]
         laws = tuple(assembly.contact_laws(study, assembly.reducer(study.design, crank)) for crank in cranks)
@@ -133,7 +133,7 @@ class TurnDrives:
             direction = contacts.normal[order] * np.exp(-1j * reducer.crank)
             parts.append((contacts.arm[order], contacts.gap[order], contacts.per_eccentricity[order], direction))
         return not reducers[0].displacements and all(
-            np.allclose(before, after, rtol=0, atol=SAME) for before, after in zip(*parts, strict=True)
+            np.allclose(value_before, value_after, rtol=0, atol=SAME_LENGTH) for value_before, value_after in zip(*parts, strict=True)
         )
 
     @property
@@ -148,7 +148,7 @@ class TurnDrives:
         """
         values = np.empty((len(steps), len(library())))
         for part, step, turned in self._together(steps, rows, units):
-            values[part] = self.solved(step, turned)[2]
+            values[part] = self.solve_step(step, turned)[2]
         return values
 
     def backlash_change_at(self, steps: Index, rows: Index, units: Units) -> Real:
@@ -162,24 +162,24 @@ class TurnDrives:
         """Numbers of pairs (n_pairs,) that one drive serves, its step, and the units as they are there."""
         turns, first_steps = np.divmod(steps, self._period) if self.repeats else (np.zeros_like(steps), steps)
         order = np.argsort(first_steps, kind="stable")
-        found, start = np.unique(first_steps[order], return_index=True)
-        for step, group in zip(found, np.split(order, start[1:]), strict=True):
+        steps_found, start = np.unique(first_steps[order], return_index=True)
+        for step, group in zip(steps_found, np.split(order, start[1:]), strict=True):
             for part in np.split(group, np.arange(SOLVED_AT_ONCE, len(group), SOLVED_AT_ONCE)):
-                yield part, int(step), self._turned(units.some(rows[part]), turns[part])
+                yield part, int(step), self._units_turned_back(units.some(rows[part]), turns[part])
 
-    def _turned(self, units: Units, turns: Index) -> Units:
+    def _units_turned_back(self, units: Units, turns: Index) -> Units:
         """Units (n,) as they are after so many (n,) times as many pitches as there are lobes, turned back."""
         if not np.any(turns):
             return units
         pins, errors = self.study.design.cycloid.pins, units.errors
         place = (np.arange(pins) + turns[:, None]) % pins
         of_pins = {name: getattr(errors, name) for name in HOUSING_ERRORS}
-        rolled = {name: values[np.arange(len(turns))[:, None], place] for name, values in of_pins.items()}
+        rolled_errors = {name: values[np.arange(len(turns))[:, None], place] for name, values in of_pins.items()}
         angle = np.multiply.outer(2 * np.pi / pins * self.study.design.cycloid.lobes * turns, np.array(ORDERS))
-        rolled["pin_roundness"] = rolled["pin_roundness"] * np.exp(1j * angle)[:, None]
-        return replace(units, errors=replace(errors, **rolled))
+        rolled_errors["pin_roundness"] = rolled_errors["pin_roundness"] * np.exp(1j * angle)[:, None]
+        return replace(units, errors=replace(errors, **rolled_errors))
 
-    def solved(self, step: int, units: Units) -> tuple[Drive, CycleResponse, Real]:
+    def solve_step(self, step: int, units: Units) -> tuple[Drive, CycleResponse, Real]:
         """Drive and response of units at a step, and every metric (n, n_metrics); missing where it does not hold."""
         drive = self.drive(step, units)
         return drive, *solved_metrics(self.study, drive, self.cycle)

@@ -54,24 +54,24 @@ class SeparateGaps:
     output: Real
 
     @classmethod
-    def of(cls, drives: TurnDrives, units: Units) -> SeparateGaps:
+    def from_units(cls, drives: TurnDrives, units: Units) -> SeparateGaps:
         """The gaps of some units."""
         study, n_places = drives.study, drives.study.design.cycloid.pins * drives.study.design.disk.count
-        without_disk, without_pins = _without(units, OF_DISK), _without(units, HOUSING_ERRORS)
-        neither = _without(without_disk, HOUSING_ERRORS)
-        first = _drive(drives, 0, neither).gap[:, :n_places]
+        without_disk, without_pins = _without_errors(units, OF_DISK), _without_errors(units, HOUSING_ERRORS)
+        neither = _without_errors(without_disk, HOUSING_ERRORS)
+        first_gap = _drive(drives, 0, neither).gap[:, :n_places]
         of_pins, of_lobes, output = [], [], []
         for pitch in range(study.design.cycloid.pins):
             gap = _drive(drives, pitch, without_disk).gap
             of_pins.append(_by_place(drives, gap, pitch)[:, :n_places])
         for pitch in range(study.design.cycloid.lobes):
             drive = _drive(drives, pitch, without_pins)
-            of_lobes.append(_by_place(drives, drive.gap, pitch)[:, :n_places] - first)
+            of_lobes.append(_by_place(drives, drive.gap, pitch)[:, :n_places] - first_gap)
             output.append(_output_ends(drive))
         return cls(*(np.ascontiguousarray(np.stack(parts, axis=1)) for parts in (of_pins, of_lobes, output)))
 
 
-def _without(units: Units, names: Sequence[str]) -> Units:
+def _without_errors(units: Units, names: Sequence[str]) -> Units:
     zeros = {name: np.zeros_like(getattr(units.errors, name)) for name in names}
     return replace(units, errors=replace(units.errors, **zeros))
 
@@ -107,10 +107,10 @@ def _ends(of_pins, of_lobes, end):
     """Fill the rotations ``end`` (n_places,) at which springs close; the least."""
     for k in range(end.shape[0]):
         end[k] = of_pins[k] + of_lobes[k]
-    first = np.inf
+    first_end = np.inf
     for k in range(end.shape[0]):
-        first = end[k] if end[k] < first else first
-    return first
+        first_end = end[k] if end[k] < first_end else first_end
+    return first_end
 
 
 @algebraic_part
@@ -119,22 +119,22 @@ def _rotation(end, stiffness, torque, phi):
 
     The sums take all springs, the open ones with the factor 0: so the compiler adds several at once.
     """
-    before = np.inf
+    angle_before = np.inf
     for _ in range(MOST_STEPS):
         slope, offset = 0.0, 0.0
         for k in range(end.shape[0]):
             spring = stiffness[k]
-            closed = spring if end[k] < phi else 0.0
-            slope += closed
-            offset += closed * end[k]
+            closed_spring = spring if end[k] < phi else 0.0
+            slope += closed_spring
+            offset += closed_spring * end[k]
         if slope == 0.0:
             for k in range(end.shape[0]):
                 slope += stiffness[k]
                 offset += stiffness[k] * end[k]
         phi = (torque + offset) / slope
-        if phi == before:
+        if phi == angle_before:
             break
-        before = phi
+        angle_before = phi
     return phi
 
 
@@ -156,7 +156,7 @@ def _spring_features(of_pins, of_lobes, stiffness, peak_of_moment, levels, featu
     """Fill features (n, n_pins n_lobes, n_levels + 2) of one sense, see ``Springs.features``."""
     n, n_pins, n_places = of_pins.shape
     n_lobes, n_levels = of_lobes.shape[1], levels.shape[0]
-    end, carried = np.empty(n_places), np.empty(n_places)
+    end, force = np.empty(n_places), np.empty(n_places)
     for s in range(n):
         phi = np.zeros(n_levels)  # at the pitch before: two or three steps of Newton away
         for pitch in range(n_pins * n_lobes):
@@ -164,21 +164,21 @@ def _spring_features(of_pins, of_lobes, stiffness, peak_of_moment, levels, featu
             for level in range(n_levels):
                 phi[level] = _rotation(end, stiffness, levels[level], phi[level])
                 features[s, pitch, 1 + level] = phi[level]
-            features[s, pitch, n_levels + 1] = _peak(end, phi[-1], stiffness, peak_of_moment, carried)
+            features[s, pitch, n_levels + 1] = _peak(end, phi[-1], stiffness, peak_of_moment, force)
 
 
 @algebraic_part
-def _peak(end, phi, stiffness, peak_of_moment, carried):
+def _peak(end, phi, stiffness, peak_of_moment, force):
     """Peak pressure [MPa] under the moments of springs at a rotation, spread over their neighbours."""
-    carried[:] = 0.0
+    force[:] = 0.0
     for k in range(end.shape[0]):
         if end[k] < phi:
             moment = stiffness[k] * (phi - end[k])
-            for i in range(carried.shape[0]):
-                carried[i] += peak_of_moment[k, i] * moment
+            for i in range(force.shape[0]):
+                force[i] += peak_of_moment[k, i] * moment
     peak = 0.0
-    for k in range(carried.shape[0]):
-        peak = carried[k] if carried[k] > peak else peak
+    for k in range(force.shape[0]):
+        peak = force[k] if force[k] > peak else peak
     return np.sqrt(peak)
 
 
@@ -203,7 +203,7 @@ class Springs:
     spread: Real
 
     @classmethod
-    def of(cls, drives: TurnDrives, compliance: Real) -> Springs:
+    def from_compliance(cls, drives: TurnDrives, compliance: Real) -> Springs:
         """Springs of a compliance (n_places,) [mm/N], their forces taken for the true ones."""
         reducer, n = assembly.reducer(drives.study.design, 0.0), len(compliance)
         definitions = assembly.definitions(drives.study)
@@ -224,7 +224,7 @@ class Springs:
         of_pins, of_lobes = gaps.of_pins[:, :, rows] / size, gaps.of_lobes[:, :, rows] / size + sign * behind
         return rows, np.ascontiguousarray(of_pins), np.ascontiguousarray(of_lobes)
 
-    def fitted(self, gaps: SeparateGaps, pitches: NDArray[np.intp], force: Real) -> Springs:
+    def with_fitted_spread(self, gaps: SeparateGaps, pitches: NDArray[np.intp], force: Real) -> Springs:
         """With the spread by least squares on true forces (n, n_pitches, 2, n_places) [N] under the highest torque."""
         forces = np.zeros(force.shape)
         for sense in range(2):
@@ -270,7 +270,7 @@ class Ranking:
     slopes: Mapping[str, Real]
     correlations: Mapping[str, Correlation]
 
-    def predicted(self, gaps: SeparateGaps) -> dict[str, Real]:
+    def predict_metrics(self, gaps: SeparateGaps) -> dict[str, Real]:
         """Metrics (n, n_pitches) of units."""
         features = self.springs.features(gaps)
         turn = waves(np.arange(features.shape[1]), gaps.of_lobes.shape[1])

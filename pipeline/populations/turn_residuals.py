@@ -39,48 +39,53 @@ class Correlation:
 
     Attributes
     ----------
-    around : (n_pins,) by the difference of their places around the crank.
+    around_crank : (n_pins,) by the difference of their places around the crank.
     along : (n_pitches,) by the difference of their numbers.
     noise : variance of the part that no other pitch shows, over that of the rest.
     """
 
-    around: Real
+    around_crank: Real
     along: Real
     noise: float
 
     @classmethod
-    def of(cls, pins: int, lobes: int, pitch_length: float, turn_length: float, noise: float) -> Correlation:
+    def from_lengths(cls, pins: int, lobes: int, pitch_length: float, turn_length: float, noise: float) -> Correlation:
         """Matern's of the order 3/2 around the crank, summed over its windings, exponential along the turns."""
         places, steps = np.arange(pins), np.arange(pins * lobes)
         windings = pins * np.arange(-WINDINGS, WINDINGS + 1)
-        scaled = np.sqrt(3) * np.abs(np.add.outer(places, windings)) / pitch_length
-        around = np.sum((1 + scaled) * np.exp(-scaled), axis=1)
+        distance = np.sqrt(3) * np.abs(np.add.outer(places, windings)) / pitch_length
+        around_crank = np.sum((1 + distance) * np.exp(-distance), axis=1)
         turns = np.minimum(steps, pins * lobes - steps) / pins
-        return cls(around / around[0], np.exp(-turns / turn_length), noise)
+        return cls(around_crank / around_crank[0], np.exp(-turns / turn_length), noise)
 
-    def between(self, first: Index, second: Index) -> Real:
+    def matrix(self, first_pitches: Index, second_pitches: Index) -> Real:
         """Correlations of pitches that broadcast against each other, without the noise."""
-        pins = len(self.around)
-        return self.along[np.abs(first - second)] * self.around[np.abs(first % pins - second % pins)]
+        pins = len(self.around_crank)
+        return (
+            self.along[np.abs(first_pitches - second_pitches)]
+            * self.around_crank[np.abs(first_pitches % pins - second_pitches % pins)]
+        )
 
 
-def fitted_correlation(pins: int, lobes: int, pitches: Index, missed: Real) -> Correlation:
+def fitted_correlation(pins: int, lobes: int, pitches: Index, residuals: Real) -> Correlation:
     """The correlation of the largest likelihood.
 
     Parameters
     ----------
-    missed : (n_units, n_pitches) true metric less the ranking's at ``pitches``; units with a missing one are left out.
+    residuals : (n_units, n_pitches) true metric less the ranking's at ``pitches``; units with missing ones are left out.
     """
-    rows = missed[np.isfinite(missed).all(axis=1)]
+    rows = residuals[np.isfinite(residuals).all(axis=1)]
     rows = rows - rows.mean(axis=1, keepdims=True) if len(rows) else np.zeros((1, len(pitches)))
     rows = rows / max(float(rows.std()), np.finfo(float).tiny)
-    choices = [Correlation.of(pins, lobes, *lengths) for lengths in product(PITCH_LENGTHS, TURN_LENGTHS, NOISES)]
+    choices = [
+        Correlation.from_lengths(pins, lobes, *lengths) for lengths in product(PITCH_LENGTHS, TURN_LENGTHS, NOISES)
+    ]
     return max(choices, key=lambda choice: _log_likelihood(choice, pitches, rows))
 
 
 def _log_likelihood(choice: Correlation, pitches: Index, rows: Real) -> float:
     """Of rows (n_units, n_pitches), their variance at its best; but for a constant."""
-    matrix = choice.between(pitches[:, None], pitches) + choice.noise * np.eye(len(pitches))
+    matrix = choice.matrix(pitches[:, None], pitches) + choice.noise * np.eye(len(pitches))
     factor = np.linalg.cholesky(matrix)
     half = np.linalg.solve(factor, rows.T)
     variance = max(float(np.mean(half**2)), np.finfo(float).tiny)
@@ -88,30 +93,30 @@ def _log_likelihood(choice: Correlation, pitches: Index, rows: Real) -> float:
 
 
 def upper_bounds(
-    correlation: Correlation, solved: Index, missed: Real, others: Index, predicted: Real
+    correlation: Correlation, solved_pitches: Index, residuals: Real, other_pitches: Index, predicted_values: Real
 ) -> Iterator[Real]:
     """For each unit the upper confidence bound (n_others,) of a metric at other pitches, larger ones being worse.
 
     Parameters
     ----------
-    solved : (n_units, n_solved) solved pitches of each unit; negative ones fill up a row.
-    missed : (n_units, n_solved) true metric less the ranking's there; those that are missing count for nothing.
-    others, predicted : (n_units, n_others) pitches, and the ranking's metric there.
+    solved_pitches : (n_units, n_solved) solved pitches of each unit; negative ones fill up a row.
+    residuals : (n_units, n_solved) true metric less the ranking's there; those that are missing count for nothing.
+    other_pitches, predicted_values : (n_units, n_others) pitches, and the ranking's metric there.
 
     Notes
     -----
     One standard deviation above the mean; its correlation is that with the nearest solved pitch alone, which is no
     smaller than the process' own and needs no further system.
     """
-    for k in range(len(solved)):
-        known = (solved[k] >= 0) & np.isfinite(missed[k])
-        if not known.any():
-            yield predicted[k]
+    for k in range(len(solved_pitches)):
+        is_known = (solved_pitches[k] >= 0) & np.isfinite(residuals[k])
+        if not is_known.any():
+            yield predicted_values[k]
             continue
-        pitches, values = solved[k][known], missed[k][known]
+        pitches, values = solved_pitches[k][is_known], residuals[k][is_known]
         mean, variance = float(values.mean()), float(values.var())
-        matrix = correlation.between(pitches[:, None], pitches) + correlation.noise * np.eye(len(pitches))
+        matrix = correlation.matrix(pitches[:, None], pitches) + correlation.noise * np.eye(len(pitches))
         weights = np.linalg.solve(matrix, values - mean)
-        shared = correlation.between(others[k][:, None], pitches)
-        unknown = 1 - np.max(shared, axis=1) ** 2 / (1 + correlation.noise)
-        yield predicted[k] + mean + shared @ weights + np.sqrt(unknown * variance)
+        correlations = correlation.matrix(other_pitches[k][:, None], pitches)
+        unexplained_variance = 1 - np.max(correlations, axis=1) ** 2 / (1 + correlation.noise)
+        yield predicted_values[k] + mean + correlations @ weights + np.sqrt(unexplained_variance * variance)

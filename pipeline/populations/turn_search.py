@@ -56,12 +56,12 @@ class Worst:
     ----------
     value : metric -> (n,); missing of a unit without a result at some step.
     step : metric -> (n,) step of the turn where it was found.
-    solved : (n,) solutions of each unit.
+    n_solved : (n,) solutions of each unit.
     """
 
     value: dict[str, Real]
     step: dict[str, Index]
-    solved: Index
+    n_solved: Index
 
 
 class _Best:
@@ -72,22 +72,22 @@ class _Best:
         self.value = np.full((n, len(self.sign), BEST_CLIMBED), -np.inf)
         self.step = np.zeros((n, len(self.sign), BEST_CLIMBED), np.intp)
         self.missing = np.zeros((n, len(self.sign)), bool)
-        self.solved = np.zeros(n, np.intp)
+        self.solved_pitches = np.zeros(n, np.intp)
 
     def take(self, steps: Index, rows: Index, values: Real) -> None:
         """Note metrics (n_pairs, n_metrics) of pairs (n_pairs,) of a step and a unit; of equal ones the first stays."""
         np.logical_or.at(self.missing, rows, np.isnan(values))
-        self.solved += np.bincount(rows, minlength=len(self.solved))
-        signed = np.where(np.isnan(values), -np.inf, self.sign * values)
+        self.solved_pitches += np.bincount(rows, minlength=len(self.solved_pitches))
+        signed_values = np.where(np.isnan(values), -np.inf, self.sign * values)
         for metric in range(len(self.sign)):
             value, step = self.value[:, metric], self.step[:, metric]
             unit = np.concatenate([np.repeat(np.arange(len(value)), BEST_CLIMBED), rows])
-            all_values = np.concatenate([value.ravel(), signed[:, metric]])
+            all_values = np.concatenate([value.ravel(), signed_values[:, metric]])
             all_steps = np.concatenate([step.ravel(), steps])
             order = np.lexsort((-all_values, unit))
-            first = np.searchsorted(unit[order], np.arange(len(value)))
-            best = order[first[:, None] + np.arange(BEST_CLIMBED)]
-            self.value[:, metric], self.step[:, metric] = all_values[best], all_steps[best]
+            first_rows = np.searchsorted(unit[order], np.arange(len(value)))
+            best_rows = order[first_rows[:, None] + np.arange(BEST_CLIMBED)]
+            self.value[:, metric], self.step[:, metric] = all_values[best_rows], all_steps[best_rows]
 
     def move_finitely(self, drives: TurnDrives, units: Units) -> None:
         """Give metrics of the play what finite motions add at the worst steps, and put the worst first again."""
@@ -103,30 +103,30 @@ class _Best:
             self.value[:, number] = np.take_along_axis(value, order, axis=1)
             self.step[:, number] = np.take_along_axis(step, order, axis=1)
 
-    def worst(self) -> Worst:
+    def worst_values(self) -> Worst:
         value, step = self.value[..., 0], self.step[..., 0]
         values = np.where(self.missing | ~np.isfinite(value), np.nan, self.sign * value)
         names = list(library())
-        return Worst(dict(zip(names, values.T, strict=True)), dict(zip(names, step.T, strict=True)), self.solved)
+        return Worst(dict(zip(names, values.T, strict=True)), dict(zip(names, step.T, strict=True)), self.solved_pitches)
 
 
-def trained(drives: TurnDrives, units: Units, seed: np.random.SeedSequence) -> Ranking:
+def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence) -> Ranking:
     """The ranking of pitches, from some ``units`` at pitches drawn at random."""
     rng = np.random.default_rng(seed)
     pitches = rng.choice(drives.pitches, min(TRAINING_PITCHES, drives.pitches), replace=False)
     n_places = drives.study.design.cycloid.pins * drives.study.design.disk.count
     forces, deflections, metrics = [], [], []
     for pitch in pitches:
-        drive, response, values = drives.solved(int(pitch) * drives.phases, units)
+        drive, response, values = drives.solve_step(int(pitch) * drives.phases, units)
         states = response.equilibria
         deflection = drive.laws_of_states.deflection(states.force) + drive.elastic_deflection(states.force)
         order = np.argsort(drives.places(int(pitch))[:n_places])
         forces.append(states.force[..., order])
         deflections.append(deflection[..., order])
         metrics.append(values)
-    force, gaps = np.stack(forces, axis=1), SeparateGaps.of(drives, units)  # (n, n_pitches, n_states, n_places)
+    force, gaps = np.stack(forces, axis=1), SeparateGaps.from_units(drives, units)  # (n, n_pitches, n_states, n_places)
     compliance = place_compliance(np.stack(deflections, axis=1).reshape(-1, n_places), force.reshape(-1, n_places))
-    springs = Springs.of(drives, compliance).fitted(gaps, pitches, force[:, :, _top_states(drives)])
+    springs = Springs.from_compliance(drives, compliance).with_fitted_spread(gaps, pitches, force[:, :, _top_states(drives)])
     turn = waves(pitches, drives.study.design.cycloid.lobes)
     features = np.concatenate(
         [springs.features(gaps)[:, pitches], np.broadcast_to(turn, (len(units), *turn.shape))], axis=2
@@ -135,8 +135,8 @@ def trained(drives: TurnDrives, units: Units, seed: np.random.SeedSequence) -> R
     slopes = fitted_slopes(features.reshape(len(pairs), -1), dict(zip(library(), pairs.T, strict=True)))
     cycloid, correlations = drives.study.design.cycloid, {}
     for name, slope in slopes.items():
-        missed = np.stack(metrics, axis=1)[:, :, list(library()).index(name)] - (features @ slope[1:] + slope[0])
-        correlations[name] = fitted_correlation(cycloid.pins, cycloid.lobes, pitches, missed)
+        residuals = np.stack(metrics, axis=1)[:, :, list(library()).index(name)] - (features @ slope[1:] + slope[0])
+        correlations[name] = fitted_correlation(cycloid.pins, cycloid.lobes, pitches, residuals)
     return Ranking(springs, slopes, correlations)
 
 
@@ -149,26 +149,26 @@ def _top_states(drives: TurnDrives) -> list[int]:
 
 def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
     """The worst of units as found at their most promising pitches."""
-    best = _Best(len(units))
+    best_values = _Best(len(units))
     if ranking.slopes:
         blocks = [np.arange(k, min(k + RANKED_AT_ONCE, len(units))) for k in range(0, len(units), RANKED_AT_ONCE)]
-        pools = [_Pool.of(drives, ranking, units, rows) for rows in blocks]
+        pools = [_Pool.best_ranked(drives, ranking, units, rows) for rows in blocks]
         for further in range(ROUNDS + 1):
-            chosen = [pool.promising(ranking) if further else pool.first() for pool in pools]
+            candidates = [pool.promising(ranking) if further else pool.first_pairs() for pool in pools]
             parts = np.split(
-                _solve_pairs(drives, units, np.concatenate([pairs * [drives.phases, 1] for pairs in chosen]), best),
-                np.cumsum([len(pairs) for pairs in chosen])[:-1],
+                _solve_pairs(drives, units, np.concatenate([pairs * [drives.phases, 1] for pairs in candidates]), best_values),
+                np.cumsum([len(pairs) for pairs in candidates])[:-1],
             )
-            for pool, pairs, values in zip(pools, chosen, parts, strict=True):
+            for pool, pairs, values in zip(pools, candidates, parts, strict=True):
                 pool.take(pairs, values)
     if drives.phases > 1:
-        ranked = [name in ranking.slopes for name in library()]
-        offsets, climbed = _offsets(drives), BEST_CLIMBED
+        is_ranked = [name in ranking.slopes for name in library()]
+        offsets, count = _offsets(drives), BEST_CLIMBED
         if drives.study.design.cycloid.pins > MANY_PINS:
-            offsets, climbed = [offsets[0], offsets[-1]], 1
-        _solve_beside(drives, units, _steps(best.step[:, ranked, :climbed]), offsets, best)
+            offsets, count = [offsets[0], offsets[-1]], 1
+        _solve_beside(drives, units, _steps(best_values.step[:, is_ranked, :count]), offsets, best_values)
     best.move_finitely(drives, units)
-    return best.worst()
+    return best_values.worst_values()
 
 
 @dataclass(frozen=True)
@@ -179,67 +179,67 @@ class _Pool:
     ----------
     rows : (n,) numbers of the units.
     pitches : (n, n_pitches) ascending, -1 where there are fewer.
-    predicted, solved : (n_metrics, n, n_pitches) the ranking's metrics and true ones, larger ones being worse; missing
+    predicted_values, n_solved : (n_metrics, n, n_pitches) the ranking's metrics and true ones, larger ones being worse; missing
         where not solved.
     names : metrics that are ranked.
     """
 
     rows: Index
     pitches: NDArray[np.int32]
-    predicted: NDArray[np.float32]
-    solved: NDArray[np.float32]
+    predicted_values: NDArray[np.float32]
+    solved_values: NDArray[np.float32]
     names: tuple[str, ...]
 
     @classmethod
-    def of(cls, drives: TurnDrives, ranking: Ranking, units: Units, rows: Index) -> _Pool:
+    def best_ranked(cls, drives: TurnDrives, ranking: Ranking, units: Units, rows: Index) -> _Pool:
         """The best ranked pitches of each metric."""
-        ranked = ranking.predicted(SeparateGaps.of(drives, units.some(rows)))
+        rankings = ranking.predict_metrics(SeparateGaps.from_units(drives, units.some(rows)))
         count = min(CANDIDATES, drives.pitches)
-        bad = np.stack([_sign(name) * values for name, values in ranked.items()])
-        best = np.sort(np.concatenate(np.argpartition(-bad, count - 1, axis=2)[:, :, :count], axis=1), axis=1)
-        repeated = np.zeros(best.shape, bool)
-        repeated[:, 1:] = best[:, 1:] == best[:, :-1]
-        columns = np.argsort(repeated, axis=1, kind="stable")[:, : int((~repeated).sum(axis=1).max())]
-        best, repeated = np.take_along_axis(best, columns, axis=1), np.take_along_axis(repeated, columns, axis=1)
-        predicted = np.take_along_axis(bad, best[None], axis=2).astype(np.float32)
-        pitches = np.where(repeated, -1, best).astype(np.int32)
-        return cls(rows, pitches, predicted, np.full(predicted.shape, np.nan, np.float32), tuple(ranked))
+        bad = np.stack([_sign(name) * values for name, values in rankings.items()])
+        best_pitches = np.sort(np.concatenate(np.argpartition(-bad, count - 1, axis=2)[:, :, :count], axis=1), axis=1)
+        is_repeated = np.zeros(best_pitches.shape, bool)
+        is_repeated[:, 1:] = best_pitches[:, 1:] == best_pitches[:, :-1]
+        columns = np.argsort(is_repeated, axis=1, kind="stable")[:, : int((~is_repeated).sum(axis=1).max())]
+        best_pitches, is_repeated = np.take_along_axis(best_pitches, columns, axis=1), np.take_along_axis(is_repeated, columns, axis=1)
+        predicted_values = np.take_along_axis(bad, best_pitches[None], axis=2).astype(np.float32)
+        pitches = np.where(is_repeated, -1, best_pitches).astype(np.int32)
+        return cls(rows, pitches, predicted_values, np.full(predicted_values.shape, np.nan, np.float32), tuple(rankings))
 
-    def first(self) -> Index:
+    def first_pairs(self) -> Index:
         """Pairs (n_pairs, 2) of a pitch and a unit: of each metric the best ranked."""
-        return self._pairs(self.predicted.astype(float), 0)
+        return self._pairs(self.predicted_values.astype(float), 0)
 
     def promising(self, ranking: Ranking) -> Index:
         """Likewise of those that are not solved yet, by the ranking and what it missed at the solved ones."""
-        known = np.isfinite(self.solved).any(axis=0)
-        width = max(1, int(known.sum(axis=1).max()))
-        columns = np.argsort(~known, axis=1, kind="stable")[:, :width]
-        pitches = np.where(np.take_along_axis(known, columns, axis=1), np.take_along_axis(self.pitches, columns, 1), -1)
-        scores = np.full(self.predicted.shape, -np.inf)
+        is_known = np.isfinite(self.solved_values).any(axis=0)
+        width = max(1, int(is_known.sum(axis=1).max()))
+        columns = np.argsort(~is_known, axis=1, kind="stable")[:, :width]
+        pitches = np.where(np.take_along_axis(is_known, columns, axis=1), np.take_along_axis(self.pitches, columns, 1), -1)
+        scores = np.full(self.predicted_values.shape, -np.inf)
         for k, name in enumerate(self.names):
             if PROMISING.get(name, PROMISING_OTHERWISE)[1] == 0:
                 continue
-            missed = np.take_along_axis(self.solved[k] - self.predicted[k], columns, axis=1)
+            residuals = np.take_along_axis(self.solved_values[k] - self.predicted_values[k], columns, axis=1)
             count = min(CANDIDATES, self.pitches.shape[1])
-            best = np.argpartition(-np.where(self.pitches < 0, -np.inf, self.predicted[k]), count - 1, axis=1)[
+            best_columns = np.argpartition(-np.where(self.pitches < 0, -np.inf, self.predicted_values[k]), count - 1, axis=1)[
                 :, :count
             ]
-            others, predicted = (np.take_along_axis(values, best, 1) for values in (self.pitches, self.predicted[k]))
-            bounds = upper_bounds(ranking.correlations[name], pitches, missed, np.abs(others), predicted)
-            np.put_along_axis(scores[k], best, np.stack(list(bounds)), axis=1)
-        return self._pairs(np.where(known, -np.inf, scores), 1)
+            other_pitches, predicted_values = (np.take_along_axis(values, best_columns, 1) for values in (self.pitches, self.predicted_values[k]))
+            bounds = upper_bounds(ranking.correlations[name], pitches, residuals, np.abs(other_pitches), predicted_values)
+            np.put_along_axis(scores[k], best_columns, np.stack(list(bounds)), axis=1)
+        return self._pairs(np.where(is_known, -np.inf, scores), 1)
 
     def _pairs(self, scores: Real, further: int) -> Index:
         """Pairs of the largest scores (n_metrics, n, n_pitches): so many of each metric."""
         scores = np.where(self.pitches < 0, -np.inf, scores)
-        chosen = np.zeros(self.pitches.shape, bool)
+        is_chosen = np.zeros(self.pitches.shape, bool)
         for name, of_metric in zip(self.names, scores, strict=True):
             count = min(PROMISING.get(name, PROMISING_OTHERWISE)[further], of_metric.shape[1])
             if count == 0:
                 continue
-            best = np.argpartition(-of_metric, count - 1, axis=1)[:, :count]
-            np.put_along_axis(chosen, best, np.take_along_axis(of_metric, best, axis=1) > -np.inf, axis=1)
-        unit, column = np.nonzero(chosen)
+            best_columns = np.argpartition(-of_metric, count - 1, axis=1)[:, :count]
+            np.put_along_axis(is_chosen, best_columns, np.take_along_axis(of_metric, best_columns, axis=1) > -np.inf, axis=1)
+        unit, column = np.nonzero(is_chosen)
         return np.stack([self.pitches[unit, column], self.rows[unit]], axis=1).astype(np.intp)
 
     def take(self, pairs: Index, values: Real) -> None:
@@ -247,7 +247,7 @@ class _Pool:
         unit = pairs[:, 1] - self.rows[0]
         column = np.argmax(self.pitches[unit] == pairs[:, :1], axis=1)
         for k, name in enumerate(self.names):
-            self.solved[k, unit, column] = _sign(name) * values[:, list(library()).index(name)]
+            self.solved_values[k, unit, column] = _sign(name) * values[:, list(library()).index(name)]
 
 
 def _sign(name: str) -> float:
@@ -266,29 +266,29 @@ def _offsets(drives: TurnDrives) -> list[int]:
     return [offset for offset in range(-reach, reach + 1) if offset]
 
 
-def _solve_beside(drives: TurnDrives, units: Units, steps: Index, offsets: Sequence[int], best: _Best) -> None:
+def _solve_beside(drives: TurnDrives, units: Units, steps: Index, offsets: Sequence[int], best_values: _Best) -> None:
     """Solve each unit at offsets from its steps (n_steps, n_units)."""
-    beside = np.concatenate([steps + offset for offset in offsets]) % (drives.pitches * drives.phases)
-    pairs = np.stack([beside, np.broadcast_to(np.arange(len(units)), beside.shape)], axis=-1)
-    _solve_pairs(drives, units, np.unique(pairs.reshape(-1, 2), axis=0), best)
+    neighbours = np.concatenate([steps + offset for offset in offsets]) % (drives.pitches * drives.phases)
+    pairs = np.stack([neighbours, np.broadcast_to(np.arange(len(units)), neighbours.shape)], axis=-1)
+    _solve_pairs(drives, units, np.unique(pairs.reshape(-1, 2), axis=0), best_values)
 
 
-def _solve_pairs(drives: TurnDrives, units: Units, pairs: Index, best: _Best) -> Real:
+def _solve_pairs(drives: TurnDrives, units: Units, pairs: Index, best_values: _Best) -> Real:
     """Metrics (n_pairs, n_metrics) of pairs (n_pairs, 2) of a step and a unit."""
     steps, rows = pairs.T
     values = drives.metrics_at(steps, rows, units)
-    best.take(steps, rows, values)
+    best_values.take(steps, rows, values)
     return values
 
 
 def audit(drives: TurnDrives, units: Units) -> tuple[Worst, Worst]:
     """The worst of units solved at every pitch; and with the steps between them beside the worst of each metric."""
-    best = _Best(len(units))
+    best_values = _Best(len(units))
     pitches, rows = np.meshgrid(np.arange(drives.pitches), np.arange(len(units)), indexing="ij")
-    _solve_pairs(drives, units, np.stack([drives.phases * pitches.ravel(), rows.ravel()], axis=1), best)
+    _solve_pairs(drives, units, np.stack([drives.phases * pitches.ravel(), rows.ravel()], axis=1), best_values)
     of_pitches = deepcopy(best)
     if drives.phases > 1:
-        _solve_beside(drives, units, _steps(best.step), _offsets(drives), best)
-    for worst in (of_pitches, best):
-        worst.move_finitely(drives, units)
-    return of_pitches.worst(), best.worst()
+        _solve_beside(drives, units, _steps(best_values.step), _offsets(drives), best_values)
+    for worst_values in (of_pitches, best):
+        worst_values.move_finitely(drives, units)
+    return of_pitches.worst_values(), best_values.worst_values()

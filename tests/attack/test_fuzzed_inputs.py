@@ -129,7 +129,7 @@ def _samples() -> pd.DataFrame:
 def _read_population(folder: Path, text: bytes) -> Reading:
     (folder / "units.csv").write_bytes(text)
     units = load_population(folder / "units.csv")
-    comparisons = compared(units, _samples())
+    comparisons = metric_comparisons(units, _samples())
     values = [units[name].to_numpy() if name in units else np.full(len(units), np.nan) for name in POPULATION_METRICS]
     differs = any(comparison.bias.ci_low > 0 or comparison.bias.ci_high < 0 for comparison in comparisons)
     return Reading(np.column_stack(values), differs)

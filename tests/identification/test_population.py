@@ -13,8 +13,8 @@ from pipeline.errors import InputError
 from pipeline.model.metrics import measurable_metrics
 from pipeline.model.units import ARCMIN
 from pipeline.populations.comparison import (
-    compared,
     load_population,
+    metric_comparisons,
     metrics_at,
     permutation_tests,
 )
@@ -121,7 +121,7 @@ def test_intervals_of_bias_and_spread_cover(monkeypatch):
         samples[name] = rng.uniform(0, 1, len(samples))
     for _ in range(200):
         units = pd.DataFrame({"unit": np.arange(20), WIDTH: rng.uniform(0.5, 2.0, 20)})
-        (comparisons,) = compared(units, samples)
+        (comparisons,) = metric_comparisons(units, samples)
         hits += [
             comparisons.bias.ci_low < 1.25 - samples[WIDTH].mean() < comparisons.bias.ci_high,
             comparisons.spread_ratio.ci_low
@@ -132,7 +132,7 @@ def test_intervals_of_bias_and_spread_cover(monkeypatch):
 
 
 def test_units_of_the_study_itself_do_not_differ(study, population):
-    comparisons = compared(units_of(study), population.metrics)
+    comparisons = metric_comparisons(units_of(study), population.metrics)
     assert [comparison.metric for comparison in comparisons] == list(measurable_metrics())
     assert all(min(test.p_value for test in comparison.tests) > 0.01 for comparison in comparisons)
     assert all(comparison.spread_ratio.ci_low < 1 < comparison.spread_ratio.ci_high for comparison in comparisons)
@@ -144,8 +144,8 @@ def test_a_shifted_tolerance_is_found(study, population, name):
     shift = {"disk_profile": 1.5, "pin_radius": -0.4}[name]
     tolerance = getattr(study.tolerances, name)
     shifted = with_tolerance(study, name, allowance_um=tolerance.allowance_um + shift)
-    closings = closing(compared(units_of(shifted), population.metrics), population)
-    assert closings.biased
+    closings = closing(metric_comparisons(units_of(shifted), population.metrics), population)
+    assert closings.has_bias
     best = {candidate.tolerance: candidate for candidate in closings.candidates}
     assert best[name].closes
     assert best[name].shift_low_um < shift < best[name].shift_high_um
@@ -156,7 +156,7 @@ def test_a_shifted_tolerance_is_found(study, population, name):
 
 def test_a_shift_beyond_the_limits_takes_an_effect(study, population):
     shifted = with_tolerance(study, "disk_profile", allowance_um=25.0)
-    closings = closing(compared(units_of(shifted), population.metrics), population)
+    closings = closing(metric_comparisons(units_of(shifted), population.metrics), population)
     best = {candidate.tolerance: candidate for candidate in closings.candidates}
     assert best["disk_profile"].shift_um == pytest.approx(15.0, abs=1.0)
     assert best["disk_profile"].room_um == pytest.approx(2.0, abs=0.1)
@@ -170,14 +170,16 @@ def test_a_tolerance_that_drives_nothing_closes_nothing(study):
         deviations = deviations_of(study, 50, seed)
         small_population = StudyPopulation(study, metrics_of(deviations, seed), deviations)
         shifted = with_tolerance(study, "disk_profile", allowance_um=11.5)
-        closings = closing(compared(units_of(shifted), small_population.metrics), small_population)
+        closings = closing(metric_comparisons(units_of(shifted), small_population.metrics), small_population)
         idle = [c for c in closings.candidates if c.tolerance in ("ovality_2", "ovality_3", "pin_tangential")]
         assert not any(candidate.closes for candidate in idle)
 
 
 def test_a_wider_tolerance_widens_the_spread(study, population):
     wider = with_tolerance(study, "disk_profile", lower_um=-6.0, upper_um=10.0)
-    comparisons = {comparison.metric: comparison for comparison in compared(units_of(wider), population.metrics)}
+    comparisons = {
+        comparison.metric: comparison for comparison in metric_comparisons(units_of(wider), population.metrics)
+    }
     assert comparisons[WIDTH].spread_ratio.ci_low > 1.5
     assert comparisons[WIDTH].tests[2].p_value < 0.05
     probability, model_value, reference_value = comparisons[WIDTH].quantiles.T
@@ -188,18 +190,18 @@ def test_a_wider_tolerance_widens_the_spread(study, population):
 def test_units_measured_at_a_crank_angle_are_compared_there(study, population):
     at_90 = metrics_at(metrics_of(deviations_of(study, 40, 99), 99), 90.0)
     units = at_90[[WIDTH]].rename_axis("unit").reset_index().assign(crank_deg=90.0)
-    (comparisons,) = compared(units, population.metrics)
+    (comparisons,) = metric_comparisons(units, population.metrics)
     assert comparisons.crank_deg == 90.0
     assert abs(comparisons.bias.value) < 0.03
     with pytest.raises(InputError, match="the study has 0, 90"):
-        compared(units.assign(crank_deg=45.0), population.metrics)
+        metric_comparisons(units.assign(crank_deg=45.0), population.metrics)
 
 
 def test_units_without_a_crank_angle_are_compared_with_the_mean_unless_told(study, population):
     """A bench at one position scatters about the mean over the turn; the worst over the turn lies beyond it."""
     units = units_of(study)
-    mean, worst = (compared(units, population.metrics, over=over)[0] for over in ("mean", "worst"))
-    assert (mean.over, worst.over) == ("mean", "worst")
+    mean, worst = (metric_comparisons(units, population.metrics, turn_statistic=over)[0] for over in ("mean", "worst"))
+    assert (mean.turn_statistic, worst.turn_statistic) == ("mean", "worst")
     assert abs(mean.bias.value) < 0.03
     assert worst.bias.value == pytest.approx(mean.bias.value - 0.025, abs=1e-9)  # half of the step between the angles
     assert comparison_frame([worst])["over"].tolist() == ["worst"]
@@ -210,13 +212,13 @@ def test_values_in_another_unit_are_refused_before_they_are_compared(study, popu
     units = units_of(study)
     units[[WIDTH, LOST]] *= factor
     with pytest.raises(InputError, match=f"lost_motion_arcmin has a median of .* likely in {unit}; convert it"):
-        compared(units, population.metrics)
+        metric_comparisons(units, population.metrics)
 
 
 def test_exchanged_columns_are_refused(study, population):
     exchanged = units_of(study).rename(columns={WIDTH: RIGIDITY, RIGIDITY: WIDTH})
     with pytest.raises(InputError, match="has the values of .* exchange the columns"):
-        compared(exchanged, population.metrics)
+        metric_comparisons(exchanged, population.metrics)
 
 
 def test_a_trailing_separator_shifts_no_column(tmp_path):
@@ -237,7 +239,7 @@ def test_a_failed_sample_counts_nowhere(population):
 
 def test_two_units_have_a_bias_and_no_test(population):
     units = pd.DataFrame({"unit": ["a", "b"], WIDTH: [0.9, 1.0], LOST: [1.2, np.nan]})
-    width, lost_motion = compared(units, population.metrics)
+    width, lost_motion = metric_comparisons(units, population.metrics)
     assert np.isfinite(width.bias.ci_high)
     assert width.tests == ()
     assert np.isnan(width.spread_ratio.value)

@@ -83,7 +83,7 @@ def test_springs_tell_the_metrics_under_load(by_springs, metric, minimum):
     sign = -1.0 if metric == RIGIDITY else 1.0
     tail = Tail(metric, "worst", sign, 0.0)
     values = tail.over_turn(exact[metric])
-    prediction = TailPrediction.fitted(tail, loaded_values[metric], pilot, units)
+    prediction = TailPrediction.from_pilot(tail, loaded_values[metric], pilot, units)
     assert 1 - np.var(values - prediction.value) / np.var(values) > minimum
     assert prediction.scale == pytest.approx(np.std(values - prediction.value), rel=0.25)
 

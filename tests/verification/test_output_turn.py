@@ -43,8 +43,8 @@ def test_two_disks_with_holes_under_load_are_those_of_fresh_condensations(monkey
 
     steps = np.array([3, 700, 1500])
     monkeypatch.setattr(output_turn, "loaded_steps", lambda study, phases: steps)
-    drives, unit = TurnDrives.of(study, 1, [full_blocks(study, 0.0, condense)]), draw(study, 1, 2)
-    turn, units = loaded_error(drives, unit), Units.of(study, unit)
+    drives, unit = TurnDrives.from_blocks(study, 1, [full_blocks(study, 0.0, condense)]), draw(study, 1, 2)
+    turn, units = loaded_error(drives, unit), Units.from_errors(study, unit)
     held = 1000.0 * assembly.definitions(study).rigidity_high
     for k, crank in enumerate(np.degrees(turn.crank)):
         reducer = assembly.reducer(study.design, crank)

@@ -84,7 +84,7 @@ def test_the_spread_of_forces_is_found_where_it_is_linear(rough) -> None:
         force[unit, pitch, sense, places] = stiffness * np.maximum(phi - ends, 0.0) / np.abs(springs.arm[places])
     force = force @ true_spread
     force[0, 0, 0] = np.nan  # a state without a result is left out
-    fitted = springs.fitted(gaps, pitches, force).spread
+    fitted = springs.with_fitted_spread(gaps, pitches, force).spread
     assert np.abs(fitted - true_spread).max() < 0.1
     rough_error, error = np.abs(np.eye(PLACES) - true_spread).mean(), np.abs(fitted - true_spread).mean()
     assert error < 0.3 * rough_error
@@ -94,7 +94,7 @@ def test_a_prediction_is_linear_in_features_and_waves(rough) -> None:
     springs, gaps = rough
     features, turn = springs.features(gaps), waves(np.arange(PINS * LOBES), LOBES)
     slope = np.arange(1.0, 2 + features.shape[2] + 2 * WAVES)
-    predicted = Ranking(springs, {"metric": slope}, {}).predicted(gaps)["metric"]
+    predicted = Ranking(springs, {"metric": slope}, {}).predict_metrics(gaps)["metric"]
     unit, pitch = 1, 4
     expected = slope @ np.concatenate([[1.0], features[unit, pitch], turn[pitch]])
     assert predicted[unit, pitch] == pytest.approx(expected)

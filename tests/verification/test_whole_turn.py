@@ -43,8 +43,8 @@ def fresh(study: Study, disk: ElasticBody, crank: float) -> np.ndarray:
 def test_disks_without_holes_are_those_of_fresh_condensations_at_any_step() -> None:
     study = small("quick", "elastic", 2, loaded_angles=31)
     disk = elastic_disk(study)
-    drives = TurnDrives.of(study, 3, [turned_blocks(study, disk, 4.5 * k / 3) for k in range(3)])
-    units = Units.of(study, draw(study, 1, 2))
+    drives = TurnDrives.from_blocks(study, 3, [turned_blocks(study, disk, 4.5 * k / 3) for k in range(3)])
+    units = Units.from_errors(study, draw(study, 1, 2))
     for step in (1, 3 * 80 + 2, 3 * 4001):
         expected = fresh(study, disk, float(drives.crank_deg(step)))
         rows = assembly.disk_contacts(assembly.reducer(study.design, 0.0))
@@ -63,9 +63,9 @@ def test_a_disk_with_holes_repeats_after_as_many_pitches_as_it_has_lobes() -> No
         condensed[crank] = fresh(study, disk, crank)
         return [condensed[crank]]
 
-    drives = TurnDrives.of(study, 1, [full_blocks(study, 0.0, condense)])
+    drives = TurnDrives.from_blocks(study, 1, [full_blocks(study, 0.0, condense)])
     assert len(condensed) == study.design.cycloid.lobes
-    units = Units.of(study, draw(study, 1, 2))
+    units = Units.from_errors(study, draw(study, 1, 2))
     rows = assembly.disk_contacts(assembly.reducer(study.design, 0.0))
     for pitch in (20, 100):
         expected = fresh(study, disk, float(drives.crank_deg(pitch)))
@@ -76,9 +76,9 @@ def test_a_disk_with_holes_repeats_after_as_many_pitches_as_it_has_lobes() -> No
 def test_gaps_of_the_turn_are_sums_of_what_pins_and_lobes_do() -> None:
     """First order: away from the roots the sum misses the exact gaps by a hundredth of their spread."""
     study = small("quick", "rigid", 4, loaded_angles=31)
-    drives = TurnDrives.of(study, 1, [np.zeros((1, 120, 120))])
-    units = Units.of(study, draw(study, 1, 5))
-    gaps = SeparateGaps.of(drives, units)
+    drives = TurnDrives.from_blocks(study, 1, [np.zeros((1, 120, 120))])
+    units = Units.from_errors(study, draw(study, 1, 5))
+    gaps = SeparateGaps.from_units(drives, units)
     for pitch in (80, 1234, 6000):
         drive = drives.drive(pitch, units)
         by_place = np.empty_like(drive.gap)
@@ -95,13 +95,13 @@ def test_states_that_are_solved_together_are_those_of_their_own_steps(name: str)
     """The drive repeats, turned in the housing, after as many pitches as there are lobes; round pins and others."""
     study = small(name, "rigid", 4, loaded_angles=11)
     n_contacts = len(assembly.reducer(study.design, 0.0).contacts)
-    drives = TurnDrives.of(study, 1, [np.zeros((1, n_contacts, n_contacts))])
+    drives = TurnDrives.from_blocks(study, 1, [np.zeros((1, n_contacts, n_contacts))])
     assert drives.repeats
-    units = Units.of(study, draw(study, 1, 5))
+    units = Units.from_errors(study, draw(study, 1, 5))
     waves = 1e-3 * np.random.default_rng(1).normal(size=(2, *units.errors.pin_roundness.shape))
     units = replace(units, errors=replace(units.errors, pin_roundness=waves[0] + 1j * waves[1]))
     steps, rows = np.array([3, drives.pitches - 2, drives.pitches // 2, 3]), np.array([0, 1, 2, 3])
-    alone = [drives.solved(int(step), units.some(rows[[k]]))[2][0] for k, step in enumerate(steps)]
+    alone = [drives.solve_step(int(step), units.some(rows[[k]]))[2][0] for k, step in enumerate(steps)]
     np.testing.assert_allclose(drives.metrics_at(steps, rows, units), alone, rtol=1e-9)
     assert len(np.unique(np.array(alone)[:, 1])) == 4
 
@@ -111,19 +111,19 @@ def test_drives_whose_cranks_turn_by_other_ratios_or_know_their_angle_do_not_rep
         study = small(name, "rigid", 4, loaded_angles=11)
         study = study.model_copy(update={"design": study.design.model_copy(update={"effects": effects})})
         n_contacts = len(assembly.reducer(study.design, 0.0).contacts)
-        assert not TurnDrives.of(study, 1, [np.zeros((1, n_contacts, n_contacts))]).repeats
+        assert not TurnDrives.from_blocks(study, 1, [np.zeros((1, n_contacts, n_contacts))]).repeats
 
 
 def test_misses_of_the_ranking_are_known_from_those_of_other_pitches() -> None:
     """A process of known lengths: they are found again, and bounds are met by a share of a normal distribution."""
     pins, lobes, rng = 14, 13, np.random.default_rng(2)
     every = np.arange(pins * lobes)
-    true = Correlation.of(pins, lobes, 2.0, 10.0, 0.02)
-    matrix = true.between(every[:, None], every) + 0.02 * np.eye(len(every))
+    true = Correlation.from_lengths(pins, lobes, 2.0, 10.0, 0.02)
+    matrix = true.matrix(every[:, None], every) + 0.02 * np.eye(len(every))
     missed = 3.0 + rng.normal(size=(60, len(every))) @ np.linalg.cholesky(matrix).T
     training = np.sort(rng.choice(every, 90, replace=False))
     found = fitted_correlation(pins, lobes, training, missed[:, training])
-    np.testing.assert_allclose(found.around, true.around)
+    np.testing.assert_allclose(found.around_crank, true.around_crank)
     np.testing.assert_allclose(found.along, true.along)
     others = np.setdiff1d(every, training)
     solved = np.where(np.arange(90) < 80, np.broadcast_to(training, (60, 90)), -1)

@@ -70,7 +70,7 @@ def write_population_page(
         single=[(_where("", group.crank_deg, over), group.sentence) for group in single],
         candidates=[
             _candidate(row, over)
-            for row in candidate_frame({k: found for k, found in closings.items() if found.biased}).to_dict("records")
+            for row in candidate_frame({k: found for k, found in closings.items() if found.has_bias}).to_dict("records")
         ],
         pictures={"quantiles": picture},
     )
