@@ -1,7 +1,7 @@
 """The metrics of a study's cases as a function of the design's numbers, fast enough to fit them.
 
 The disk is condensed once; its compliance goes with 1/(thickness x modulus), so those need no new mesh. What moves
-patches or changes the mesh asks for another `condensed`. Effects that the design names are in the springs, the gaps and
+patches or changes the mesh asks for another `condense_disk`. Effects that the design names are in the springs, the gaps and
 the torsion; with friction the clearance backlash is still the frictionless one.
 """
 

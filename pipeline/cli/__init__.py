@@ -11,21 +11,21 @@ from pipeline.cli.kept_answers import kept_answer
 from pipeline.cli.parser import parser
 from pipeline.errors import shortened
 
-ALLOCATED = 50_000
+ALLOCATED_OBJECTS = 50_000
 """Objects more than freed after which cycles of them are looked for; the 700 of Python cost 4 % of an identification's
 time, as modules and their objects stay alive."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status: 0, 2 for what the user can mend, 1 for a failure of ours."""
-    return answered(_run, parser(), arguments)
+    return exit_status(_run, parser(), arguments)
 
 
-def answered(
+def exit_status(
     action: Callable[[argparse.Namespace], None], program: argparse.ArgumentParser, arguments: Sequence[str] | None
 ) -> int:
     """Exit status of an action on the options of a program; an error is told in lines for the user."""
-    gc.set_threshold(ALLOCATED)
+    gc.set_threshold(ALLOCATED_OBJECTS)
     try:
         action(program.parse_args(arguments))
     except (Exception, KeyboardInterrupt) as error:
@@ -39,8 +39,8 @@ def answered(
 def _run(options: argparse.Namespace) -> None:
     if options.opening:
         print(shortened(options.opening.format(**vars(options))), flush=True)  # the imports behind it take seconds
-    if kept := kept_answer(options):
-        for lines, stream in zip(kept, (sys.stdout, sys.stderr), strict=True):
+    if former_answer := kept_answer(options):
+        for lines, stream in zip(former_answer, (sys.stdout, sys.stderr), strict=True):
             print("".join(f"{line}\n" for line in lines), end="", file=stream)
         return
     module, _, action = options.command.partition(".")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from pipeline.errors import ChunkError, InputError, shortened
 
-USER, OURS, INTERRUPTED, PIPE = 2, 1, 130, 141
+USER, OURS, INTERRUPT, PIPE = 2, 1, 130, 141
 """Exit statuses: what the user can mend; a failure of ours; Ctrl-C; nobody reads the output any more."""
 
 MOST_LINES = 20
@@ -45,11 +45,11 @@ def answer(error: BaseException) -> ErrorAnswer:
     """What to tell of an error that reached the command line; an unexpected one leaves its traceback in a file."""
     match error:
         case InputError():
-            return ErrorAnswer(tuple(map(shortened, _first(error.problems))), USER)
+            return ErrorAnswer(tuple(map(shortened, _first_problems(error.problems))), USER)
         case ChunkError():
             return ErrorAnswer((shortened(str(error)),), OURS)
         case KeyboardInterrupt():
-            return ErrorAnswer(("interrupted; the same command goes on from the finished chunks",), INTERRUPTED)
+            return ErrorAnswer(("interrupted; the same command goes on from the finished chunks",), INTERRUPT)
         case BrokenPipeError():
             return ErrorAnswer((), PIPE)
         case OSError():
@@ -58,13 +58,13 @@ def answer(error: BaseException) -> ErrorAnswer:
             return ErrorAnswer((f"not enough memory; {REMEDIES[errno.ENOMEM]}",), USER)
         case RecursionError():
             return ErrorAnswer(("a file is nested too deeply to be read; flatten it",), USER)
-    return ErrorAnswer((_unexpected(error),), OURS)
+    return ErrorAnswer((_fault_report(error),), OURS)
 
 
-def _first(problems: Sequence[str]) -> list[str]:
+def _first_problems(problems: Sequence[str]) -> list[str]:
     """Problems, of which a screen shows the first."""
-    more = len(problems) - MOST_LINES + 1
-    return [*problems[: MOST_LINES - 1], f"and {more} more problems"] if more > 1 else list(problems)
+    count_beyond = len(problems) - MOST_LINES + 1
+    return [*problems[: MOST_LINES - 1], f"and {count_beyond} more problems"] if count_beyond > 1 else list(problems)
 
 
 def _of_system(error: OSError) -> str:
@@ -73,7 +73,7 @@ def _of_system(error: OSError) -> str:
     return f"{path}: {reason}; {REMEDIES.get(error.errno or 0, 'see what the system says of it')}"
 
 
-def _unexpected(error: BaseException) -> str:
+def _fault_report(error: BaseException) -> str:
     with tempfile.NamedTemporaryFile("w", prefix="cycloid-", suffix=".txt", delete=False, encoding="utf-8") as file:
         file.write("".join(traceback.format_exception(error)))
     text = re.sub(r"\s+", " ", f"{type(error).__name__}: {error}")

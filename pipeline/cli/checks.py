@@ -28,8 +28,8 @@ def fit_design(options: argparse.Namespace) -> None:
     study = load_study(options.study or comparison.STUDY, settings.ROOT)
     source = options.targets or settings.PUBLISHED / comparison.TARGETS
     targets = calibrate.read_targets(source, study)
-    fitted = options.parameters or settings.PUBLISHED / comparison.FITTED
-    parameters = calibrate.read_parameters(fitted, study.design)
+    parameter_file = options.parameters or settings.PUBLISHED / comparison.FITTED
+    parameters = calibrate.read_parameters(parameter_file, study.design)
     fit = calibrate.calibrated(study, targets, parameters, study.metrics.confidence)
     folder = settings.RUNS / "calibrate" / study.name
     calibrate.write(fit, targets, source.name, folder)
@@ -43,9 +43,9 @@ def fit_design(options: argparse.Namespace) -> None:
 
 def verify_mechanics(options: argparse.Namespace) -> None:
     """Hold the mechanics against exact answers and independent solvers."""
-    failed = verify.verify(options.mesh, settings.ROOT, settings.RUNS / "verify" / "results.csv")
-    if failed:
-        print(f"{failed} rows failed", file=sys.stderr)
+    failures = verify.verify(options.mesh, settings.ROOT, settings.RUNS / "verify" / "results.csv")
+    if failures:
+        print(f"{failures} rows failed", file=sys.stderr)
         raise SystemExit(1)
 
 

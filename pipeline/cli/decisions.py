@@ -38,9 +38,11 @@ def reweigh_run(options: argparse.Namespace) -> None:
     wide, narrow = (study_of(name) for name in (options.wide, options.narrow))
     moved_tolerances(wide, narrow)  # says what is in the way before anything is run
     answer = reweighted_yields(compared_run(wide, workers(options)), narrow)
-    condensed = up_to_date(narrow, ["springs", "reduce"], workers(options))
-    shared = prepared_loops(narrow, condensed.outputs)
-    fresh = fresh_yields(narrow, wide.samples.count, options.check, partial(loaded_units, shared), condensed.jobs)
+    upstream_run = up_to_date(narrow, ["springs", "reduce"], workers(options))
+    loop_inputs = prepared_loops(narrow, upstream_run.outputs)
+    fresh = fresh_yields(
+        narrow, wide.samples.count, options.check, partial(loaded_units, loop_inputs), upstream_run.jobs
+    )
     kinds = {"reweighted": answer.yields, "fresh": fresh}
     rows = pd.DataFrame(
         [{"metric": name, "units": kind, **vars(shares[name])} for name in fresh for kind, shares in kinds.items()]

@@ -14,19 +14,19 @@ from pipeline.figures.parts.dxf import outlines_dxf
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.drawn_flank import drawn_flank
 
-FEWEST, MOST = 8, 100_000
+SMALLEST_COUNT, LARGEST_COUNT = 8, 100_000
 """Points of a lobe."""
 
 
 def write_flank(options: argparse.Namespace) -> None:
     """Write ``drawn.csv``, ``measured.csv`` where a deviation was measured, and ``flank.dxf`` with a layer of each."""
-    if not FEWEST <= options.points <= MOST:
-        raise InputError(f"--points = {options.points}; must be {FEWEST} to {MOST} of a lobe")
-    measured = assembly.profile(load_design(options.design, settings.ROOT))
-    drawn_profile = replace(measured, modification=replace(measured.modification, measured=None))
+    if not SMALLEST_COUNT <= options.points <= LARGEST_COUNT:
+        raise InputError(f"--points = {options.points}; must be {SMALLEST_COUNT} to {LARGEST_COUNT} of a lobe")
+    profile = assembly.profile(load_design(options.design, settings.ROOT))
+    drawn_profile = replace(profile, modification=replace(profile.modification, measured=None))
     tables = {"drawn": flank_points(drawn_profile, options.points)}
-    if measured.modification.measured is not None:
-        tables["measured"] = flank_points(measured, options.points)
+    if profile.modification.measured is not None:
+        tables["measured"] = flank_points(profile, options.points)
     for name, table in tables.items():
         write_atomic(options.out / f"{name}.csv", table.to_csv(index=False, float_format="%.9f").encode())
     outlines = {name: (table["x_mm"] + 1j * table["y_mm"]).to_numpy() for name, table in tables.items()}

@@ -45,7 +45,7 @@ def write_spreadsheet(options: argparse.Namespace) -> None:
     if not folder.is_dir():
         raise InputError(f"{options.folder}: no folder of results; run a study or a command first")
     file = options.out or folder / f"{folder.name}.xlsx"
-    written, left_out = write_workbook(folder, file)
-    print(f"{settings.shown(file)}: {', '.join(written)}")
+    written_tables, left_out = write_workbook(folder, file)
+    print(f"{settings.shown(file)}: {', '.join(written_tables)}")
     for sentence in left_out:
         print(f"left out: {sentence}")

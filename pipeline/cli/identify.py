@@ -22,9 +22,9 @@ def identify_unit(options: argparse.Namespace) -> None:
     print("\n".join([*measurement.summary, *plan(measurement)]), flush=True)
     from pipeline.cli.arguments import workers  # seconds of imports, behind the first lines
     from pipeline.cli.printing import print_answer
-    from pipeline.library.measured import explained
+    from pipeline.library.measured import unit_answer
 
-    print_answer(explained(measurement, workers(options)))
+    print_answer(unit_answer(measurement, workers(options)))
 
 
 def plan(measurement: Measurement | TurnRecord) -> list[str]:
@@ -39,13 +39,13 @@ def plan(measurement: Measurement | TurnRecord) -> list[str]:
     if unit.settings.held_out.train:
         split = "what unit.toml holds out judges"
     elif isinstance(measurement, TurningMeasurement):
-        by = measurement.held_out_by
-        split = f"each {by} is predicted from the others" if by else "nothing can be held out"
+        held_out_by = measurement.held_out_by
+        split = f"each {held_out_by} is predicted from the others" if held_out_by else "nothing can be held out"
     elif cranks > 1:
         split = f"each of {cranks} crank positions is predicted from the others"
     else:
         split = f"each of {cycles} cycles is predicted from the others" if cycles > 1 else "nothing can be held out"
-    fitted = f"the model of design {unit.settings.design}" if unit.designed else "play, friction and a spring"
+    model_text = f"the model of design {unit.settings.design}" if unit.designed else "play, friction and a spring"
     return [
-        f"plan: {fitted}, fitted to {len(measurement.cells)} cells of {len(measurement.branches)} branches; {split}"
+        f"plan: {model_text}, fitted to {len(measurement.cells)} cells of {len(measurement.branches)} branches; {split}"
     ]

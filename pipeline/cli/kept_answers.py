@@ -17,7 +17,7 @@ from typing import Any
 
 from pipeline import settings
 
-STARTED = time.time_ns()
+START_NS = time.time_ns()
 """A file that changed since then may not be the one that was read."""
 ANSWERS = "answers"
 """Folder of the notes in the cache of the runs."""
@@ -56,7 +56,7 @@ def keep_answer(
     sources : folders of other packages that register parts.
     """
     read = [*OWN_SOURCES, *sources], [Path(path).absolute() for path in inputs]
-    if any(changed >= STARTED for _, _, *times in _stamps(*read) for changed in times):
+    if any(modified_ns >= START_NS for _, _, *times in _stamps(*read) for modified_ns in times):
         return
     folders, files = sorted({str(path) for path in [*read[0], run.absolute()]}), sorted({str(path) for path in read[1]})
     content = {"folders": folders, "files": files, "state": _state(folders, files)}
@@ -73,8 +73,13 @@ def keep_answer(
 
 def _note(options: argparse.Namespace) -> Path:
     """File of the answer to a command with its options, from this folder and on these runs."""
-    typed: Mapping[str, Any] = {name: str(value) for name, value in vars(options).items()}
-    return settings.RUNS / ".cache" / ANSWERS / f"{_digest([typed, os.getcwd(), str(settings.RUNS.absolute())])}.json"
+    options_text: Mapping[str, Any] = {name: str(value) for name, value in vars(options).items()}
+    return (
+        settings.RUNS
+        / ".cache"
+        / ANSWERS
+        / f"{_digest([options_text, os.getcwd(), str(settings.RUNS.absolute())])}.json"
+    )
 
 
 def _state(folders: Iterable[str], files: Iterable[str]) -> str:

@@ -19,7 +19,7 @@ from pipeline.config.temperature.stated import Temperature
 from pipeline.errors import InputError
 from pipeline.identification.measurement.unit_file import UnitSettings
 
-GROUPED = {"tolerances": "<dimension>", "costs": "<dimension>"}
+PLACEHOLDERS = {"tolerances": "<dimension>", "costs": "<dimension>"}
 NOT_IN_FILES = ("name", "design.", "thermal")
 """Fields of the sections that the program sets itself."""
 FOLDERS = {"design": "data/designs/*.toml", "study": "data/studies/*.toml", "unit": "data/measured/*/unit.toml"}
@@ -39,7 +39,7 @@ def file_keys() -> Mapping[str, tuple[Key, ...]]:
     notation = [
         Key(f"tolerances.<dimension>.{name}", "text", "", "none", ALLOWED_NOTATION[name], "") for name in NOTATION
     ]
-    study = [*keys_of(Study, placeholders=GROUPED), *notation, *keys_of(Temperature, "temperature.")]
+    study = [*keys_of(Study, placeholders=PLACEHOLDERS), *notation, *keys_of(Temperature, "temperature.")]
     study.append(Key("design", "text", "", "required", "a design file, or the stem of one in data/designs", ""))
     keys = {"design": [*keys_of(Design)], "study": study, "unit": [*keys_of(UnitSettings)]}
     return {file: tuple(_unique(key for key in of_file if _is_written(file, key))) for file, of_file in keys.items()}
@@ -51,30 +51,32 @@ def _is_written(file: str, key: Key) -> bool:
 
 def _unique(keys: Iterator[Key]) -> Iterator[Key]:
     """One of the keys that the alternatives of a section share."""
-    seen: dict[str, Key] = {}
+    unique_keys: dict[str, Key] = {}
     for key in keys:
-        first = seen.setdefault(key.path, key)
-        if key.allowed_values not in first.allowed_values:
-            seen[key.path] = replace(first, allowed_values=f"{first.allowed_values}, {key.allowed_values}")
-    yield from seen.values()
+        first_key = unique_keys.setdefault(key.path, key)
+        if key.allowed_values not in first_key.allowed_values:
+            unique_keys[key.path] = replace(
+                first_key, allowed_values=f"{first_key.allowed_values}, {key.allowed_values}"
+            )
+    yield from unique_keys.values()
 
 
 @cache
 def examples(root: Path) -> Mapping[tuple[str, str], str]:
     """A value of each key from the files of the project, by file and key."""
-    found: dict[tuple[str, str], str] = {}
+    texts: dict[tuple[str, str], str] = {}
     for file, pattern in FOLDERS.items():
         for path in sorted(root.glob(pattern)):
             for key, value in written_keys(file, tomllib.loads(path.read_text(encoding="utf-8"))):
-                found.setdefault((file, key), _shown(value))
-    return found
+                texts.setdefault((file, key), _shortened_text(value))
+    return texts
 
 
 def written_keys(file: str, tables: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """The keys of a parsed file by the names of the reference, with their values."""
-    known = {key.path for key in file_keys()[file]}
+    known_keys = {key.path for key in file_keys()[file]}
     for key, value in _flat(tables):
-        yield _reference_name(key, known), value
+        yield _reference_name(key, known_keys), value
 
 
 def _flat(value: Any, key: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -88,18 +90,18 @@ def _flat(value: Any, key: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ..
         yield key, value
 
 
-def _reference_name(key: tuple[str, ...], known: set[str]) -> str:
+def _reference_name(key: tuple[str, ...], known_keys: set[str]) -> str:
     """A key with its user's names replaced as in the reference; itself where the reference has none such."""
     for length in range(len(key), 0, -1):  # a table of free names ends in one
         for placeholder in ("<dimension>", "<name>"):
             for position in [None, *range(length)]:
                 parts = [placeholder if place == position else part for place, part in enumerate(key[:length])]
-                if (name := ".".join(parts)) in known:
+                if (name := ".".join(parts)) in known_keys:
                     return name
     return ".".join(key)
 
 
-def _shown(value: object) -> str:
+def _shortened_text(value: object) -> str:
     text = str(value).lower() if isinstance(value, bool) else f'"{value}"' if isinstance(value, str) else str(value)
     return text if len(text) <= 40 else f"{text[:36]} ..."
 
@@ -121,9 +123,11 @@ def key_lines(name: str) -> Iterator[str]:
         yield from sign_lines()
     count = 0
     for file, keys in file_keys().items():
-        chosen = [key for key in keys if name in ("", file) or key.path == name or key.path.startswith(f"{name}.")]
+        selected_keys = [
+            key for key in keys if name in ("", file) or key.path == name or key.path.startswith(f"{name}.")
+        ]
         section = None
-        for key in chosen:
+        for key in selected_keys:
             if key.section != section:
                 section = key.section
                 yield f"\n[{file} file] {section}"

@@ -17,8 +17,8 @@ def assemble_parts(options: argparse.Namespace) -> None:
     """Assign the measured parts of one lot to those of another so that most units meet every limit."""
     if len(options.csv) != MOST_LOTS:
         raise InputError(f"--csv given {len(options.csv)} times; give it twice: the lots whose parts go together")
-    first, second = options.csv
-    print_answer(assemble(first, second, options.study, options.mounting_force, workers(options)))
+    first_csv, second_csv = options.csv
+    print_answer(assemble(first_csv, second_csv, options.study, options.mounting_force, workers(options)))
 
 
 def certify_unit(options: argparse.Namespace) -> None:

@@ -46,7 +46,7 @@ def write_new(options: argparse.Namespace) -> None:
     if target.exists():
         raise InputError(f"{settings.shown(target)} exists; take another name, or change that file")
     source = base / "unit.toml" if kind == "unit" else base
-    text = commented(kind, source.read_text(encoding="utf-8"))
+    text = with_comments(kind, source.read_text(encoding="utf-8"))
     if kind == "study" and options.design:
         found_file(options.design, settings.ROOT, "designs", [Path(), settings.ROOT])  # says what is missing
         text = text.replace(BASE_DESIGN, f'design = "{options.design}"')
@@ -58,18 +58,18 @@ def write_new(options: argparse.Namespace) -> None:
     print(NEXT_STEP[kind].format(name=name))
 
 
-def commented(kind: str, text: str) -> str:
+def with_comments(kind: str, text: str) -> str:
     """A file with the type, bounds and default of each key behind its line."""
     return "\n".join(_commented_lines(kind, text)) + "\n"
 
 
 def _commented_lines(kind: str, text: str) -> Iterator[str]:
     yield f"# A {kind} to start from: it runs as it is. All keys: python -m pipeline keys {kind}"
-    known, section = {key.path: key for key in file_keys()[kind]}, ""
+    known_keys, section = {key.path: key for key in file_keys()[kind]}, ""
     for line in text.splitlines():
         if match := SECTION_LINE.match(line):
             section = re.sub(r"^(tolerances|costs)\.\w+", r"\1.<dimension>", f"{match[1]}.")
             section = re.sub(r"^materials\.\w+", "materials.<name>", section)
         match = KEY_LINE.match(line)
-        key = known.get(f"{section}{match[1]}") if match else None
+        key = known_keys.get(f"{section}{match[1]}") if match else None
         yield f"{line:{COMMENT_COLUMN}}# {describe(key, '')}" if key and "#" not in line else line

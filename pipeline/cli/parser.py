@@ -35,7 +35,7 @@ def parser() -> argparse.ArgumentParser:
     _decisions(command)
     _parts(command)
     _handover(command)
-    _measured(command)
+    _add_measured_unit(command)
     _checks(command)
     return program
 
@@ -167,7 +167,7 @@ def _handover(command: Commands) -> None:
     tracing.add_argument("run", help="folder of a run, or the name of one in data/runs")
 
 
-def _measured(command: Commands) -> None:
+def _add_measured_unit(command: Commands) -> None:
     naming = command(
         "identify", "identify.identify_unit", "say why a measured unit differs from its model, and correct the model"
     )

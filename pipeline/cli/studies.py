@@ -38,7 +38,7 @@ def run_stages(options: argparse.Namespace) -> None:
     study = load_study(options.study, settings.ROOT)
     stages = options.stage or [STAGES[-1].name]
     if options.dry_run:
-        print("\n".join(_planned(study, stages)))
+        print("\n".join(_plan_lines(study, stages)))
         return
     outputs = up_to_date(study, stages, workers(options)).outputs
     lines = []
@@ -55,17 +55,17 @@ def run_stages(options: argparse.Namespace) -> None:
         for name in outputs:
             _keep(parser().parse_args(["why", name, "--study", options.study]), study.name, ["up to date"])
         if "aggregate" in outputs:
-            _keep(parser().parse_args(["show", study.name]), study.name, _shown(settings.RUNS / study.name))
+            _keep(parser().parse_args(["show", study.name]), study.name, _summary_lines(settings.RUNS / study.name))
 
 
 def _keep(options: argparse.Namespace, run: str, output: Sequence[str], errors: Sequence[str] = ()) -> None:
     keep_answer(options, output, errors, settings.RUNS / run, READ, registered_folders())
 
 
-def _planned(study: Study, targets: Sequence[str]) -> Iterator[str]:
+def _plan_lines(study: Study, targets: Sequence[str]) -> Iterator[str]:
     """A line for each stage: whether it would run, why, and for about how long."""
-    planned = plan(STAGES, known_size(study), targets, settings.RUNS)
-    for stage in planned:
+    stage_plan = plan(STAGES, known_size(study), targets, settings.RUNS)
+    for stage in stage_plan:
         if not stage.reasons:
             yield f"{stage.stage}  up to date"
             continue
@@ -73,19 +73,19 @@ def _planned(study: Study, targets: Sequence[str]) -> Iterator[str]:
         remainder_text = len(stage.reasons) - REASONS_SHOWN
         remainder_line = [f"and {remainder_text} more, see: why {stage.stage}"] if remainder_text > 0 else []
         yield f"{stage.stage}  would run, {seconds}: {'; '.join([*stage.reasons[:REASONS_SHOWN], *remainder_line])}"
-    total = sum(stage.seconds or 0.0 for stage in planned)
+    total = sum(stage.seconds or 0.0 for stage in stage_plan)
     yield f"in all about {total:.3g} s by former timings; nothing was run" if total else "nothing was run"
 
 
 def show_run(options: argparse.Namespace) -> None:
     """Print the summary of a run."""
     folder = Path(options.run) if Path(options.run).is_dir() else settings.RUNS / options.run
-    lines = _shown(folder)
+    lines = _summary_lines(folder)
     print("\n".join(lines))
     keep_answer(options, lines, (), folder, (), registered_folders())
 
 
-def _shown(folder: Path) -> list[str]:
+def _summary_lines(folder: Path) -> list[str]:
     """Lines of the summary of a run."""
     outputs = {stage.name: output for stage in STAGES if (output := Output.open(folder / stage.name))}
     if "aggregate" not in outputs:
@@ -157,15 +157,15 @@ def resolve_contacts(options: argparse.Namespace) -> None:
     outputs = up_to_date(study, ["hysteresis"], workers(options)).outputs
     path = settings.RUNS / study.name / "resolved" / f"contacts-{sample}.parquet"
     path.parent.mkdir(exist_ok=True)
-    write_atomic(path, CONTACTS.part(_resolved(study, sample, outputs)).data)
+    write_atomic(path, CONTACTS.part(_contact_rows(study, sample, outputs)).data)
     print(f"contacts of sample {sample}: {path}")
 
 
-def _resolved(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str, np.ndarray]:
+def _contact_rows(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str, np.ndarray]:
     """Rows of the contacts of one sample of a finished run."""
-    shared = prepared_loops(study, outputs)
+    loop_inputs = prepared_loops(study, outputs)
     tables = {name: outputs["sample"].read_items(name, sample, sample + 1) for name in SAMPLED}
-    solution = hysteresis.solve_samples(shared, errors_of_columns(tables))
+    solution = hysteresis.solve_samples(loop_inputs, errors_of_columns(tables))
     curves = [loop for loop in solution if loop.crank_deg in study.cycle.curve_crank_deg]
     return contact_rows(np.array([sample]), curves)
 
@@ -173,16 +173,16 @@ def _resolved(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str
 def check_run(options: argparse.Namespace) -> None:
     """Compare every byte of a run, and the set of its files, with its records."""
     folder = Path(options.run) if Path(options.run).is_dir() else settings.RUNS / options.run
-    damaged = damages(folder)
-    for damage in damaged:
+    file_damages = damages(folder)
+    for damage in file_damages:
         print(f"{folder / damage.stage / damage.name}: {damage.fault}")
-    if damaged:
-        foreign = {damage.stage for damage in damaged if (damage.name, damage.fault) == (RECORD, "extra")}
+    if file_damages:
+        foreign = {damage.stage for damage in file_damages if (damage.name, damage.fault) == (RECORD, "extra")}
         for stage in sorted(foreign):
             print(f"{folder / stage}: no stage of this run; move the folder away")
-        if set_aside(folder, damaged):
+        if set_aside(folder, file_damages):
             print(f"set aside in {settings.shown(folder / DAMAGED_SUFFIX)} what is altered or extra")
-        if stages := dict.fromkeys(damage.stage or "report" for damage in damaged if damage.stage not in foreign):
+        if stages := dict.fromkeys(damage.stage or "report" for damage in file_damages if damage.stage not in foreign):
             print(f"run again: python -m pipeline run {' '.join(stages)} --study {folder.name}")
         raise SystemExit(1)
     print(f"{settings.shown(folder)}: every file is what was written")
@@ -201,13 +201,13 @@ def clean_runs(_: argparse.Namespace) -> None:
         for folder in folders:
             if not folder.name.startswith("."):
                 locks.enter_context(lock_run(folder))
-        problems = [problem for path in sorted(settings.RUNS.glob("*")) for problem in _removed(path)]
+        problems = [problem for path in sorted(settings.RUNS.glob("*")) for problem in _remove_run(path)]
     if problems:
         raise InputError(problems)
     print(f"removed all runs in {settings.RUNS}")
 
 
-def _removed(path: Path) -> list[str]:
+def _remove_run(path: Path) -> list[str]:
     """Remove a run; what of it is still there, and why."""
     try:
         remove(path)

@@ -26,7 +26,7 @@ from stages.tables.keys import CRANK
 from stages.tables.transmission import SENSE, SENSES, TORQUE
 from stages.worst import drives_of
 
-SHOWN = 6
+MOST_ROWS = 6
 """Strongest orders that are printed."""
 ERROR = Table(
     "error",
@@ -140,6 +140,6 @@ def _say(study: Study, curves: dict[float, OutputTurn]) -> None:
             f"{_what(torque)}: {spans} arcsec peak to peak in the senses + and -, from {len(turn.crank)} crank angles"
         )
         harmonics = orders(turn.error, turns=study.design.cycloid.lobes)
-        strongest = np.argsort(-harmonics.amplitude[0], kind="stable")[:SHOWN]
+        strongest = np.argsort(-harmonics.amplitude[0], kind="stable")[:MOST_ROWS]
         orders_text = ", ".join(f"{harmonics.order[k]:.4g}: {harmonics.amplitude[0, k]:.3g}" for k in strongest)
         print(f"  strongest waves per turn of the crank, sense + (arcsec): {orders_text}")

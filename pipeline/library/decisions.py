@@ -64,12 +64,14 @@ def compare(
     InputError
         If a file is wrong, or the two cannot be compared.
     """
-    first, second = (compared_run(study, jobs) for study in _comparable_studies(a, b))
-    rows = differences(first, second)
-    folder = settings.RUNS / "compare" / f"{first.label}-{second.label}"
-    inputs = differing_inputs(first.study, second.study)
-    frames = write_comparison(first, second, inputs, rows, driver_changes(first, second), folder)
-    return Answer((first, second), tuple(answer_lines(first, second, pd.DataFrame(rows))), folder, frames)
+    first_run, second_run = (compared_run(study, jobs) for study in _comparable_studies(a, b))
+    rows = differences(first_run, second_run)
+    folder = settings.RUNS / "compare" / f"{first_run.label}-{second_run.label}"
+    inputs = differing_inputs(first_run.study, second_run.study)
+    frames = write_comparison(first_run, second_run, inputs, rows, driver_changes(first_run, second_run), folder)
+    return Answer(
+        (first_run, second_run), tuple(answer_lines(first_run, second_run, pd.DataFrame(rows))), folder, frames
+    )
 
 
 def _comparable_studies(*names: Study | str | Path) -> list[Study]:
@@ -89,9 +91,11 @@ def _comparable_studies(*names: Study | str | Path) -> list[Study]:
 
 def compared_run(study: Study, jobs: int | Workers | None = None) -> ComparedRun:
     """The run of a study with its random units, as it is compared with another one."""
-    finished = up_to_date(study, ["aggregate"], jobs)
-    units, sensitivity = (pd.DataFrame(finished.outputs["aggregate"].read(name)) for name in ("units", "sensitivity"))
-    return ComparedRun(finished.study, _random_units(study, units), sensitivity)
+    finished_run = up_to_date(study, ["aggregate"], jobs)
+    units, sensitivity = (
+        pd.DataFrame(finished_run.outputs["aggregate"].read(name)) for name in ("units", "sensitivity")
+    )
+    return ComparedRun(finished_run.study, _random_units(study, units), sensitivity)
 
 
 def _random_units(study: Study, units: pd.DataFrame) -> pd.DataFrame:
@@ -125,12 +129,12 @@ def allocate(
         )
     study = study_of(study)
     priced_tolerances(study)  # says what is missing before anything is condensed
-    condensed = up_to_date(study, ["springs", "reduce"], jobs)
-    shared = prepared_loops(study, condensed.outputs)
+    upstream_run = up_to_date(study, ["springs", "reduce"], jobs)
+    loop_inputs = prepared_loops(study, upstream_run.outputs)
     trial = draw(tails.population(study, TRIAL), 0, TRIAL)
-    rough = partial(prediction.rough_metrics, study, springs(shared, trial))
-    solve, tell = partial(loaded_units, shared), partial(say, "allocate")
-    allocation = cheapest_tolerances(study, target, units, solve, rough, condensed.jobs, tell)
+    rough = partial(prediction.rough_metrics, study, springs(loop_inputs, trial))
+    solve, tell = partial(loaded_units, loop_inputs), partial(say, "allocate")
+    allocation = cheapest_tolerances(study, target, units, solve, rough, upstream_run.jobs, tell)
     folder = settings.RUNS / "allocate" / study.name
     frames = allocation_results.write(allocation, folder)
     file = f"{allocation_results.study_name(study)}.toml"
@@ -141,13 +145,13 @@ def allocate(
     return Answer(allocation, sentences, folder, frames)
 
 
-def loaded_units(shared: hysteresis.Shared, sampled: Errors) -> tuple[Angles, Angles]:
+def loaded_units(loop_inputs: hysteresis.Shared, sampled_errors: Errors) -> tuple[Angles, Angles]:
     """Every metric of ``n`` units at the loaded angles (n, n_angles), and over the turn as the limits mean it (n,)."""
-    study = shared.study
-    loops = hysteresis.solved_loops(replace(shared, curve=shared.brief), sampled)
-    metrics, ends = loop_metrics(study, loops.columns), rigid_ends(study, sampled)
+    study = loop_inputs.study
+    loops = hysteresis.solved_loops(replace(loop_inputs, curve=loop_inputs.brief), sampled_errors)
+    metrics, ends = loop_metrics(study, loops.columns), rigid_ends(study, sampled_errors)
     turn_values = over_turn_columns(metric_turns(study, metrics, ends[:, 0] - ends[:, 1]))
-    angles = {name: metrics[name].reshape(len(sampled), -1) for name in library()}
+    angles = {name: metrics[name].reshape(len(sampled_errors), -1) for name in library()}
     return angles, {name: turn_values[f"{name}_{study.limits.over}"] for name in library()}
 
 
@@ -166,13 +170,13 @@ def bounds(study: Study | str | Path, jobs: int | Workers | None = None) -> Answ
     """
     study = study_of(study)
     Box.from_study(study)  # says what is missing before anything is run
-    finished = up_to_date(study, ["aggregate"], jobs)
-    study, outputs = finished.study, finished.outputs
-    shared = prepared_loops(study, outputs)
+    finished_run = up_to_date(study, ["aggregate"], jobs)
+    study, outputs = finished_run.study, finished_run.outputs
+    loop_inputs = prepared_loops(study, outputs)
     units = _random_units(study, pd.DataFrame(outputs["aggregate"].read("units")))
     cranks = study.cycle.curve_crank_deg
     with Line("bounds", "metrics and angles", len(cranks) * len(bounds_results.all_bounded(study))) as line:
-        solve = partial(_at_crank, shared)
+        solve = partial(_at_crank, loop_inputs)
         findings = bounds_results.findings(study, cranks, solve, units, partial(line.advance, 1, 0))
     folder = settings.RUNS / "bounds" / study.name
     frames = bounds_results.write(findings, folder)
@@ -181,12 +185,15 @@ def bounds(study: Study | str | Path, jobs: int | Workers | None = None) -> Answ
     return Answer(findings, (table,), folder, frames)
 
 
-def _at_crank(shared: hysteresis.Shared, crank_deg: float, sampled: Errors) -> dict[str, np.ndarray]:
+def _at_crank(loop_inputs: hysteresis.Shared, crank_deg: float, sampled_errors: Errors) -> dict[str, np.ndarray]:
     """Every metric of ``n`` units at one loaded crank angle, (n,) each."""
-    study, k = shared.study, shared.study.cycle.crank_deg.index(crank_deg)
+    study, k = loop_inputs.study, loop_inputs.study.cycle.crank_deg.index(crank_deg)
     cycle = study.cycle.model_copy(update={"crank_deg": (crank_deg,), "loaded_angles": None})
     reduced_study = study.model_copy(update={"cycle": cycle})
     single = replace(
-        shared, study=reduced_study, laws=shared.laws[k : k + 1], compliances=shared.compliances[k : k + 1]
+        loop_inputs,
+        study=reduced_study,
+        laws=loop_inputs.laws[k : k + 1],
+        compliances=loop_inputs.compliances[k : k + 1],
     )
-    return {name: values[:, 0] for name, values in at_angles(single, sampled).items()}
+    return {name: values[:, 0] for name, values in at_angles(single, sampled_errors).items()}

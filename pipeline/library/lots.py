@@ -72,9 +72,9 @@ def lots(
     measured_lots = [_read_lot(Path(path), study) for path in files]
     for lot in measured_lots:
         results.lot_fits(study, lot)  # says what is missing before anything is condensed
-    condensed = up_to_date(study, ["springs", "reduce"], jobs)
-    solve = partial(loaded_units, prepared_loops(study, condensed.outputs))
-    findings = [results.lot_findings(study, lot, solve, units, condensed.jobs) for lot in measured_lots]
+    upstream_run = up_to_date(study, ["springs", "reduce"], jobs)
+    solve = partial(loaded_units, prepared_loops(study, upstream_run.outputs))
+    findings = [results.lot_findings(study, lot, solve, units, upstream_run.jobs) for lot in measured_lots]
     folder = settings.RUNS / "lots" / "-".join([study.name, *(lot.name for lot in measured_lots)])
     frames = results.write(study, findings, folder)
     names = [f"{study.name}-{lot_findings.lot.name}" for lot_findings in findings]
@@ -83,8 +83,8 @@ def lots(
         write_atomic(folder / f"{name}.toml", text.encode())
     write_atomic(folder / DESIGN_FILE, toml_of(study.design.model_dump()).encode())
     write_lots_page(study, findings, [f"{name}.toml" for name in names], folder)
-    told = tuple(line for lot_findings in findings for line in sentences(lot_findings, study))
-    return Answer(findings, told, folder, frames)
+    lines = tuple(line for lot_findings in findings for line in sentences(lot_findings, study))
+    return Answer(findings, lines, folder, frames)
 
 
 def assemble(
@@ -112,10 +112,12 @@ def assemble(
     if mounting_force is not None and not mounting_force > 0:
         raise InputError(f"--mounting-force = {mounting_force:g}; must be above 0 N")
     first_lot, second_lot = (_read_lot(Path(path), study) for path in (first, second))
-    condensed = up_to_date(study, ["springs", "reduce"], jobs)
-    prepared = prepared_loops(study, condensed.outputs)
-    mounting = None if mounting_force is None else partial(hysteresis.mounting_forces, prepared)
-    assembly = best_assembly(study, first_lot, second_lot, partial(loaded_units, prepared), condensed.jobs, mounting)
+    upstream_run = up_to_date(study, ["springs", "reduce"], jobs)
+    loop_inputs = prepared_loops(study, upstream_run.outputs)
+    mounting = None if mounting_force is None else partial(hysteresis.mounting_forces, loop_inputs)
+    assembly = best_assembly(
+        study, first_lot, second_lot, partial(loaded_units, loop_inputs), upstream_run.jobs, mounting
+    )
     folder = settings.RUNS / "assemble" / f"{study.name}-{first_lot.name}-{second_lot.name}"
     frames = write_pairs(assembly, folder)
     write_assembly_page(study, assembly, mounting_force, folder)
@@ -154,33 +156,43 @@ def certificate(
         update={"crank_deg": tuple(sorted({float(c) for c in cranks})), "loaded_angles": None, "curve_angles": 3600}
     )
     study = study.model_copy(update={"cycle": cycle, "name": f"certificate-{case.label}"})
-    condensed = up_to_date(study, ["springs", "reduce"], jobs)
-    prepared = prepared_loops(study, condensed.outputs)
-    certified = certificate_of(study, case, partial(loaded_units, prepared), partial(whole_loops, prepared), draws)
-    loop = None if measurement is None else _measured_loop(certified, measurement)
+    upstream_run = up_to_date(study, ["springs", "reduce"], jobs)
+    loop_inputs = prepared_loops(study, upstream_run.outputs)
+    unit_certificate = certificate_of(
+        study, case, partial(loaded_units, loop_inputs), partial(whole_loops, loop_inputs), draws
+    )
+    loop = None if measurement is None else _measured_loop(unit_certificate, measurement)
     folder = settings.RUNS / "certificate" / case.label
-    frames = write_certificate(certified, folder)
-    write_certificate_page(certified, loop, folder)
-    return Answer(certified, (limit_sentence(certified), compensation_sentence(certified, loop)), folder, frames)
+    frames = write_certificate(unit_certificate, folder)
+    write_certificate_page(unit_certificate, loop, folder)
+    return Answer(
+        unit_certificate,
+        (limit_sentence(unit_certificate), compensation_sentence(unit_certificate, loop)),
+        folder,
+        frames,
+    )
 
 
-def whole_loops(shared: hysteresis.Shared, sampled: Errors) -> Loops:
+def whole_loops(loop_inputs: hysteresis.Shared, sampled_errors: Errors) -> Loops:
     """Whole loops of units as functions of the torque, both senses; each sense has both ends of the loop."""
     senses = []
     torque = np.empty(0)
-    for solution in hysteresis.solve_samples(shared, sampled):
+    for solution in hysteresis.solve_samples(loop_inputs, sampled_errors):
         response = solution.response
         number = {name: k for k, name in enumerate(BRANCHES)}
         sense_angles = []
-        for away, back, turn in (("unloading-", "reloading+", "loading-"), ("unloading+", "loading-", "loading+")):
-            chosen = np.isin(response.branch, [number[away], number[back]]) & (response.torque != 0)
-            chosen[np.flatnonzero(response.branch == number[turn])[-1]] = True
-            steps = np.flatnonzero(chosen)
+        for branch_away, branch_back, turn in (
+            ("unloading-", "reloading+", "loading-"),
+            ("unloading+", "loading-", "loading+"),
+        ):
+            is_in_branch = np.isin(response.branch, [number[branch_away], number[branch_back]]) & (response.torque != 0)
+            is_in_branch[np.flatnonzero(response.branch == number[turn])[-1]] = True
+            steps = np.flatnonzero(is_in_branch)
             steps = steps[np.argsort(response.torque[steps])]
             torque = NM_PER_NMM * response.torque[steps]
             sense_angles.append(ARCMIN * response.angle[:, steps])
         senses.append(np.stack(sense_angles, axis=1))
-    return Loops(np.array(shared.study.cycle.crank_deg), torque, np.stack(senses, axis=1))
+    return Loops(np.array(loop_inputs.study.cycle.crank_deg), torque, np.stack(senses, axis=1))
 
 
 def _measured_loop(unit: Certificate, measurement: Measurement) -> Compensated:

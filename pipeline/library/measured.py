@@ -74,11 +74,11 @@ def identify(unit: str | Path, jobs: int | Workers | None = None) -> UnitAnswer:
     """
     settings_of_unit = load_measured_unit(str(unit), settings.ROOT)
     if settings_of_unit.is_record:
-        return explained(TurnRecord.read(settings_of_unit), jobs)
-    return explained(read_measurement(settings_of_unit), jobs)
+        return unit_answer(TurnRecord.read(settings_of_unit), jobs)
+    return unit_answer(read_measurement(settings_of_unit), jobs)
 
 
-def explained(measurement: Measurement | TurnRecord, jobs: int | Workers | None = None) -> UnitAnswer:
+def unit_answer(measurement: Measurement | TurnRecord, jobs: int | Workers | None = None) -> UnitAnswer:
     """As ``identify``, of a measurement that has been read."""
     folder = settings.RUNS / "identify" / measurement.unit.name
     if isinstance(measurement, TurnRecord):
@@ -86,9 +86,9 @@ def explained(measurement: Measurement | TurnRecord, jobs: int | Workers | None 
     if measurement.unit.designed is None:
         if not measurement.fatal and series_results.turns_within_its_loops(measurement):
             return _turning(measurement, folder)
-        return _described(measurement, folder)
+        return _description_answer(measurement, folder)
 
-    def condensed(study: Study, cranks: Sequence[float]) -> list[np.ndarray]:
+    def full_compliances(study: Study, cranks: Sequence[float]) -> list[np.ndarray]:
         at_cranks = study.model_copy(
             update={"cycle": study.cycle.model_copy(update={"crank_deg": tuple(float(crank) for crank in cranks)})}
         )
@@ -96,7 +96,7 @@ def explained(measurement: Measurement | TurnRecord, jobs: int | Workers | None 
         return [full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in cranks]
 
     with determined(measurement.unit.name):
-        identification = identify_measured(measurement, condensed)
+        identification = identify_measured(measurement, full_compliances)
     findings = identification if isinstance(identification, FaultyUnit) else results.findings(identification)
     content, frames = results.write(findings, folder)
     write_page(findings, folder, settings.shown(folder))
@@ -105,7 +105,7 @@ def explained(measurement: Measurement | TurnRecord, jobs: int | Workers | None 
     return UnitAnswer(findings, sentences, folder, frames, verdict=verdict, content=content)
 
 
-def _described(measurement: Measurement, folder: Path) -> UnitAnswer:
+def _description_answer(measurement: Measurement, folder: Path) -> UnitAnswer:
     """The answer on a drive of which no design is known."""
     if measurement.fatal:
         sentence = described_results.write_fault(measurement, folder)
@@ -149,7 +149,9 @@ def _sentences(verdict: str, sentence: str, advice: str) -> tuple[str, ...]:
     return (f"{verdict}: {sentence}", *([advice] if advice else []))
 
 
-def states_of(before: str | Path, after: str | Path, also: Sequence[str | Path] = ()) -> list[Measurement]:
+def states_of(
+    folder_before: str | Path, folder_after: str | Path, also: Sequence[str | Path] = ()
+) -> list[Measurement]:
     """Measurements of two states of a drive and of further ones, which are folders of states or single ones.
 
     Raises
@@ -157,13 +159,13 @@ def states_of(before: str | Path, after: str | Path, also: Sequence[str | Path] 
     InputError
         If a folder or its data cannot be read.
     """
-    units = [load_measured_unit(str(name), settings.ROOT) for name in (before, after)]
-    known = [unit.folder.resolve() for unit in units]
+    units = [load_measured_unit(str(name), settings.ROOT) for name in (folder_before, folder_after)]
+    known_folders = [unit.folder.resolve() for unit in units]
     further = [
         unit
         for name in also
         for unit in load_measured_units(str(name), settings.ROOT)
-        if unit.name == Path(name).name or unit.folder.resolve() not in known
+        if unit.name == Path(name).name or unit.folder.resolve() not in known_folders
     ]
     return [Measurement.read(unit) for unit in (*units, *further)]
 
@@ -186,10 +188,10 @@ def changed(before: str | Path, after: str | Path, also: Sequence[str | Path] = 
 
 def compared_states(states: Sequence[Measurement]) -> Answer[ChangeAnswer]:
     """As ``changed``, of measurements that have been read: before, after, further ones."""
-    before, after, *further = states
-    with determined(f"{before.unit.name}, {after.unit.name}"):
-        answer = change_results.answer(before, after, further)
-    folder = settings.RUNS / "changed" / f"{before.unit.name}-{after.unit.name}"
+    state_before, state_after, *further = states
+    with determined(f"{state_before.unit.name}, {state_after.unit.name}"):
+        answer = change_results.answer(state_before, state_after, further)
+    folder = settings.RUNS / "changed" / f"{state_before.unit.name}-{state_after.unit.name}"
     frames = change_results.write(answer, folder)
     write_change_page(answer, folder, settings.shown(folder))
     sentences = (
@@ -259,18 +261,18 @@ def population(
         If the file or the study is wrong.
     """
     units = Path(units)
-    measured = load_population(units)
+    measured_population = load_population(units)
     study = up_to_date(study_of(study), ["aggregate"], jobs).study
     samples = read_population_run(settings.RUNS / study.name, study)
     confidence = study.metrics.confidence
-    comparisons = metric_comparisons(measured, samples.metrics, confidence, turn_statistic=over)
+    comparisons = metric_comparisons(measured_population, samples.metrics, confidence, turn_statistic=over)
     with determined(units.name):
         closings = {
             crank: closing([entry for entry in comparisons if entry.crank_deg == crank], samples, confidence)
             for crank in dict.fromkeys(entry.crank_deg for entry in comparisons)
         }
     folder = settings.RUNS / "population" / study.name
-    single = single_units(measured, samples.metrics, over)
+    single = single_units(measured_population, samples.metrics, over)
     frames = population_results.write(comparisons, closings, single, folder)
     write_population_page(study, units.name, over, comparisons, closings, single, folder)
     every_angle = f"{over} over {len(study.cycle.crank_deg)} crank angles"

@@ -36,7 +36,7 @@ from stages.aggregate import AGGREGATE
 from stages.chain import STAGES
 from stages.hysteresis import HYSTERESIS
 
-UNKNOWN = Estimate(0.5, 0.0, 1.0, 0)
+UNKNOWN_YIELD = Estimate(0.5, 0.0, 1.0, 0)
 """The yield where no unit has a result."""
 ANSWER = "yield.json"
 """In the cache: the yield of a batch with its interval."""
@@ -112,11 +112,11 @@ def up_to_date(study: Study, targets: Sequence[str], jobs: int | Workers | None 
     InputError
         If a setting is wrong, or another process writes the run.
     """
-    required = runner.needed_stages(STAGES, targets)
-    ahead = solver_compiled_ahead() if HYSTERESIS in required else nullcontext()
+    needed = runner.needed_stages(STAGES, targets)
+    ahead = solver_compiled_ahead() if HYSTERESIS in needed else nullcontext()
     with workers_of(jobs).resources(study) as resources, ahead:
-        if any("samples" in stage.sections for stage in required):
-            study = _settled(study, resources)
+        if any("samples" in stage.sections for stage in needed):
+            study = _study_with_samples(study, resources)
         outputs = runner.run(STAGES, study, targets, settings.RUNS, resources)
         return Finished(study, outputs, resources.jobs)
 
@@ -146,10 +146,10 @@ def solver_compiled_ahead() -> Iterator[None]:
 
 def known_size(study: Study) -> Study:
     """The study with the samples that the batches so far have come to; nothing is run."""
-    return _settled(study, None)
+    return _study_with_samples(study, None)
 
 
-def _settled(study: Study, resources: Resources | None) -> Study:
+def _study_with_samples(study: Study, resources: Resources | None) -> Study:
     """The study with the samples that its yield takes; without resources, as far as former batches tell."""
     stop_rule = study.samples.until
     if stop_rule is None:
@@ -164,8 +164,8 @@ def _settled(study: Study, resources: Resources | None) -> Study:
             or answer.ci_high - answer.ci_low <= 2 * stop_rule.yield_half_width
         ):
             return study
-        required = next_units(answer.value, answer.n, count, stop_rule.yield_half_width, study.metrics.confidence)
-        count = min(-(-required // batch) * batch, stop_rule.at_most)
+        needed_units = next_units(answer.value, answer.n, count, stop_rule.yield_half_width, study.metrics.confidence)
+        count = min(-(-needed_units // batch) * batch, stop_rule.at_most)
 
 
 class _NotYet(Exception):
@@ -195,7 +195,7 @@ def _yield(study: Study, resources: Resources) -> Estimate:
     reduced_study = study.model_copy(update={"drivers": Drivers()})
     outputs = runner.run(STAGES, reduced_study, [AGGREGATE.name], settings.RUNS, resources)
     distributions = pd.DataFrame(outputs[AGGREGATE.name].read("distributions"))
-    answer = yield_estimate(distributions, study.limits.over) or UNKNOWN
+    answer = yield_estimate(distributions, study.limits.over) or UNKNOWN_YIELD
     width = (answer.ci_high - answer.ci_low) / 2
     progress.say("samples", f"{study.samples.count}: yield {answer.value:.4f} +-{width:.4f}")
     return answer

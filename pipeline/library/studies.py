@@ -129,10 +129,10 @@ def tails(
     if reason := without_tails(study.samples, study.limits):
         raise InputError(f"study {study.name}: {reason}")
     of_study = study.tails or Tails()
-    typed = {"units": units or of_study.units, "solve": solve or of_study.solve}
-    if not 0 < typed["solve"] <= typed["units"]:
-        raise InputError(f"--solve = {typed['solve']}; must be from 1 to --units = {typed['units']}")
-    asked_study = study.model_copy(update={"tails": of_study.model_copy(update=typed)})
+    numbers = {"units": units or of_study.units, "solve": solve or of_study.solve}
+    if not 0 < numbers["solve"] <= numbers["units"]:
+        raise InputError(f"--solve = {numbers['solve']}; must be from 1 to --units = {numbers['units']}")
+    asked_study = study.model_copy(update={"tails": of_study.model_copy(update=numbers)})
     rows = pd.DataFrame(up_to_date(asked_study, ["tails"], jobs).outputs["tails"].read("tails"))
     table = settings.RUNS / "tails" / f"{study.name}.csv"
     write_atomic(table, rows.to_csv(index=False).encode())

@@ -72,12 +72,12 @@ class _Best:
         self.value = np.full((n, len(self.sign), BEST_CLIMBED), -np.inf)
         self.step = np.zeros((n, len(self.sign), BEST_CLIMBED), np.intp)
         self.missing = np.zeros((n, len(self.sign)), bool)
-        self.solved_pitches = np.zeros(n, np.intp)
+        self.n_solved = np.zeros(n, np.intp)
 
     def take(self, steps: Index, rows: Index, values: Real) -> None:
         """Note metrics (n_pairs, n_metrics) of pairs (n_pairs,) of a step and a unit; of equal ones the first stays."""
         np.logical_or.at(self.missing, rows, np.isnan(values))
-        self.solved_pitches += np.bincount(rows, minlength=len(self.solved_pitches))
+        self.n_solved += np.bincount(rows, minlength=len(self.n_solved))
         signed_values = np.where(np.isnan(values), -np.inf, self.sign * values)
         for metric in range(len(self.sign)):
             value, step = self.value[:, metric], self.step[:, metric]
@@ -107,7 +107,7 @@ class _Best:
         value, step = self.value[..., 0], self.step[..., 0]
         values = np.where(self.missing | ~np.isfinite(value), np.nan, self.sign * value)
         names = list(library())
-        return Worst(dict(zip(names, values.T, strict=True)), dict(zip(names, step.T, strict=True)), self.solved_pitches)
+        return Worst(dict(zip(names, values.T, strict=True)), dict(zip(names, step.T, strict=True)), self.n_solved)
 
 
 def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence) -> Ranking:
@@ -179,7 +179,7 @@ class _Pool:
     ----------
     rows : (n,) numbers of the units.
     pitches : (n, n_pitches) ascending, -1 where there are fewer.
-    predicted_values, n_solved : (n_metrics, n, n_pitches) the ranking's metrics and true ones, larger ones being worse; missing
+    predicted_values, solved_values : (n_metrics, n, n_pitches) the ranking's metrics and true ones, larger ones being worse; missing
         where not solved.
     names : metrics that are ranked.
     """

@@ -29,7 +29,7 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "installed").mkdir()
     monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
     monkeypatch.setattr(kept_answers, "OWN_SOURCES", (tmp_path / "package",))
-    monkeypatch.setattr(kept_answers, "STARTED", kept_answers.time.time_ns() + 10**9)
+    monkeypatch.setattr(kept_answers, "START_NS", kept_answers.time.time_ns() + 10**9)
     monkeypatch.setattr(sys, "path", [str(tmp_path / "installed")])
     return tmp_path
 
@@ -80,7 +80,7 @@ def test_it_is_not_given_where_something_changed(world: Path, change: str) -> No
 
 
 def test_it_is_not_kept_where_an_input_changed_meanwhile(world: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept_answers, "STARTED", 0)
+    monkeypatch.setattr(kept_answers, "START_NS", 0)
     keep(world)
     assert kept_answer(OPTIONS) is None
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline import settings
-from pipeline.cli import answered
+from pipeline.cli import exit_status
 from pipeline.cli.parser import Parser
 from pipeline.config import load_study
 from pipeline.engine.store import write_atomic
@@ -54,7 +54,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status, as `pipeline.cli.main` does."""
-    return answered(lambda options: options.command(options), parser(), arguments)
+    return exit_status(lambda options: options.command(options), parser(), arguments)
 
 
 def measure_speed(options: argparse.Namespace) -> None:
