@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.checks.leastsquares import Fitted, fitted
-from pipeline.checks.response import METRICS, Condensed, condensed, metrics_of, solved, with_numbers
+from pipeline.checks.leastsquares import Fitted, fit_numbers
+from pipeline.checks.response import METRICS, Condensed, condense_disk, metrics_of, solve_cases, with_numbers
 from pipeline.config import Design, Study, parse_design
 from pipeline.config.files.keys import with_value
 from pipeline.config.files.section import nearest_name, number_at
@@ -26,7 +26,7 @@ from pipeline.model.geometry.cycloid_profile import Real
 
 ROUNDS = 6
 """Fits at most, each on a disk condensed with the numbers of the one before."""
-SETTLED = 1e-4
+SETTLED_CHANGE = 1e-4
 """Largest change of a number, in logarithms, at which the rounds end."""
 
 
@@ -126,7 +126,7 @@ def read_parameters(path: Path, design: Design) -> tuple[FittedNumber, ...]:
     return parameters
 
 
-def calibrated(
+def calibrate(
     study: Study,
     targets: Sequence[Target],
     parameters: Sequence[FittedNumber],
@@ -146,34 +146,39 @@ def calibrated(
         If there are more parameters than targets other than zero.
     """
     keys = [parameter.key for parameter in parameters]
-    value, counted = np.array([target.value for target in targets]), np.array([target.value != 0 for target in targets])
-    if np.count_nonzero(counted) < len(keys):
-        raise InputError(f"{len(keys)} numbers cannot be fitted to {np.count_nonzero(counted)} targets other than zero")
-    lower, upper = (
-        np.array([bounded.lower for bounded in parameters]),
-        np.array([bounded.upper for bounded in parameters]),
+    value, is_counted = (
+        np.array([target.value for target in targets]),
+        np.array([target.value != 0 for target in targets]),
     )
-    best = np.array([number_at(study.design, key) for key in keys])
+    if np.count_nonzero(is_counted) < len(keys):
+        raise InputError(
+            f"{len(keys)} numbers cannot be fitted to {np.count_nonzero(is_counted)} targets other than zero"
+        )
+    lower, upper = (
+        np.array([number.lower for number in parameters]),
+        np.array([number.upper for number in parameters]),
+    )
+    best_numbers = np.array([number_at(study.design, key) for key in keys])
     for turn in range(1 if disk else ROUNDS):
-        body = disk or condensed(with_numbers(study, dict(zip(keys, best, strict=True))))
+        body = disk or condense_disk(with_numbers(study, dict(zip(keys, best_numbers, strict=True))))
 
         def misfit(numbers: Real, body: Condensed = body) -> Real:
             trial_study = with_numbers(study, dict(zip(keys, numbers, strict=True)))
-            return computed(trial_study, body, targets)[counted] / value[counted] - 1
+            return computed_targets(trial_study, body, targets)[is_counted] / value[is_counted] - 1
 
-        fit = fitted(misfit, best, lower, upper, None)
-        change, best = np.max(np.abs(np.log(fit.value / best))), fit.value
-        if change < SETTLED or turn == ROUNDS - 1:
+        fit = fit_numbers(misfit, best_numbers, lower, upper, None)
+        change, best_numbers = np.max(np.abs(np.log(fit.value / best_numbers))), fit.value
+        if change < SETTLED_CHANGE or turn == ROUNDS - 1:
             break
     if confidence is not None:
-        fit = fitted(misfit, best, lower, upper, confidence)
+        fit = fit_numbers(misfit, best_numbers, lower, upper, confidence)
     changed_study = with_numbers(study, dict(zip(keys, fit.value.tolist(), strict=True)))
-    return Calibration(changed_study, body, tuple(parameters), fit, counted)
+    return Calibration(changed_study, body, tuple(parameters), fit, is_counted)
 
 
-def computed(study: Study, disk: Condensed, targets: Sequence[Target]) -> Real:
+def computed_targets(study: Study, disk: Condensed, targets: Sequence[Target]) -> Real:
     """The study's own values (n_targets,) of the targets."""
-    return of_targets(study, metrics_of(study, solved(study, disk)), targets)
+    return of_targets(study, metrics_of(study, solve_cases(study, disk)), targets)
 
 
 def of_targets(study: Study, metrics: Real, targets: Sequence[Target]) -> Real:
@@ -194,9 +199,16 @@ def write(calibration: Calibration, targets: Sequence[Target], source: str, fold
     correlation = pd.DataFrame(fit.correlation, columns=keys).map("{:.4f}".format)
     correlation.insert(0, "key", keys)
     rows = [
-        (target.case, target.metric, target.value, f"{value:.6g}", _relative_error(value, target, counted), counted)
-        for target, value, counted in zip(
-            targets, computed(calibration.study, calibration.disk, targets), calibration.used, strict=True
+        (
+            target.case,
+            target.metric,
+            target.value,
+            f"{value:.6g}",
+            _relative_error(value, target, is_counted),
+            is_counted,
+        )
+        for target, value, is_counted in zip(
+            targets, computed_targets(calibration.study, calibration.disk, targets), calibration.used, strict=True
         )
     ]
     names = ["case", "metric", "published", "computed", "relative_error", "fitted"]
@@ -206,8 +218,8 @@ def write(calibration: Calibration, targets: Sequence[Target], source: str, fold
     write_atomic(folder / "design.toml", _design_file(calibration, source).encode())
 
 
-def _relative_error(value: float, target: Target, counted: bool) -> str:
-    return f"{value / target.value - 1:.6f}" if counted else ""
+def _relative_error(value: float, target: Target, is_counted: bool) -> str:
+    return f"{value / target.value - 1:.6f}" if is_counted else ""
 
 
 def _design_file(calibration: Calibration, source: str) -> str:

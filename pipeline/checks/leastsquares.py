@@ -24,7 +24,7 @@ END_TOLERANCE = 1e-6
 """To which the ends of an interval are found, in logarithms."""
 SMALLEST_SINGULAR = 1e-10
 """Singular value, relative to the largest, that stands for none: the numbers' combination changes nothing."""
-CORRELATED = 0.95
+HIGHEST_CORRELATION = 0.95
 """Correlation from which two numbers are reported as not separable."""
 
 Residual = Callable[[Real], Real]
@@ -62,18 +62,18 @@ class Fitted:
             if open_ends:
                 texts.append(f"{name} is not determined: nothing in the data bounds it {' or '.join(open_ends)}")
         for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
-            if abs(self.correlation[i, j]) > CORRELATED:
+            if abs(self.correlation[i, j]) > HIGHEST_CORRELATION:
                 texts.append(f"{names[i]} and {names[j]} are not separable: correlation {self.correlation[i, j]:+.3f}")
         return texts
 
 
-def fitted(residual: Residual, start: Real, lower: Real, upper: Real, confidence: float | None) -> Fitted:
+def fit_numbers(residual: Residual, start: Real, lower: Real, upper: Real, confidence: float | None) -> Fitted:
     """Fit ``start`` (k,) within its bounds; ``residual`` maps numbers (k,) to misfits (n,).
 
     ``confidence`` None leaves the intervals out: NaN.
     """
     logs, low, high = np.log(start), np.log(lower), np.log(upper)
-    best, misfit, slope = _solve(residual, logs, low, high)
+    optimum, misfit, slope = _solve(residual, logs, low, high)
     _, singular, rotation = np.linalg.svd(slope, full_matrices=False)
     spread = rotation.T / np.maximum(singular, SMALLEST_SINGULAR * singular[0])
     covariance = spread @ spread.T
@@ -84,8 +84,10 @@ def fitted(residual: Residual, start: Real, lower: Real, upper: Real, confidence
         limit = np.sum(misfit**2) * (1 + f_distribution.ppf(confidence, 1, freedom) / freedom)
         for k in range(len(start)):
             for side, bound in enumerate((low[k], high[k])):
-                ends[side, k] = _end(residual, best, low, high, k, bound, limit)
-    return Fitted(np.exp(best), np.exp(ends[0]), np.exp(ends[1]), misfit, covariance / np.outer(scale, scale), singular)
+                ends[side, k] = _end(residual, optimum, low, high, k, bound, limit)
+    return Fitted(
+        np.exp(optimum), np.exp(ends[0]), np.exp(ends[1]), misfit, covariance / np.outer(scale, scale), singular
+    )
 
 
 def _solve(residual: Residual, start: Real, low: Real, high: Real) -> tuple[Real, Real, Real]:
@@ -103,25 +105,25 @@ def _solve(residual: Residual, start: Real, low: Real, high: Real) -> tuple[Real
             columns.append((misfit(logs + step) - base) / step[k])
         return np.stack(columns, axis=1)
 
-    bounded = np.clip(start, low + STEP, high - STEP)
-    solution = least_squares(misfit, bounded, slope, (low, high), xtol=TOLERANCE, ftol=TOLERANCE, gtol=TOLERANCE)
+    interior_start = np.clip(start, low + STEP, high - STEP)
+    solution = least_squares(misfit, interior_start, slope, (low, high), xtol=TOLERANCE, ftol=TOLERANCE, gtol=TOLERANCE)
     return solution.x, solution.fun, solution.jac
 
 
-def _end(residual: Residual, best: Real, low: Real, high: Real, k: int, bound: float, limit: float) -> float:
+def _end(residual: Residual, optimum: Real, low: Real, high: Real, k: int, bound: float, limit: float) -> float:
     """Where the profile of the number k reaches ``limit`` between the best value and the bound; NaN if nowhere."""
-    free = np.arange(len(best)) != k
+    is_free = np.arange(len(optimum)) != k
 
     def excess(log: float) -> float:
-        def profiled(values: Real) -> Real:
-            parameters = np.exp(best)
-            parameters[k], parameters[free] = np.exp(log), values
+        def profile_residual(values: Real) -> Real:
+            parameters = np.exp(optimum)
+            parameters[k], parameters[is_free] = np.exp(log), values
             return residual(parameters)
 
-        if not np.any(free):
-            return float(np.sum(profiled(np.empty(0)) ** 2)) - limit
-        return float(np.sum(_solve(profiled, best[free], low[free], high[free])[1] ** 2)) - limit
+        if not np.any(is_free):
+            return float(np.sum(profile_residual(np.empty(0)) ** 2)) - limit
+        return float(np.sum(_solve(profile_residual, optimum[is_free], low[is_free], high[is_free])[1] ** 2)) - limit
 
-    if abs(bound - best[k]) < END_TOLERANCE or excess(bound) <= 0:
+    if abs(bound - optimum[k]) < END_TOLERANCE or excess(bound) <= 0:
         return np.nan
-    return float(brentq(excess, best[k], bound, xtol=END_TOLERANCE))
+    return float(brentq(excess, optimum[k], bound, xtol=END_TOLERANCE))

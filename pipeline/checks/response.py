@@ -1,8 +1,8 @@
 """The metrics of a study's cases as a function of the design's numbers, fast enough to fit them.
 
-The disk is condensed once; its compliance goes with 1/(thickness x modulus), so those need no new mesh. What moves
-patches or changes the mesh asks for another `condense_disk`. Effects that the design names are in the springs, the gaps and
-the torsion; with friction the clearance backlash is still the frictionless one.
+The disk is condensed once; its compliance goes with 1/(thickness x modulus), so those need no new mesh. A change of
+patches or mesh needs another `condense_disk`. Effects that the design names are in the springs, the gaps and the
+torsion; with friction the clearance backlash is still the frictionless one.
 """
 
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ class Condensed:
     matrix: Real
 
     @classmethod
-    def of(cls, compliance: Real, design: Design) -> "Condensed":
+    def from_compliance(cls, compliance: Real, design: Design) -> "Condensed":
         """From the compliance (n_contacts, n_contacts) [mm/N] of the design's disk."""
         return cls(compliance * design.disk.thickness_mm * _modulus(design))
 
@@ -73,14 +73,14 @@ class SolvedCases:
         return self.response.equilibria.force[:, self.response.state[step]]
 
 
-def condensed(study: Study) -> Condensed:
+def condense_disk(study: Study) -> Condensed:
     """The study's disk at its first crank angle, meshed and condensed."""
     reducer = assembly.reducer(study.design, study.cycle.crank_deg[0])
     disk = elastic.elastic_disk(study)
     rows = assembly.disk_contacts(reducer)
     matrix = np.zeros((len(reducer.contacts), len(reducer.contacts)))
     matrix[np.ix_(rows, rows)] = disk.compliance(elastic.disk_patches(study, disk, reducer)).matrix
-    return Condensed.of(matrix, study.design)
+    return Condensed.from_compliance(matrix, study.design)
 
 
 def _modulus(design: Design) -> float:
@@ -95,7 +95,7 @@ def with_numbers(study: Study, values: Mapping[str, float]) -> Study:
     return study.model_copy(update={"design": design})
 
 
-def solved(study: Study, disk: Condensed, backlash_percent: float = 0.0) -> SolvedCases:
+def solve_cases(study: Study, disk: Condensed, backlash_percent: float = 0.0) -> SolvedCases:
     """All cases of the study through their load cycle.
 
     Parameters
@@ -108,9 +108,11 @@ def solved(study: Study, disk: Condensed, backlash_percent: float = 0.0) -> Solv
         If a load step has no solution.
     """
     design, metrics = study.design, study.metrics
-    sampled = draw(study, 0, study.samples.rows)
-    clearance = assembly.bearing_clearance(design, sampled.bearing_clearance)
-    drive = drive_of(study, study.cycle.crank_deg[0], disk.compliance(design), assembly.errors(sampled), clearance)
+    sampled_errors = draw(study, 0, study.samples.rows)
+    clearance = assembly.bearing_clearance(design, sampled_errors.bearing_clearance)
+    drive = drive_of(
+        study, study.cycle.crank_deg[0], disk.compliance(design), assembly.errors(sampled_errors), clearance
+    )
     percents = metrics.lost_motion_percent, *metrics.rigidity_percent, *([backlash_percent] if backlash_percent else [])
     marks = tuple(percent / 100 for percent in percents)
     cycle = LoadCycle.evenly(drive.rated_torque, LEVELS, study.cycle.torque_fraction, marks)

@@ -62,8 +62,8 @@ class Specimen:
     @cached_property
     def bearing_clearance(self) -> float:
         """Radial clearance of the input bearing [mm]."""
-        sampled = draw(self.study, self.sample, self.sample + 1)
-        return float(assembly.bearing_clearance(self.study.design, sampled.bearing_clearance)[0])
+        sampled_errors = draw(self.study, self.sample, self.sample + 1)
+        return float(assembly.bearing_clearance(self.study.design, sampled_errors.bearing_clearance)[0])
 
     @cached_property
     def disk(self) -> ElasticBody:
@@ -107,7 +107,7 @@ class Specimen:
         return Specimen(self.study.model_copy(update={"reduce": reduce}), self.sample, self.crank_deg)
 
 
-def loaded(
+def loaded_equilibria(
     specimen: Specimen,
     torque: Real,
     compliance: Real | None = None,
@@ -118,11 +118,11 @@ def loaded(
 
     ``compliance``, ``gap`` and ``reducer`` take the place of the sample's own.
     """
-    mounted = reducer or specimen.reducer
+    loaded_reducer = reducer or specimen.reducer
     gaps_of_one = (specimen.gap if gap is None else gap)[None]
     clearance = np.array([specimen.bearing_clearance])
-    play = rigid_play(mounted, gaps_of_one, clearance)
+    play = rigid_play(loaded_reducer, gaps_of_one, clearance)
     start = play.pose_plus if torque[0] > 0 else play.pose_minus
     matrix = specimen.compliance if compliance is None else compliance
-    on_springs = ElasticReducer(mounted, specimen.bearing, specimen.laws, matrix)
+    on_springs = ElasticReducer(loaded_reducer, specimen.bearing, specimen.laws, matrix)
     return solve(on_springs, gaps_of_one, clearance, start, torque)

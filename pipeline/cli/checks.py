@@ -18,7 +18,7 @@ def compare_paper(options: argparse.Namespace) -> None:
     outputs = up_to_date(study, ["aggregate"], workers(options)).outputs
     folder = settings.RUNS / study.name
     variations = settings.PUBLISHED.parent / comparison.VARIATIONS
-    comparison.write(comparison.compared(study, outputs, settings.PUBLISHED, folder), folder, variations)
+    comparison.write(comparison.paper_comparison(study, outputs, settings.PUBLISHED, folder), folder, variations)
     print((folder / "table2.csv").read_text(), end="")
     print(f"page: {folder / 'paper.html'}")
 
@@ -28,9 +28,9 @@ def fit_design(options: argparse.Namespace) -> None:
     study = load_study(options.study or comparison.STUDY, settings.ROOT)
     source = options.targets or settings.PUBLISHED / comparison.TARGETS
     targets = calibrate.read_targets(source, study)
-    parameter_file = options.parameters or settings.PUBLISHED / comparison.FITTED
+    parameter_file = options.parameters or settings.PUBLISHED / comparison.PARAMETERS
     parameters = calibrate.read_parameters(parameter_file, study.design)
-    fit = calibrate.calibrated(study, targets, parameters, study.metrics.confidence)
+    fit = calibrate.calibrate(study, targets, parameters, study.metrics.confidence)
     folder = settings.RUNS / "calibrate" / study.name
     calibrate.write(fit, targets, source.name, folder)
     for name in ("fit.csv", "targets.csv"):

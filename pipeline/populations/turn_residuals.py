@@ -72,7 +72,7 @@ def fitted_correlation(pins: int, lobes: int, pitches: Index, residuals: Real) -
 
     Parameters
     ----------
-    residuals : (n_units, n_pitches) true metric less the ranking's at ``pitches``; units with a missing one are omitted.
+    residuals : (n_units, n_pitches) true metric less the ranking's at ``pitches``; units with missing ones are omitted.
     """
     rows = residuals[np.isfinite(residuals).all(axis=1)]
     rows = rows - rows.mean(axis=1, keepdims=True) if len(rows) else np.zeros((1, len(pitches)))

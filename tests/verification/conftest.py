@@ -35,7 +35,9 @@ def outputs(study, new_runs, session_folder):
 @pytest.fixture(scope="session")
 def disk(study, outputs):
     reducer = assembly.reducer(study.design, 0.0)
-    return Condensed.of(full_compliance(outputs["reduce"].path(COMPLIANCE_FILE), reducer, 0.0), study.design)
+    return Condensed.from_compliance(
+        full_compliance(outputs["reduce"].path(COMPLIANCE_FILE), reducer, 0.0), study.design
+    )
 
 
 @pytest.fixture(scope="session")
@@ -45,4 +47,4 @@ def targets(study):
 
 @pytest.fixture(scope="session")
 def parameters(study):
-    return read_parameters(PUBLISHED / comparison.FITTED, study.design)
+    return read_parameters(PUBLISHED / comparison.PARAMETERS, study.design)

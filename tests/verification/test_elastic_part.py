@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 from scipy.optimize import least_squares
 
-from pipeline.checks.calibrate import computed
+from pipeline.checks.calibrate import computed_targets
 from pipeline.checks.paper import assumptions, comparison, refits, shortfalls, table2
 from pipeline.checks.paper.page import PaperComparison, paper_page
 from pipeline.checks.paper.tables import Tables
-from pipeline.checks.response import metrics_of, solved, with_numbers
+from pipeline.checks.response import metrics_of, solve_cases, with_numbers
 from pipeline.model.load_history.load_cycle import ARCMIN
 
 ROOT = Path(__file__).parents[2]
@@ -39,7 +39,7 @@ def with_metrics(study, **values):
 
 def complementary_energy(study, disk, percent):
     """Least complementary energy (n_cases, 2) [N mm] at +- ``percent`` of the rated torque, from the forces alone."""
-    cases = solved(with_metrics(study, lost_motion_percent=percent), disk)
+    cases = solve_cases(with_metrics(study, lost_motion_percent=percent), disk)
     bearing, energy = study.design.bearing, []
     for sense in (1, -1):
         force = cases.force(sense * percent)
@@ -59,7 +59,7 @@ def test_the_elastic_part_is_castiglianos(study, disk, paper_shortfalls):
     ends = [complementary_energy(study, disk, percent * (1 + side * step)) for side in (1, -1)]
     torque = percent / 100 * 1e3 * study.design.cycloid.rated_torque_Nm
     angle = ARCMIN * np.sum(ends[0] - ends[1], axis=1) / (2 * step * torque)
-    elastic = angle - metrics_of(study, solved(study, disk))[:, 0]
+    elastic = angle - metrics_of(study, solve_cases(study, disk))[:, 0]
     assert paper_shortfalls.elastic_part["published"].to_numpy() == pytest.approx(ELASTIC, abs=1e-12)
     assert paper_shortfalls.elastic_part["computed"].to_numpy() == pytest.approx(elastic, rel=1e-3)
     assert paper_shortfalls.elastic_part["relative_error"].to_numpy() == pytest.approx(elastic / ELASTIC - 1, abs=1e-3)
@@ -91,7 +91,7 @@ def test_a_straight_line_predicts_the_last_column_as_well(study, disk, paper_sho
     assert errors[shortfalls.GEOMETRY].to_numpy() == pytest.approx(by_hand - 1, abs=1e-9)
     rebuilt = predicted_anew(study, disk, targets, parameters)
     assert errors[shortfalls.MODEL].to_numpy() == pytest.approx(rebuilt, abs=1e-3)
-    largest = paper_shortfalls.largest
+    largest = paper_shortfalls.largest_errors
     assert largest[shortfalls.GEOMETRY] < 1.1 * largest[shortfalls.MODEL] < 0.03
 
 
@@ -103,7 +103,7 @@ def predicted_anew(study, disk, targets, parameters):
 
     def error(scaled, expected):
         variant = with_numbers(study, dict(zip(keys, (start * scaled).tolist(), strict=True)))
-        return computed(variant, disk, expected) / np.array([item.value for item in expected]) - 1
+        return computed_targets(variant, disk, expected) / np.array([item.value for item in expected]) - 1
 
     fit = least_squares(error, np.ones(3), args=(fitted_targets,), x_scale=(1, 0.1, 0.1), diff_step=1e-4, xtol=1e-12)
     return error(fit.x, predicted_targets)
@@ -127,7 +127,7 @@ def test_the_choices_are_those_of_the_file(study, paper_shortfalls):
 
 def test_the_bearing_deflects_less_with_tolerance(study, disk, paper_shortfalls):
     """By its law from the force that balances the contacts, against the displacement of the disk's centre."""
-    cases, bearing = solved(study, disk), study.design.bearing
+    cases, bearing = solve_cases(study, disk), study.design.bearing
     for percent, row in zip((3, 100), paper_shortfalls.bearing.itertuples(index=False), strict=True):
         thrust = np.linalg.norm(cases.force(percent) @ cases.reducer.contact_jacobian[:, :2], axis=1)
         depth = 1e3 * (thrust / bearing.stiffness_N_per_mm_power) ** (1 / bearing.exponent)
@@ -140,8 +140,8 @@ def test_the_page_states_them(study, disk, outputs, paper_shortfalls, targets, p
     empty = pd.DataFrame()
     table = table2.table2(study, outputs["aggregate"].read("metrics"), targets)
     predicted = table2.prediction(study, disk, targets, parameters)
-    declared = refits.refitted([assumptions.Assumption("as declared", study)], disk, targets, parameters)
-    fit = comparison.calibrated(study, targets, parameters, None, disk)
+    declared = refits.refit_table([assumptions.Assumption("as declared", study)], disk, targets, parameters)
+    fit = comparison.calibrate(study, targets, parameters, None, disk)
     pair = pd.concat([table, predicted], ignore_index=True)
     page = paper_page(PaperComparison(study, pair, paper_shortfalls, empty, declared, declared, empty, fit, []))
     text = re.sub(r"\s+", " ", re.sub("<[^>]*>", " ", page))
@@ -154,34 +154,34 @@ def test_the_page_states_them(study, disk, outputs, paper_shortfalls, targets, p
 
 def test_an_effect_of_the_design_is_in_the_response(study, disk):
     """Torsion adds its twist; Coulomb friction on the output shifts the torque that the reducer carries."""
-    reference = metrics_of(study, solved(study, disk))
+    reference = metrics_of(study, solve_cases(study, disk))
 
     def affected(effects):
         return study.model_copy(update={"design": study.design.model_copy(update={"effects": effects})})
 
     twisted = affected({"output_torsion": {"compliance_arcmin_per_Nm": 0.01}})
-    assert metrics_of(twisted, solved(twisted, disk))[:, 1] == pytest.approx(
+    assert metrics_of(twisted, solve_cases(twisted, disk))[:, 1] == pytest.approx(
         reference[:, 1] + 0.01 * 2 * 0.36, rel=1e-9
     )
     rubbing = affected({"coulomb": {"torque_Nm": 0.1}})
-    result = metrics_of(rubbing, solved(rubbing, disk))
+    result = metrics_of(rubbing, solve_cases(rubbing, disk))
     shifted = [with_metrics(study, lost_motion_percent=100 * torque / 12) for torque in (0.26, 0.46)]
-    mean = np.mean([metrics_of(item, solved(item, disk))[:, 1] for item in shifted], axis=0)
+    mean = np.mean([metrics_of(item, solve_cases(item, disk))[:, 1] for item in shifted], axis=0)
     assert result[:, 1] == pytest.approx(mean, rel=1e-3)
     assert result[:, 0] == pytest.approx(reference[:, 0], abs=1e-12)
 
 
 def test_a_backlash_read_at_the_lost_motion_torque_is_the_lost_motion(study, disk):
-    values = metrics_of(study, solved(study, disk, 3.0), 3.0)
+    values = metrics_of(study, solve_cases(study, disk, 3.0), 3.0)
     assert values[:, 0] == pytest.approx(values[:, 1], rel=1e-12)
 
 
 def test_assumptions_change_what_they_say(study, disk, targets, parameters):
     changes = {assumption.name: assumption for assumption in assumptions.assumptions(study)}
     first_slide = next(assumption for name, assumption in changes.items() if "first slide alone" in name)
-    backlash = metrics_of(study, solved(study, disk))[:, 0]
+    backlash = metrics_of(study, solve_cases(study, disk))[:, 0]
     variant = first_slide.study
-    assert metrics_of(variant, solved(variant, disk))[:, 0] == pytest.approx(backlash, rel=1e-9)
+    assert metrics_of(variant, solve_cases(variant, disk))[:, 0] == pytest.approx(backlash, rel=1e-9)
     stiffer = assumptions.with_elastic_plate(study, disk, 0.5).matrix / np.where(disk.matrix == 0, np.nan, disk.matrix)
     assert np.nanmax(np.abs(stiffer[:80, :80] - 1)) == 0
     assert stiffer[80:100, 80:100] == pytest.approx(np.full((20, 20), 1.5))
@@ -192,7 +192,7 @@ def test_assumptions_change_what_they_say(study, disk, targets, parameters):
         output = fit.study.design.output
         assert (output.outer_station_mm - output.inner_station_mm) / 4 == pytest.approx(3.0)
         assert loaded_stations(fit.cases) == [{0, 1, 2, 3, 4}, {0, 1}, {0}]
-    assert loaded_stations(solved(study, disk)) == [{0, 1, 2, 3, 4}, {0}, {0}]
+    assert loaded_stations(solve_cases(study, disk)) == [{0, 1, 2, 3, 4}, {0}, {0}]
 
 
 def loaded_stations(cases):
@@ -205,7 +205,7 @@ def test_the_table_of_variations_is_the_models(study, disk, targets, parameters)
     changes = {assumption.name: assumption for assumption in assumptions.assumptions(study)}
     assert VARIATIONS.loc[VARIATIONS["fitted_to"] == refits.TABLE, "assumption"].tolist() == list(changes)
     names = ["as declared", "rollers of a row touching", "a linear compliance at the pins fitted besides"]
-    repeat = refits.refitted([changes[name] for name in names], disk, targets, parameters)
+    repeat = refits.refit_table([changes[name] for name in names], disk, targets, parameters)
     merged = repeat.merge(VARIATIONS, on=["assumption", "fitted_to"], suffixes=("", "_stored"))
     assert len(merged) == 2 * len(names)
     columns = [refits.ELASTIC_PART + case for case in ("0", "D 5 R 3", "D 10 R 5")]
@@ -230,6 +230,6 @@ def test_the_readme_says_what_the_table_says(paper_shortfalls):
     assert float(part) == pytest.approx(last_row["computed"], abs=1e-3)
     assert float(error) / 100 == pytest.approx(last_row["relative_error"], abs=0.006)
     nearest = float(re.search(r"touch one another come nearest \((-\d+) %\)", text)[1]) / 100
-    of_table = VARIATIONS[VARIATIONS["fitted_to"] == refits.BOTH].set_index("assumption")
+    of_table = VARIATIONS[VARIATIONS["fitted_to"] == refits.TABLE_AND_ELASTIC].set_index("assumption")
     assert nearest == pytest.approx(of_table.loc["rollers of a row touching", "elastic_error"], abs=0.006)
     assert f"{len(paper_shortfalls.choices)} choices for {paper_shortfalls.targets} numbers" in text

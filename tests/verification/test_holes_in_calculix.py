@@ -47,7 +47,7 @@ def specimen():
 def test_condensed_holes_and_rim_meet_calculix(specimen):
     if calculix_program() is None:
         pytest.skip("no CalculiX; apt install calculix-ccx")
-    pressing = holes.Pressing.of(specimen)
+    pressing = holes.Pressing.from_specimen(specimen)
     assert np.count_nonzero(pressing.forces[-1]) > 3
     answer = holes.calculix_deflections(holes.pressed_disk(specimen, holes.COARSER), pressing.forces)
     computed = pressing.forces @ specimen.disk_compliance.matrix

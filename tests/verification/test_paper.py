@@ -10,17 +10,17 @@ from scipy.stats import t as t_distribution
 from pipeline.checks.calibrate import (
     FittedNumber,
     Target,
-    calibrated,
-    computed,
+    calibrate,
+    computed_targets,
     read_parameters,
     write,
 )
-from pipeline.checks.leastsquares import fitted
+from pipeline.checks.leastsquares import fit_numbers
 from pipeline.checks.paper import assumptions, comparison, procedures, refits, table2
 from pipeline.checks.paper.drawings import drawings
 from pipeline.checks.paper.statements import statements
 from pipeline.checks.paper.tables import Tables
-from pipeline.checks.response import METRICS, condensed, metrics_of, solved, with_numbers
+from pipeline.checks.response import METRICS, condense_disk, metrics_of, solve_cases, with_numbers
 from pipeline.config import load_design
 from pipeline.config.files.section import number_at
 from pipeline.errors import InputError
@@ -35,7 +35,7 @@ def test_table_2_is_met_through_the_stages(study, outputs, targets):
     zero = table[table["published"] == 0]
     assert np.all(np.abs(zero["computed"]) < table2.NONE)
     assert len(table) == 9
-    assert table2.Misfit.of(table["relative_error"].to_numpy()).met
+    assert table2.Misfit.from_errors(table["relative_error"].to_numpy()).met
 
 
 def test_pins_in_contact_are_the_published_ones(study, outputs):
@@ -51,17 +51,17 @@ def test_the_first_two_columns_predict_the_third(study, disk, targets, parameter
 
 def test_the_fast_response_is_what_the_stages_compute(study, disk, outputs, targets):
     table = table2.table2(study, outputs["aggregate"].read("metrics"), targets)
-    np.testing.assert_allclose(computed(study, disk, targets), table["computed"], rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(computed_targets(study, disk, targets), table["computed"], rtol=1e-8, atol=1e-9)
 
 
 def test_one_condensed_disk_serves_every_thickness_and_modulus(study, disk):
     variant = with_numbers(study, {"disk.thickness_mm": 1.3, "materials.steel.youngs_modulus_MPa": 1.5e5})
-    repeat = condensed(variant).compliance(variant.design)
+    repeat = condense_disk(variant).compliance(variant.design)
     np.testing.assert_allclose(disk.compliance(variant.design), repeat, rtol=0, atol=1e-9 * np.max(repeat))
 
 
 def test_only_one_reading_of_the_tolerances_is_compatible(study, disk, targets, parameters):
-    table = refits.refitted(assumptions.readings(study), disk, targets, parameters)
+    table = refits.refit_table(assumptions.readings(study), disk, targets, parameters)
     table = table[table["fitted_to"] == refits.TABLE]
     assert table.loc[table["compatible"], "assumption"].tolist() == ["radial_on_diameter, half_diameter"]
 
@@ -70,7 +70,7 @@ def test_rigidity_between_50_and_100_percent_is_what_holds_the_fit_back(study, d
     rows = [
         assumption for assumption in assumptions.assumptions(study) if re.search("declared|between 50", assumption.name)
     ]
-    table = refits.refitted(iter(rows), disk, targets, parameters)
+    table = refits.refit_table(iter(rows), disk, targets, parameters)
     declared, upper_half = table.loc[table["fitted_to"] == refits.TABLE, "largest_error"]
     assert declared < table2.LARGEST_ERROR < 0.03 < upper_half
 
@@ -86,7 +86,7 @@ def test_every_figure_is_drawn_and_its_statements_hold(study, outputs):
 
 
 def test_both_procedures_give_the_same_answer(study, disk):
-    table = procedures.procedures(study, disk, solved(study, disk))
+    table = procedures.procedures(study, disk, solve_cases(study, disk))
     direct = table[table["procedure"] == "direct"].reset_index(drop=True)
     iterative = table[table["procedure"] == "iterative"].reset_index(drop=True)
     np.testing.assert_allclose(direct["angle_arcmin"], iterative["angle_arcmin"], rtol=1e-8)
@@ -99,13 +99,13 @@ def test_both_procedures_give_the_same_answer(study, disk):
 
 def test_a_fit_finds_the_numbers_behind_its_targets(study, disk, parameters, tmp_path):
     truth = {"output.roller_length_mm": 2.6, "output.outer_station_mm": 18.2}
-    values = metrics_of(with_numbers(study, truth), solved(with_numbers(study, truth), disk))
+    values = metrics_of(with_numbers(study, truth), solve_cases(with_numbers(study, truth), disk))
     targets_made = [
         Target(case.label, 0.0, 0.0, metric, float(values[row, column]), "made up")
         for row, case in enumerate(study.cases)
         for column, metric in enumerate(METRICS)
     ]
-    fit = calibrated(study, targets_made, parameters[1:], None, disk)
+    fit = calibrate(study, targets_made, parameters[1:], None, disk)
     assert dict(zip(truth, fit.fit.value, strict=True)) == pytest.approx(truth, rel=1e-5)
     assert fit.fit.freedom == 6
     write(fit, targets_made, "numbers made up", tmp_path)
@@ -118,7 +118,9 @@ def test_profile_intervals_are_students_where_the_model_is_linear():
     generator = np.random.default_rng(3)
     matrix, noise = generator.normal(size=(12, 2)), 0.01 * generator.normal(size=12)
     data = matrix @ np.log([2.0, 5.0]) + noise
-    fit = fitted(lambda x: matrix @ np.log(x) - data, np.array([1.0, 1.0]), np.full(2, 1e-3), np.full(2, 1e3), 0.95)
+    fit = fit_numbers(
+        lambda x: matrix @ np.log(x) - data, np.array([1.0, 1.0]), np.full(2, 1e-3), np.full(2, 1e3), 0.95
+    )
     variance = np.sum(fit.residual**2) / 10 * np.linalg.inv(matrix.T @ matrix)
     half = t_distribution.ppf(0.975, 10) * np.sqrt(np.diag(variance))
     np.testing.assert_allclose(np.log(fit.high / fit.value), half, rtol=1e-2)
@@ -129,7 +131,7 @@ def test_profile_intervals_are_students_where_the_model_is_linear():
 
 def test_a_number_that_changes_nothing_is_not_determined():
     data = np.array([0.1, -0.1, 0.05])
-    fit = fitted(lambda x: np.log(x[0]) + data, np.array([2.0, 3.0]), np.full(2, 0.1), np.full(2, 10.0), 0.95)
+    fit = fit_numbers(lambda x: np.log(x[0]) + data, np.array([2.0, 3.0]), np.full(2, 0.1), np.full(2, 10.0), 0.95)
     (warning,) = fit.warnings(("first", "second"))
     assert warning.startswith("second is not determined")
 
@@ -152,16 +154,16 @@ def test_mistakes_in_the_fitted_numbers_are_named(study, tmp_path, text, message
 
 def test_more_numbers_than_targets_are_refused(study, disk, targets):
     with pytest.raises(InputError, match="cannot be fitted"):
-        calibrated(study, targets[:2], [FittedNumber("disk.thickness_mm", 1.0, 3.0)] * 2, None, disk)
+        calibrate(study, targets[:2], [FittedNumber("disk.thickness_mm", 1.0, 3.0)] * 2, None, disk)
 
 
 @pytest.mark.parametrize("name", ["pham2017", "pham2017_table2"])
 def test_every_text_states_the_error_of_table_2_that_its_design_has(study, targets, name):
     """On the coarse mesh of these tests, to 0.4 percentage points."""
     of_design = study.model_copy(update={"design": load_design(name, ROOT)})
-    values = computed(of_design, condensed(of_design), targets)
+    values = computed_targets(of_design, condense_disk(of_design), targets)
     errors = [value / target.value - 1 for value, target in zip(values, targets, strict=True) if target.value]
-    largest = table2.Misfit.of(np.array(errors)).largest
+    largest = table2.Misfit.from_errors(np.array(errors)).largest_error
     for file in ("docs/trust.md", "data/designs/pham2017.toml", "data/designs/pham2017_table2.toml"):
         text = " ".join((ROOT / file).read_text().replace("#", " ").split())
         stated = re.search(rf"`?\b{name}\b`?(?! ?_)[^.;]*?(?:within|meets it within)[^.;]*? (\d\.\d) %", text)

@@ -12,9 +12,16 @@ import pytest
 
 from pipeline import cli, settings
 from pipeline.checks.calculix import calculix_deck, calculix_program, run_calculix
-from pipeline.checks.specimen import Specimen, loaded
+from pipeline.checks.specimen import Specimen, loaded_equilibria
 from pipeline.checks.verify import CHECKS, page, run_checks, suite
-from pipeline.checks.verify.findings import Finding, at_least, compared, positive, skipped, stated
+from pipeline.checks.verify.findings import (
+    Finding,
+    at_least,
+    largest_difference,
+    positive,
+    reported_number,
+    skipped_check,
+)
 from pipeline.checks.verify.suite import COLUMNS, PAGE, CheckRow, write_results
 from pipeline.config import load_study
 from pipeline.errors import InputError
@@ -72,7 +79,7 @@ def test_deck_of_a_sample_meets_the_condensed_model(crude, tmp_path):
         pytest.skip("no CalculiX; apt install calculix-ccx")
     specimen = Specimen(crude.study, crude.sample, 50.0).in_stress("plane_strain")
     torque = np.array([0.5 * specimen.rated_torque])
-    model_value = loaded(specimen, torque)
+    model_value = loaded_equilibria(specimen, torque)
     answer = run_calculix(calculix_deck(specimen, torque, model_value), tmp_path)
     assert answer.angle[0] == pytest.approx(model_value.motion[0, 0, specimen.reducer.output_motion], rel=3e-4)
     np.testing.assert_allclose(answer.force[0], model_value.force[0, 0], atol=5e-4 * model_value.force.max())
@@ -82,7 +89,7 @@ def test_deck_of_a_sample_meets_the_condensed_model(crude, tmp_path):
 def test_deck_is_written_for_any_crank_and_refuses_a_loose_bearing(crude):
     turned_unit = Specimen(crude.study, crude.sample, 50.0)
     torque = np.array([1000.0, 2000.0])
-    states = loaded(turned_unit, torque)
+    states = loaded_equilibria(turned_unit, torque)
     text = calculix_deck(turned_unit, torque, states).text.splitlines()
     contacts = len(turned_unit.reducer.contacts)
     assert text.count("*EQUATION") == contacts + 2
@@ -101,9 +108,9 @@ def test_deck_is_written_for_any_crank_and_refuses_a_loose_bearing(crude):
 def test_a_failed_row_is_the_commands_failure(monkeypatch, tmp_path, capsys):
     def wrong(specimen):
         """A check that fails, states, and skips."""
-        yield compared("one of two", [1.0, 2.0], [1.0, 2.5], 0.1)
-        yield stated("a number", 3.0)
-        yield skipped("needs a program; how to install it")
+        yield largest_difference("one of two", [1.0, 2.0], [1.0, 2.5], 0.1)
+        yield reported_number("a number", 3.0)
+        yield skipped_check("needs a program; how to install it")
 
     monkeypatch.setattr(suite, "CHECKS", {"wrong": wrong})
     monkeypatch.setattr(suite.run_checks, "__defaults__", ({"wrong": wrong},))
@@ -125,10 +132,10 @@ def test_export_names_a_sample_that_the_study_lacks(capsys):
 
 
 def test_what_a_finding_accepts(tmp_path):
-    assert not compared("q", [0.0, 1.0], [np.nan, 1.0], 1.0).ok
-    assert compared("q", 2.0, [2.0, 2.1], 0.06, scale=2.0).ok
+    assert not largest_difference("q", [0.0, 1.0], [np.nan, 1.0], 1.0).ok
+    assert largest_difference("q", 2.0, [2.0, 2.1], 0.06, scale=2.0).ok
     assert not positive("q", [1.0, 0.0]).ok
     assert at_least("q", 0.0, [0.0, 1.0]).ok
     row = CheckRow("c", Finding("q", 1.0, 1.0, 0.0, 0.0), 0.25)
-    write_results([row, replace(row, finding=stated("s", 1.0))], tmp_path / "r.csv")
+    write_results([row, replace(row, finding=reported_number("s", 1.0))], tmp_path / "r.csv")
     assert (tmp_path / "r.csv").read_text().splitlines()[1:] == ["c,q,1,1,0,0,True,0.250", "c,s,,1,,,True,0.250"]

@@ -47,7 +47,7 @@ TERMS_A_LINE = 4
 NODES_A_LINE = 12
 """Nodes of a set on a line of the deck; the program reads at most 16."""
 ELEMENTS = {"plane_stress": "CPS6", "plane_strain": "CPE6"}
-REVERSED = [0, 2, 1, 5, 4, 3]
+REVERSED_ORDER = [0, 2, 1, 5, 4, 3]
 """Nodes of a quadratic triangle run round the other way."""
 INCREMENT = {"first": 1.0, "least": 1e-6, "largest": 1.0}
 """Of a load step; CalculiX divides a step that does not converge."""
@@ -118,14 +118,14 @@ def calculix_deck(specimen: Specimen, torque: Real, states: Equilibria) -> Deck:
     reducer, disk, start = specimen.reducer, specimen.disk, states.motion[0, 0]
     numbers = Numbers(len(disk.nodes), len(disk.triangles), len(reducer.contacts))
     centre = complex(start[0], start[1]) * np.exp(-1j * disk_rotation(specimen.profile, reducer.crank))  # in its frame
-    largest = np.abs(torque).max() / np.abs(reducer.contacts.arm).max()
+    largest_force = np.abs(torque).max() / np.abs(reducer.contacts.arm).max()
     sections = (
         _heading(specimen, torque),
         _mesh(disk),
         _bodies(reducer, numbers),
         _approaches(specimen, numbers),
         _bearing(bearing, disk, (centre.real, centre.imag), numbers),
-        _springs(specimen.laws, specimen.gap - reducer.contact_jacobian @ start, largest, numbers),
+        _springs(specimen.laws, specimen.gap - reducer.contact_jacobian @ start, largest_force, numbers),
         _steps(numbers, torque),
     )
     return Deck(
@@ -153,7 +153,7 @@ def _mesh(disk: ElasticBody) -> Iterator[str]:
     yield f"*ELEMENT, TYPE={ELEMENTS[disk.stress]}, ELSET=DISK"
     a, b, c = disk.nodes[disk.triangles[:, :3]].T
     clockwise = cross(b - a, c - a) < 0  # CalculiX refuses them
-    triangles = np.where(clockwise[:, None], disk.triangles[:, REVERSED], disk.triangles)
+    triangles = np.where(clockwise[:, None], disk.triangles[:, REVERSED_ORDER], disk.triangles)
     for i, nodes in enumerate(triangles + 1, start=1):
         yield f"{i}, " + ", ".join(map(str, nodes))
     yield "*MATERIAL, NAME=DISK"
@@ -186,8 +186,10 @@ def _bodies(reducer: Reducer, numbers: Numbers) -> Iterator[str]:
     yield f"{numbers.body(3)}, 1, 3"
     yield f"{numbers.body(4)}, 1, 3"
     for k, body in enumerate(BODIES[1:], start=1):
-        free = [1] + [component for component, name in ((2, "x"), (3, "y")) if f"{body}_{name}" in reducer.motions]
-        for component in sorted({1, 2, 3} - set(free)):
+        free_components = [1] + [
+            component for component, name in ((2, "x"), (3, "y")) if f"{body}_{name}" in reducer.motions
+        ]
+        for component in sorted({1, 2, 3} - set(free_components)):
             yield f"{numbers.body(k)}, {component}, {component}"
 
 
@@ -218,8 +220,10 @@ def _bearing(bearing: Bearing, disk: ElasticBody, start: tuple[float, float], nu
     position = _freedom_places(disk)
     for axis in (0, 1):
         fit = disk.reference[:, axis]
-        fitted = np.flatnonzero(fit)
-        yield from _equation([(numbers.body(0), axis + 1, -1.0), *((*position[int(dof)], fit[dof]) for dof in fitted)])
+        fit_nodes = np.flatnonzero(fit)
+        yield from _equation(
+            [(numbers.body(0), axis + 1, -1.0), *((*position[int(dof)], fit[dof]) for dof in fit_nodes)]
+        )
         name = f"BEARING{axis + 1}"
         yield f"*ELEMENT, TYPE=SPRINGA, ELSET={name}"
         yield f"{numbers.spring(numbers.contacts + axis)}, {numbers.body(0)}, {numbers.body(3 + axis)}"
@@ -228,10 +232,10 @@ def _bearing(bearing: Bearing, disk: ElasticBody, start: tuple[float, float], nu
             yield f"{bearing.stiffness * (reach - start[axis]):.12g}, {reach:.12g}"
 
 
-def _springs(laws: ContactLaws, gap: Real, largest: float, numbers: Numbers) -> Iterator[str]:
+def _springs(laws: ContactLaws, gap: Real, largest_force: float, numbers: Numbers) -> Iterator[str]:
     """A nonlinear spring per contact: a table of force against elongation, both negative in compression."""
     dense, overshoot = np.geomspace(LEAST_SHARE, 1.0, TABLE_POINTS), np.geomspace(2.0, OVERSHOOT, 10)
-    force = largest * np.concatenate([[0.0], dense, overshoot])
+    force = largest_force * np.concatenate([[0.0], dense, overshoot])
     deflection = laws.deflection(np.repeat(force[:, None], len(laws), axis=1))
     for i in range(numbers.contacts):
         yield f"*ELEMENT, TYPE=SPRINGA, ELSET=CONTACT{i}"

@@ -5,7 +5,7 @@ from pathlib import Path
 from pipeline.assembly import NMM_PER_NM
 from pipeline.checks.calculix.deck import SPAN, calculix_deck
 from pipeline.checks.calculix.program import PROGRAM
-from pipeline.checks.specimen import SHARES, Specimen, loaded
+from pipeline.checks.specimen import SHARES, Specimen, loaded_equilibria
 from pipeline.config import Study
 from pipeline.engine.store import write_atomic
 from pipeline.model.load_history.load_cycle import ARCMIN
@@ -21,7 +21,7 @@ def export(study: Study, sample: int, crank_deg: float, folder: Path) -> str:
     """
     specimen = Specimen(study, sample, crank_deg)
     torque = SHARES * specimen.rated_torque
-    states = loaded(specimen, torque)
+    states = loaded_equilibria(specimen, torque)
     deck = calculix_deck(specimen, torque, states)
     name = f"sample-{sample}-crank-{crank_deg:g}"
     write_atomic(folder / f"{name}.inp", deck.text.encode())

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.checks.calculix.program import execute, printed
+from pipeline.checks.calculix.program import execute, printed_blocks
 from pipeline.checks.calculix.quadtree_mesh import Curve, CurvedMesh, Loop
 from pipeline.model.geometry.cycloid_profile import Complex, Real
 
@@ -101,7 +101,7 @@ class PressedDisk:
         Nodes that are on no boundary are left zero.
         """
         execute("\n".join(self._deck(forces)) + "\n", len(forces), NAME, folder)
-        blocks = printed(folder / f"{NAME}.dat")["displacements"]
+        blocks = printed_blocks(folder / f"{NAME}.dat")["displacements"]
         displacement = np.zeros((len(blocks), len(self.mesh.nodes)), complex)
         for case, values in enumerate(blocks):
             nodes = np.array(list(values)) - 1
@@ -136,9 +136,9 @@ class PressedDisk:
         yield "*SOLID SECTION, ELSET=DISK, MATERIAL=DISK"
         yield f"{self.thickness:.12g}"
         outer = self.mesh.nodes[self.mesh.loops[0].corner]
-        clamped, slide_node = int(np.argmax(outer.real)) + 1, int(np.argmin(outer.real)) + 1  # they carry nothing
+        clamped_node, slide_node = int(np.argmax(outer.real)) + 1, int(np.argmin(outer.real)) + 1  # they carry nothing
         yield "*BOUNDARY"
-        yield f"{clamped}, 1, 2"
+        yield f"{clamped_node}, 1, 2"
         yield f"{slide_node}, 2, 2"
         for case in forces:
             yield "*STEP"

@@ -70,7 +70,7 @@ def run_calculix(deck: Deck, folder: Path) -> ProgramResult:
         If the program fails or does not finish every load step, with the end of what it said.
     """
     ran = execute(deck.text, len(deck.torque), NAME, folder)
-    blocks = printed(folder / f"{NAME}.dat")
+    blocks = printed_blocks(folder / f"{NAME}.dat")
     angle = [deck.first_angle + values[deck.output_node][0] / SPAN for values in blocks["displacements"]]
     force = [[abs(values[node][0]) for node in deck.springs] for values in blocks["forces"]]
     iterations = ran.output.count("\n iteration ")
@@ -103,13 +103,13 @@ def execute(text: str, steps: int, name: str, folder: Path) -> ProgramRun:
         process.returncode = os.waitstatus_to_exitcode(status)
     seconds = time.perf_counter() - start
     output = (folder / f"{name}.log").read_text(errors="replace")
-    increments = len(printed(folder / f"{name}.dat")["displacements"])
+    increments = len(printed_blocks(folder / f"{name}.dat")["displacements"])
     if process.returncode != 0 or increments != steps:
         raise RuntimeError(f"{PROGRAM} solved {increments} of {steps} load steps: {output[-500:]}")
     return ProgramRun(seconds, usage.ru_maxrss * KIB, output)
 
 
-def printed(path: Path) -> dict[str, list[dict[int, tuple[float, ...]]]]:
+def printed_blocks(path: Path) -> dict[str, list[dict[int, tuple[float, ...]]]]:
     """Forces and displacements that the program printed: for every load step the components at every node."""
     blocks: dict[str, list[dict[int, tuple[float, ...]]]] = {"forces": [], "displacements": []}
     for line in path.read_text().splitlines() if path.exists() else []:

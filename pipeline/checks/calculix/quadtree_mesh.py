@@ -32,12 +32,12 @@ class Curve:
     ----------
     point : of a parameter (n,) to complex [mm].
     edge : largest edge length on it [mm].
-    even : whether its corners divide the parameter evenly.
+    has_even_corners : whether its corners divide the parameter evenly.
     """
 
     point: Callable[[Real], Complex]
     edge: float
-    even: bool = False
+    has_even_corners: bool = False
 
     def samples(self, count: int) -> tuple[Real, Complex]:
         """Parameters and points, (count,) each."""
@@ -75,10 +75,10 @@ class EdgeLength:
 
     sources: tuple[tuple[KDTree, float], ...]
     growth: float
-    largest: float
+    largest_edge: float
 
     def __call__(self, points: Complex) -> Real:
-        length = np.full(points.shape, self.largest)
+        length = np.full(points.shape, self.largest_edge)
         for tree, edge in self.sources:
             length = np.minimum(length, edge + self.growth * tree.query(_plane(points))[0])
         return length
@@ -107,17 +107,17 @@ def curved_mesh(outer: Curve, cuts: tuple[Curve, ...], fine: Complex, edge: floa
     polygons = [Path(_plane(loop)) for loop in corners]
     inner = _leaves(radius, size)
     distance = KDTree(_plane(np.concatenate([points for _, points in dense]))).query(_plane(inner))[0]
-    inner = inner[_within(polygons, inner) & (distance > WALL * size(inner))]
-    fixed = np.concatenate(corners)
+    inner = inner[_inside_outline(polygons, inner) & (distance > WALL * size(inner))]
+    boundary_points = np.concatenate(corners)
     for _ in range(PASSES):
-        inner = _smoothed(np.concatenate([fixed, inner]), len(fixed))
-    points = np.concatenate([fixed, inner])
+        inner = _smoothed_nodes(np.concatenate([boundary_points, inner]), len(boundary_points))
+    points = np.concatenate([boundary_points, inner])
     triangles = _counterclockwise(points, Delaunay(_plane(points)).simplices)
-    triangles = triangles[_within(polygons, points[triangles].mean(axis=1))]
+    triangles = triangles[_inside_outline(polygons, points[triangles].mean(axis=1))]
     area = sum(sign * abs(_area(loop)) for sign, loop in zip([1] + [-1] * len(cuts), corners, strict=True))
-    filled = np.sum(_cross(points[triangles])) / 2
-    if not abs(filled - area) < AREA * area:
-        raise ModelError(f"triangles fill {filled:.9g} mm2 of {area:.9g} mm2; take shorter edges")
+    filled_area = np.sum(_cross(points[triangles])) / 2
+    if not abs(filled_area - area) < AREA * area:
+        raise ModelError(f"triangles fill {filled_area:.9g} mm2 of {area:.9g} mm2; take shorter edges")
     return _quadratic(points, triangles, curves, parameters)
 
 
@@ -138,7 +138,7 @@ def _spread(curve: Curve, parameter: Real, points: Complex, size: EdgeLength) ->
     chord = np.abs(np.roll(points, -1) - points)
     edges = np.concatenate([[0.0], np.cumsum(chord / size(points))])
     count = int(np.ceil(edges[-1]))
-    if curve.even:
+    if curve.has_even_corners:
         return np.arange(count) / count
     return np.interp(np.arange(count) * edges[-1] / count, edges, np.append(parameter, 1.0))
 
@@ -155,7 +155,7 @@ def _leaves(radius: float, size: EdgeLength) -> Complex:
     return np.concatenate(leaves)
 
 
-def _within(polygons: list[Path], points: Complex) -> np.ndarray:
+def _inside_outline(polygons: list[Path], points: Complex) -> np.ndarray:
     """Whether points lie inside the first polygon and outside of the others."""
     plane = _plane(points)
     is_inside = polygons[0].contains_points(plane)
@@ -164,12 +164,12 @@ def _within(polygons: list[Path], points: Complex) -> np.ndarray:
     return is_inside
 
 
-def _smoothed(points: Complex, fixed: int) -> Complex:
+def _smoothed_nodes(points: Complex, n_fixed: int) -> Complex:
     """Nodes behind the first ``fixed``, each moved to the mean of its neighbours."""
     first_neighbour, neighbour = Delaunay(_plane(points)).vertex_neighbor_vertices
     count = np.diff(first_neighbour)
     total = np.add.reduceat(points[neighbour], first_neighbour[:-1])
-    return (total / count)[fixed:]
+    return (total / count)[n_fixed:]
 
 
 def _quadratic(points: Complex, triangles: Index, curves: tuple[Curve, ...], parameters: list[Real]) -> CurvedMesh:

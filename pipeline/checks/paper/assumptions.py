@@ -15,7 +15,7 @@ from pipeline.model.geometry.clearance import DISK_READINGS, ROLLER_READINGS
 
 HALF_PIN_PITCH = 0.5
 """Turn of the pin circle, in pin pitches, that puts the eccentric between two pins."""
-FREED = (
+FREED_FACTORS = (
     ("thickness of the disk", "disk.thickness_mm", 0.5, 8.0),
     ("exponent of the bearing", "bearing.exponent", 1.0, 4.0),
 )
@@ -43,7 +43,7 @@ class Assumption:
     Attributes
     ----------
     remesh : whether the condensed disk changes with it.
-    freed : numbers that are fitted besides the calibrated ones.
+    freed_numbers : numbers that are fitted besides the calibrated ones.
     tied : what follows from the fitted numbers, from study to study; None: nothing.
     plate : compliance of plate and output under their rollers over the disk's.
     backlash_percent : of the rated torque, where the backlash is read; 0 is the limit of no torque.
@@ -52,22 +52,22 @@ class Assumption:
     name: str
     study: Study
     remesh: bool = False
-    freed: tuple[FittedNumber, ...] = ()
+    freed_numbers: tuple[FittedNumber, ...] = ()
     tied: Callable[[Study], Study] | None = None
     plate: float = 0.0
     backlash_percent: float = 0.0
 
 
-def _with(study: Study, section: str, **values: object) -> Study:
+def _with_study_values(study: Study, section: str, **values: object) -> Study:
     return study.model_copy(update={section: getattr(study, section).model_copy(update=values)})
 
 
-def _designed(study: Study, section: str, **values: object) -> Study:
+def _with_design_values(study: Study, section: str, **values: object) -> Study:
     variant = getattr(study.design, section).model_copy(update=values)
     return study.model_copy(update={"design": study.design.model_copy(update={section: variant})})
 
 
-def _affected(study: Study, effects: dict[str, dict[str, float]]) -> Study:
+def _with_effects(study: Study, effects: dict[str, dict[str, float]]) -> Study:
     return study.model_copy(update={"design": study.design.model_copy(update={"effects": effects})})
 
 
@@ -75,7 +75,9 @@ def readings(study: Study) -> Iterator[Assumption]:
     """Every reading of the tolerances D of the disk and R of the rollers."""
     for disk in DISK_READINGS:
         for roller in ROLLER_READINGS:
-            yield Assumption(f"{disk}, {roller}", _with(study, "clearance", disk_reading=disk, roller_reading=roller))
+            yield Assumption(
+                f"{disk}, {roller}", _with_study_values(study, "clearance", disk_reading=disk, roller_reading=roller)
+            )
 
 
 def assumptions(study: Study) -> Iterator[Assumption]:
@@ -87,49 +89,53 @@ def assumptions(study: Study) -> Iterator[Assumption]:
     yield from _output(study)
     yield from _softer(study)
     for name, effects in FRICTION:
-        yield Assumption(name, _affected(study, effects))
+        yield Assumption(name, _with_effects(study, effects))
 
 
 def _definitions(study: Study) -> Iterator[Assumption]:
     for low in (3.0, 10.0, 25.0, 50.0):
-        variant = _with(study, "metrics", rigidity_percent=(low, 100.0))
+        variant = _with_study_values(study, "metrics", rigidity_percent=(low, 100.0))
         yield Assumption(f"rigidity between {low:g} and 100 % of the rated torque", variant)
     for percent in (2.5, 4.0):
-        variant = _with(study, "metrics", lost_motion_percent=percent)
+        variant = _with_study_values(study, "metrics", lost_motion_percent=percent)
         yield Assumption(f"lost motion at {percent:g} % of the rated torque", variant)
     yield Assumption("backlash read at 0.1 % of the rated torque", study, backlash_percent=0.1)
-    yield Assumption("clearances to first order", _with(study, "clearance", method="first_order"))
+    yield Assumption("clearances to first order", _with_study_values(study, "clearance", method="first_order"))
     pitch = 360 / study.design.cycloid.pins
     for name, share in (("half a pin pitch", HALF_PIN_PITCH), ("a quarter of a turn", study.design.cycloid.pins / 4)):
-        yield Assumption(f"crank {name} on", _with(study, "cycle", crank_deg=(share * pitch,)), remesh=True)
+        yield Assumption(
+            f"crank {name} on", _with_study_values(study, "cycle", crank_deg=(share * pitch,)), remesh=True
+        )
 
 
 def _bearing_and_contacts(study: Study) -> Iterator[Assumption]:
     for name, exponent in (("linear", 1.0), ("of rollers, exponent 10/9", 10 / 9)):
-        yield Assumption(f"input bearing {name}", _designed(study, "bearing", exponent=exponent))
-    yield Assumption("Palmgren's law in place of Hertz'", _with(study, "springs", law="palmgren"))
+        yield Assumption(f"input bearing {name}", _with_design_values(study, "bearing", exponent=exponent))
+    yield Assumption("Palmgren's law in place of Hertz'", _with_study_values(study, "springs", law="palmgren"))
     wider = 2 * study.reduce.patch_half_width_mm
     name = f"pressure patches of the pins {wider:g} mm in half width"
-    yield Assumption(name, _with(study, "reduce", patch_half_width_mm=wider), remesh=True)
+    yield Assumption(name, _with_study_values(study, "reduce", patch_half_width_mm=wider), remesh=True)
 
 
 def _disk(study: Study) -> Iterator[Assumption]:
     for thickness in (1.0, 1.5, 3.0):
-        yield Assumption(f"disk {thickness:g} mm thick", _designed(study, "disk", thickness_mm=thickness))
-    yield Assumption("plane strain", _designed(study, "disk", stress="plane_strain"), remesh=True)
+        yield Assumption(f"disk {thickness:g} mm thick", _with_design_values(study, "disk", thickness_mm=thickness))
+    yield Assumption("plane strain", _with_design_values(study, "disk", stress="plane_strain"), remesh=True)
     for bore, face in ((3.0, 5.0), (8.0, 9.5)):
         variant = with_numbers(study, {"disk.bore_radius_mm": bore, "output.face_offset_mm": face})
         yield Assumption(f"bore {bore:g} mm in radius, rollers {face:g} mm off the axis", variant, remesh=True)
 
 
 def _output(study: Study) -> Iterator[Assumption]:
-    yield Assumption("sliding plate floats", _designed(study, "output", plate="floats"))
+    yield Assumption("sliding plate floats", _with_design_values(study, "output", plate="floats"))
     for depth in (1.5, 10.0):
-        yield Assumption(f"flats under the rollers {depth:g} mm deep", _designed(study, "output", flat_depth_mm=depth))
+        yield Assumption(
+            f"flats under the rollers {depth:g} mm deep", _with_design_values(study, "output", flat_depth_mm=depth)
+        )
     width = 0.5 * study.reduce.roller_patch_half_width_mm
     name = f"rollers spread over {width:g} mm in half width"
-    yield Assumption(name, _with(study, "reduce", roller_patch_half_width_mm=width), remesh=True)
-    turned_slide = _designed(study, "output", slide_angle_deg=0.0)
+    yield Assumption(name, _with_study_values(study, "reduce", roller_patch_half_width_mm=width), remesh=True)
+    turned_slide = _with_design_values(study, "output", slide_angle_deg=0.0)
     yield Assumption("first slide along the crank", turned_slide, remesh=True)
     yield Assumption("R on the first slide alone, and whole on each side", _on_first_slide(study))
     yield from _stations(study)
@@ -137,27 +143,31 @@ def _output(study: Study) -> Iterator[Assumption]:
 
 def _stations(study: Study) -> Iterator[Assumption]:
     """The rollers of a row 4 mm apart, and touching; then what stiffens the disk or the flats besides."""
-    yield Assumption("rollers of a row 4 mm apart", _spaced(study, 4.0), remesh=True)
+    yield Assumption("rollers of a row 4 mm apart", _with_roller_pitch(study, 4.0), remesh=True)
     yield Assumption("rollers of a row touching", _touching(study), remesh=True, tied=_touching)
-    shallow = _designed(_touching(study), "output", flat_depth_mm=1.5)
+    shallow = _with_design_values(_touching(study), "output", flat_depth_mm=1.5)
     yield Assumption("rollers touching, flats 1.5 mm deep", shallow, remesh=True, tied=_touching)
     small = with_numbers(_touching(study), {"disk.bore_radius_mm": 8.0, "output.face_offset_mm": 9.5})
     name = "rollers touching and 9.5 mm off the axis, bore 8 mm in radius"
     yield Assumption(name, small, remesh=True, tied=_touching)
-    thick = _designed(_touching(study), "disk", thickness_mm=3.8)
+    thick = _with_design_values(_touching(study), "disk", thickness_mm=3.8)
     name = "rollers touching, disk 3.8 mm thick, rigidity between 6 and 100 %"
-    yield Assumption(name, _with(thick, "metrics", rigidity_percent=(6.0, 100.0)), remesh=True, tied=_touching)
+    yield Assumption(
+        name, _with_study_values(thick, "metrics", rigidity_percent=(6.0, 100.0)), remesh=True, tied=_touching
+    )
 
 
-def _spaced(study: Study, pitch: float) -> Study:
+def _with_roller_pitch(study: Study, pitch: float) -> Study:
     """The rollers of a row ``pitch`` [mm] apart, counted from the outermost."""
     output = cast(RollerPlate, study.design.output)
-    return _designed(study, "output", inner_station_mm=output.outer_station_mm - pitch * (output.stations - 1))
+    return _with_design_values(
+        study, "output", inner_station_mm=output.outer_station_mm - pitch * (output.stations - 1)
+    )
 
 
 def _touching(study: Study) -> Study:
     """The rollers of a row against each other."""
-    return _spaced(study, 2 * study.design.output.contact_radius_mm)
+    return _with_roller_pitch(study, 2 * study.design.output.contact_radius_mm)
 
 
 def _on_first_slide(study: Study) -> Study:
@@ -173,11 +183,13 @@ def _on_first_slide(study: Study) -> Study:
 
 
 def _softer(study: Study) -> Iterator[Assumption]:
-    for name, key, lower, upper in FREED:
-        yield Assumption(f"{name} fitted besides", study, freed=(FittedNumber(key, lower, upper),))
+    for name, key, lower, upper in FREED_FACTORS:
+        yield Assumption(f"{name} fitted besides", study, freed_numbers=(FittedNumber(key, lower, upper),))
     for name, effect, value, start, lower, upper in FREED_EFFECTS:
-        freed = FittedNumber(f"effects.{effect}.{value}", lower, upper)
-        yield Assumption(f"{name} fitted besides", _affected(study, {effect: {value: start}}), freed=(freed,))
+        freed_number = FittedNumber(f"effects.{effect}.{value}", lower, upper)
+        yield Assumption(
+            f"{name} fitted besides", _with_effects(study, {effect: {value: start}}), freed_numbers=(freed_number,)
+        )
     for name, plate in PLATES:
         yield Assumption(f"plate and output {name} as the disk", study, plate=plate)
 

@@ -6,58 +6,60 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline import assembly
-from pipeline.checks.calibrate import calibrated, read_parameters, read_targets
+from pipeline.checks.calibrate import calibrate, read_parameters, read_targets
 from pipeline.checks.paper import assumptions, procedures, table2
 from pipeline.checks.paper.drawings import drawings
 from pipeline.checks.paper.page import FigureOfPaper, PaperComparison, paper_page
-from pipeline.checks.paper.refits import ELASTIC_PART, refitted
+from pipeline.checks.paper.refits import ELASTIC_PART, refit_table
 from pipeline.checks.paper.shortfalls import shortfalls
 from pipeline.checks.paper.statements import statements
 from pipeline.checks.paper.tables import Tables
-from pipeline.checks.response import Condensed, solved
+from pipeline.checks.response import Condensed, solve_cases
 from pipeline.config import Study
 from pipeline.engine.store import Output, write_atomic
 from pipeline.report.layout.pictures import drawn_picture
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 STUDY = "paper_tables"
-TARGETS, FITTED, CONTACTS = "pham2017_table2.csv", "pham2017_fitted.csv", "pham2017_contacts.csv"
+TARGETS, PARAMETERS, CONTACTS = "pham2017_table2.csv", "pham2017_fitted.csv", "pham2017_contacts.csv"
 VARIATIONS = "elastic_part_variations.csv"
 CONFIDENCE = 0.95
 """Of the intervals of the fitted numbers."""
 
 
-def compared(study: Study, outputs: Mapping[str, Output], published: Path, folder: Path) -> PaperComparison:
+def paper_comparison(
+    study: Study, outputs: Mapping[str, Output], published_folder: Path, folder: Path
+) -> PaperComparison:
     """The finished run against the paper; figures are written to ``folder``/figures."""
-    targets = read_targets(published / TARGETS, study)
-    parameters = read_parameters(published / FITTED, study.design)
+    targets = read_targets(published_folder / TARGETS, study)
+    parameters = read_parameters(published_folder / PARAMETERS, study.design)
     tables = Tables.read(study, outputs)
-    disk = _condensed(study, outputs)
-    computed = table2.table2(study, outputs["aggregate"].read("metrics"), targets)
-    predicted = table2.prediction(study, disk, targets, parameters)
+    disk = _condensed_disk(study, outputs)
+    computed_table = table2.table2(study, outputs["aggregate"].read("metrics"), targets)
+    predicted_table = table2.prediction(study, disk, targets, parameters)
     return PaperComparison(
         study,
-        pd.concat([computed, predicted], ignore_index=True),
-        shortfalls(study, targets, parameters, computed, predicted, tables),
-        table2.contacts(study, outputs["hysteresis"].read("curves"), published / CONTACTS),
-        refitted(assumptions.readings(study), disk, targets, parameters),
-        refitted(assumptions.assumptions(study), disk, targets, parameters),
-        procedures.procedures(study, disk, solved(study, disk)),
-        calibrated(study, targets, parameters, CONFIDENCE, disk),
-        _figures(tables, published, folder / "figures"),
+        pd.concat([computed_table, predicted_table], ignore_index=True),
+        shortfalls(study, targets, parameters, computed_table, predicted_table, tables),
+        table2.contacts(study, outputs["hysteresis"].read("curves"), published_folder / CONTACTS),
+        refit_table(assumptions.readings(study), disk, targets, parameters),
+        refit_table(assumptions.assumptions(study), disk, targets, parameters),
+        procedures.procedures(study, disk, solve_cases(study, disk)),
+        calibrate(study, targets, parameters, CONFIDENCE, disk),
+        _figures(tables, published_folder, folder / "figures"),
     )
 
 
-def _condensed(study: Study, outputs: Mapping[str, Output]) -> Condensed:
+def _condensed_disk(study: Study, outputs: Mapping[str, Output]) -> Condensed:
     """The compliance that the stage reduce wrote."""
     crank = study.cycle.crank_deg[0]
     path = outputs["reduce"].path(COMPLIANCE_FILE)
-    return Condensed.of(full_compliance(path, assembly.reducer(study.design, crank), crank), study.design)
+    return Condensed.from_compliance(full_compliance(path, assembly.reducer(study.design, crank), crank), study.design)
 
 
-def _figures(tables: Tables, published: Path, folder: Path) -> list[FigureOfPaper]:
+def _figures(tables: Tables, published_folder: Path, folder: Path) -> list[FigureOfPaper]:
     folder.mkdir(parents=True, exist_ok=True)
-    statement_table = statements(tables, published / CONTACTS)
+    statement_table = statements(tables, published_folder / CONTACTS)
     figures = []
     for drawing in drawings(tables):
         picture = drawn_picture(drawing.figure, drawing.title, drawing.caption, folder / drawing.stem)
@@ -89,7 +91,7 @@ def write(comparison: PaperComparison, folder: Path, variations: Path) -> None:
 
 
 def variations_csv(assumptions: pd.DataFrame) -> bytes:
-    """The columns of ``refits.refitted`` that tell of the elastic part, as CSV."""
+    """The columns of ``refits.refit_table`` that tell of the elastic part, as CSV."""
     parts = [column for column in assumptions.columns if str(column).startswith(ELASTIC_PART)]
     columns = ["assumption", "fitted_to", *parts, "elastic_error", "largest_error", "rms_error", "closes"]
     return assumptions[[*columns, "pins_in_contact"]].to_csv(index=False, float_format="%.4f").encode()

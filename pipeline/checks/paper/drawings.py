@@ -72,9 +72,9 @@ def _at_lost_motion(tables: Tables) -> Iterator[PaperDrawing]:
 
 
 def _under_torque(tables: Tables) -> Iterator[PaperDrawing]:
-    rated, torque = tables.study.design.cycloid.rated_torque_Nm, tables.lost_motion_torque
+    rated_torque, torque = tables.study.design.cycloid.rated_torque_Nm, tables.lost_motion_torque
     case = tables.with_tolerance[0]
-    rising = {f"{share * rated:g} N m": tables.loaded_pins(case, share * rated) for share in SHARES}
+    rising = {f"{share * rated_torque:g} N m": tables.loaded_pins(case, share * rated_torque) for share in SHARES}
     yield PaperDrawing(
         ("11",),
         "figure_11",
@@ -97,7 +97,7 @@ def _under_torque(tables: Tables) -> Iterator[PaperDrawing]:
         f"Contact force and deformation of the output rollers at {torque:g} N m",
         "Rollers from outside to inside, on both interfaces.",
         output_loads_figure(
-            {label: tables.loaded(label, torque) for label in every},
+            {label: tables.contacts_at(label, torque) for label in every},
             tables.contacts,
             tables.study.design.output.words.station,
         ),

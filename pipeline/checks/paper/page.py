@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from pipeline.checks.calibrate import Calibration
-from pipeline.checks.paper.refits import BACKLASH, BOTH, ELASTIC_ERROR, ELASTIC_PART, LOST_MOTION, TABLE
-from pipeline.checks.paper.shortfalls import FITTED, GEOMETRY, MODEL, RIGIDITY, Shortfalls
+from pipeline.checks.paper.refits import BACKLASH, ELASTIC_ERROR, ELASTIC_PART, LOST_MOTION, TABLE, TABLE_AND_ELASTIC
+from pipeline.checks.paper.shortfalls import FITTED_PART, GEOMETRY, MODEL, RIGIDITY, Shortfalls
 from pipeline.checks.paper.statements import FigureStatement
 from pipeline.checks.paper.table2 import LARGEST_ERROR, RMS_ERROR, Misfit, fit_rows
 from pipeline.config import Study
@@ -60,16 +60,16 @@ class PaperComparison:
 def paper_page(comparison: PaperComparison) -> str:
     """The comparison as one self-contained HTML document."""
     fit = comparison.table2[~comparison.table2["predicted"].to_numpy(bool)]
-    predicted = comparison.table2[comparison.table2["predicted"].to_numpy(bool)]
+    prediction_rows = comparison.table2[comparison.table2["predicted"].to_numpy(bool)]
     study = comparison.study
     return rendered(
         HERE / "paper.html",
         {"percent": _percent, "significant": _significant, "digits": _digits},
         study=study,
         fit_rows=_table_rows(fit),
-        predicted_rows=_table_rows(predicted),
-        fit_misfit=Misfit.of(fit["relative_error"].to_numpy(float)),
-        predicted_misfit=Misfit.of(predicted["relative_error"].to_numpy(float)),
+        predicted_rows=_table_rows(prediction_rows),
+        fit_misfit=Misfit.from_errors(fit["relative_error"].to_numpy(float)),
+        predicted_misfit=Misfit.from_errors(prediction_rows["relative_error"].to_numpy(float)),
         limits=Misfit(LARGEST_ERROR, RMS_ERROR),
         fitted=fit_rows(comparison.calibration),
         freedom=comparison.calibration.fit.freedom,
@@ -104,20 +104,20 @@ def _table_rows(table: pd.DataFrame) -> list[Mapping[str, object]]:
 
 def _shortfall_rows(shortfalls: Shortfalls) -> Mapping[str, object]:
     """What the section on the shortfalls shows."""
-    largest, fitted = shortfalls.largest, shortfalls.choices["part"] == FITTED
+    largest_errors, is_fitted = shortfalls.largest_errors, shortfalls.choices["part"] == FITTED_PART
     rises = shortfalls.bearing.iloc[:, -1] > shortfalls.bearing.iloc[:, 1]
     errors = shortfalls.predictions.pivot(index="predictor", columns="metric", values="relative_error")
     return {
         "elastic": shortfalls.elastic_part.to_dict("records"),
         "predictors": [
             {"name": name, "largest": error, "errors": errors.loc[name, list(METRICS_OF_TABLE)].tolist()}
-            for name, error in largest.items()
+            for name, error in largest_errors.items()
         ],
         "metric_names": [METRICS[metric].axis for metric in METRICS_OF_TABLE],
-        "model_error": largest[MODEL],
-        "line_error": largest[GEOMETRY],
-        "fitted_count": int(fitted.sum()),
-        "choices_count": int((~fitted).sum()),
+        "model_error": largest_errors[MODEL],
+        "line_error": largest_errors[GEOMETRY],
+        "fitted_count": int(is_fitted.sum()),
+        "choices_count": int((~is_fitted).sum()),
         "choices": shortfalls.choices["key"].tolist(),
         "targets_count": shortfalls.targets,
         "bearing": [list(row) for row in shortfalls.bearing.itertuples(index=False)],
@@ -127,7 +127,7 @@ def _shortfall_rows(shortfalls: Shortfalls) -> Mapping[str, object]:
 
 def _variations(table: pd.DataFrame) -> list[Mapping[str, object]]:
     """One row per assumption: the fit to Table 2 alone, and ``reached``, the one that has the elastic part in sight."""
-    variations = {row["assumption"]: row for row in _of_fit(table, BOTH)}
+    variations = {row["assumption"]: row for row in _of_fit(table, TABLE_AND_ELASTIC)}
     return [{**row, "reached": variations[row["assumption"]]} for row in _of_fit(table, TABLE)]
 
 

@@ -30,7 +30,7 @@ FIRST_SHIFT = 1e-3
 """Displacement [mm] of the disk centre at which Newton's method starts: at none a bearing by Hertz has no stiffness."""
 FIRST_TURN = 1e-4
 """Rotation [rad] of each body on the one before it, beyond the end of play, at which the direct procedure starts."""
-BALANCED = 1e-10
+BALANCE_TOLERANCE = 1e-10
 """Change of the forces, relative to the largest, at which Newton's method ends."""
 NEWTON_STEPS, PASSES = 100, 200
 """Steps of one analysis, and analyses until the contacts settle; beyond them the procedure has failed."""
@@ -77,10 +77,10 @@ def iterative(load: LoadCase) -> Analysis:
         force, motion, steps = _held(load, np.flatnonzero(contact_set))
         systems += steps
         room = gap + load.compliance @ force - jacobian @ motion
-        settled = np.where(contact_set, force > 0, room < 0)
-        if np.array_equal(settled, contact_set):
+        is_settled = np.where(contact_set, force > 0, room < 0)
+        if np.array_equal(is_settled, contact_set):
             return Analysis(force, motion, turn, systems)
-        contact_set = settled
+        contact_set = is_settled
     raise ArithmeticError(f"contacts unsettled after {PASSES} passes")
 
 
@@ -105,8 +105,8 @@ def _held(load: LoadCase, contacts: np.ndarray) -> tuple[Real, Real, int]:
     jacobian, laws = load.reducer.contact_jacobian[contacts], load.laws[contacts]
     elastic = load.compliance[np.ix_(contacts, contacts)]
     n, n_motions = jacobian.shape
-    applied = np.zeros(n_motions)
-    applied[load.reducer.output_motion] = load.torque
+    applied_load = np.zeros(n_motions)
+    applied_load[load.reducer.output_motion] = load.torque
     force, motion = np.full(n, TENSION_START), np.zeros(n_motions)
     motion[0] = FIRST_SHIFT
     for step in range(1, NEWTON_STEPS + 1):
@@ -115,11 +115,11 @@ def _held(load: LoadCase, contacts: np.ndarray) -> tuple[Real, Real, int]:
         local = laws.deflection(proper) + (force - proper) * slope
         push, spring = _bearing(load.bearing, motion)
         penetration = local + elastic @ force + load.gap[contacts] - jacobian @ motion
-        balance = jacobian.T @ force + push - applied
+        balance = jacobian.T @ force + push - applied_load
         tangent = np.block([[elastic + np.diag(slope), -jacobian], [jacobian.T, spring]])
         change = np.linalg.solve(tangent, -np.concatenate([penetration, balance]))
         force, motion = force + change[:n], motion + change[n:]
-        if np.max(np.abs(change[:n])) < BALANCED * np.max(np.abs(force)):
+        if np.max(np.abs(change[:n])) < BALANCE_TOLERANCE * np.max(np.abs(force)):
             forces = np.zeros(len(load.gap))
             forces[contacts] = force
             return forces, motion, step
@@ -152,7 +152,7 @@ def procedures(study: Study, disk: Condensed, cases: SolvedCases) -> pd.DataFram
                 cases.cycle.rated_torque * percent / 100,
             )
             for name, analyse in (("direct", direct), ("iterative", iterative)):
-                analysis, seconds = _timed(analyse, load)
+                analysis, seconds = _timed_analysis(analyse, load)
                 rows.append(
                     {
                         "case": case.label,
@@ -169,7 +169,7 @@ def procedures(study: Study, disk: Condensed, cases: SolvedCases) -> pd.DataFram
     return pd.DataFrame(rows)
 
 
-def _timed(analyse: Callable[[LoadCase], Analysis], load: LoadCase) -> tuple[Analysis, float]:
+def _timed_analysis(analyse: Callable[[LoadCase], Analysis], load: LoadCase) -> tuple[Analysis, float]:
     times = []
     for _ in range(REPEATS):
         start = time.perf_counter()

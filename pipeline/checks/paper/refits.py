@@ -14,16 +14,16 @@ import numpy as np
 import pandas as pd
 
 from pipeline.checks.calibrate import FittedNumber, Target, of_targets
-from pipeline.checks.leastsquares import fitted
+from pipeline.checks.leastsquares import fit_numbers
 from pipeline.checks.paper.assumptions import Assumption, with_elastic_plate
 from pipeline.checks.paper.table2 import LARGEST_ERROR, Misfit
 from pipeline.checks.response import (
     Condensed,
     SolvedCases,
-    condensed,
+    condense_disk,
     metrics_of,
     pins_in_contact,
-    solved,
+    solve_cases,
     with_numbers,
 )
 from pipeline.config import Study
@@ -35,8 +35,8 @@ ELASTIC_ERROR = 0.05
 BACKLASH, LOST_MOTION = "clearance_backlash_arcmin", "lost_motion_arcmin"
 ELASTIC_PART = "elastic_part_arcmin "
 """Start of the columns of the elastic part, before the case."""
-TABLE, BOTH = "Table 2", "Table 2 and its elastic part"
-UNSOLVED = 1e3
+TABLE, TABLE_AND_ELASTIC = "Table 2", "Table 2 and its elastic part"
+UNSOLVED_MISFIT = 1e3
 """Error over its limit that stands for a trial without an equilibrium (a nearly rigid bearing): far above any other."""
 AT_BOUND = 1e-3
 """Logarithmic distance from a bound up to which a number lies on it."""
@@ -44,9 +44,9 @@ AT_BOUND = 1e-3
 
 def elastic_part(targets: Sequence[Target], values: Real) -> dict[str, float]:
     """Lost motion less clearance backlash [arcmin] of every case, from the ``values`` (n_targets,) of the targets."""
-    published = {(target.case, target.metric): value for target, value in zip(targets, values, strict=True)}
+    published_values = {(target.case, target.metric): value for target, value in zip(targets, values, strict=True)}
     cases = dict.fromkeys(target.case for target in targets)
-    return {case: float(published[case, LOST_MOTION] - published[case, BACKLASH]) for case in cases}
+    return {case: float(published_values[case, LOST_MOTION] - published_values[case, BACKLASH]) for case in cases}
 
 
 @dataclass(frozen=True)
@@ -63,19 +63,29 @@ class Refit:
     @property
     def error(self) -> Real:
         """Relative errors (n_targets,) of Table 2; NaN for a published zero."""
-        published = np.array([target.value for target in self.targets])
-        return np.divide(self.values, published, out=np.full(len(published), np.nan), where=published != 0) - 1
+        published_values = np.array([target.value for target in self.targets])
+        return (
+            np.divide(
+                self.values, published_values, out=np.full(len(published_values), np.nan), where=published_values != 0
+            )
+            - 1
+        )
 
     @property
     def elastic_error(self) -> Real:
         """Relative errors (n_cases,) of the elastic part."""
-        published = elastic_part(self.targets, np.array([target.value for target in self.targets]))
-        return np.array(list(elastic_part(self.targets, self.values).values())) / np.array(list(published.values())) - 1
+        published_parts = elastic_part(self.targets, np.array([target.value for target in self.targets]))
+        return (
+            np.array(list(elastic_part(self.targets, self.values).values())) / np.array(list(published_parts.values()))
+            - 1
+        )
 
     @property
     def closes(self) -> bool:
         """Whether Table 2 is kept and the elastic part met in every case."""
-        return Misfit.of(self.error).largest <= LARGEST_ERROR and bool(np.max(abs(self.elastic_error)) <= ELASTIC_ERROR)
+        return Misfit.from_errors(self.error).largest_error <= LARGEST_ERROR and bool(
+            np.max(abs(self.elastic_error)) <= ELASTIC_ERROR
+        )
 
     @property
     def misfit(self) -> Real:
@@ -89,38 +99,41 @@ def refit(
 ) -> tuple[Refit, Refit]:
     """The fits to Table 2, and from there to Table 2 and its elastic part; ``disk`` is the declared one.
 
-    A trial without an equilibrium counts as a misfit of ``UNSOLVED`` in every number.
+    A trial without an equilibrium counts as a misfit of ``UNSOLVED_MISFIT`` in every number.
     """
-    body = condensed(change.study) if change.remesh else disk
+    body = condense_disk(change.study) if change.remesh else disk
     body = with_elastic_plate(change.study, body, change.plate) if change.plate else body
-    free = (*parameters, *change.freed)
-    keys = [parameter.key for parameter in free]
-    lower, upper = np.array([bounded.lower for bounded in free]), np.array([bounded.upper for bounded in free])
+    free_numbers = (*parameters, *change.freed_numbers)
+    keys = [parameter.key for parameter in free_numbers]
+    lower, upper = (
+        np.array([number.lower for number in free_numbers]),
+        np.array([number.upper for number in free_numbers]),
+    )
 
-    def tried(fitted_to: str, numbers: Real) -> Refit:
+    def refit_at(fitted_to: str, numbers: Real) -> Refit:
         study = with_numbers(change.study, dict(zip(keys, numbers.tolist(), strict=True)))
         study = change.tied(study) if change.tied else study
-        cases = solved(study, body, change.backlash_percent)
+        cases = solve_cases(study, body, change.backlash_percent)
         metrics = metrics_of(study, cases, change.backlash_percent)
-        return Refit(fitted_to, study, cases, free, tuple(targets), of_targets(study, metrics, targets))
+        return Refit(fitted_to, study, cases, free_numbers, tuple(targets), of_targets(study, metrics, targets))
 
-    def best(fitted_to: str, start: Real) -> tuple[Refit, Real]:
-        size = len(tried(fitted_to, start).misfit)
+    def best_refit(fitted_to: str, start: Real) -> tuple[Refit, Real]:
+        size = len(refit_at(fitted_to, start).misfit)
 
         def misfit(numbers: Real) -> Real:
             try:
-                return tried(fitted_to, numbers).misfit
+                return refit_at(fitted_to, numbers).misfit
             except ArithmeticError:
-                return np.full(size, UNSOLVED)
+                return np.full(size, UNSOLVED_MISFIT)
 
-        value = fitted(misfit, start, lower, upper, None).value
-        return tried(fitted_to, value), value
+        value = fit_numbers(misfit, start, lower, upper, None).value
+        return refit_at(fitted_to, value), value
 
-    table, value = best(TABLE, np.array([number_at(change.study.design, key) for key in keys]))
-    return table, best(BOTH, value)[0]
+    table, value = best_refit(TABLE, np.array([number_at(change.study.design, key) for key in keys]))
+    return table, best_refit(TABLE_AND_ELASTIC, value)[0]
 
 
-def refitted(
+def refit_table(
     changes: Iterable[Assumption], disk: Condensed, targets: Sequence[Target], parameters: Sequence[FittedNumber]
 ) -> pd.DataFrame:
     """Two rows per assumption: what is fitted to, errors, elastic part, pins in contact, and the fitted numbers."""
@@ -133,7 +146,7 @@ def refitted(
 
 
 def _row(fit: Refit) -> Mapping[str, Any]:
-    misfit = Misfit.of(fit.error)
+    misfit = Misfit.from_errors(fit.error)
     values = {parameter.key: number_at(fit.study.design, parameter.key) for parameter in fit.parameters}
     at_bound = [
         parameter.key
@@ -143,7 +156,7 @@ def _row(fit: Refit) -> Mapping[str, Any]:
     ]
     return {
         "fitted_to": fit.fitted_to,
-        "largest_error": misfit.largest,
+        "largest_error": misfit.largest_error,
         "rms_error": misfit.rms,
         "compatible": misfit.met,
         **{ELASTIC_PART + case: value for case, value in elastic_part(fit.targets, fit.values).items()},

@@ -21,7 +21,7 @@ from pipeline.sampling import draw
 RIGIDITY = "torsional_rigidity_Nm_per_arcmin"
 STUDY_CHOICES = ("metrics.rigidity_percent", "clearance.disk_reading", "clearance.roller_reading")
 """Settings of the study that were picked with Table 2 in sight, as its file says."""
-FITTED, SEEN = "fitted", "chosen in sight"
+FITTED_PART, CHOSEN_PART = "fitted", "chosen in sight"
 MODEL, GEOMETRY = "the model, fitted to the columns before", "geometry, and straight lines in D"
 IN_DISK, IN_ROLLER = "straight lines in D", "straight lines in R"
 """What predicts the last column from the two before it. ``GEOMETRY`` takes D's share of the backlash from the geometry,
@@ -48,7 +48,7 @@ class Shortfalls:
     bearing: pd.DataFrame
 
     @property
-    def largest(self) -> pd.Series:
+    def largest_errors(self) -> pd.Series:
         """Largest relative error of each predictor, by its name."""
         return self.predictions.groupby("predictor", sort=False)["relative_error"].agg(
             lambda errors: errors.abs().max()
@@ -60,18 +60,18 @@ def shortfalls(
     targets: Sequence[Target],
     parameters: Sequence[FittedNumber],
     table: pd.DataFrame,
-    predicted: pd.DataFrame,
+    predicted_table: pd.DataFrame,
     tables: Tables,
 ) -> Shortfalls:
     """From the run's Table 2, the prediction of its last column, and its tables.
 
     Parameters
     ----------
-    table, predicted : as of ``table2.table2`` and ``table2.prediction``, in the order of the targets.
+    table, predicted_table : as of ``table2.table2`` and ``table2.prediction``, in the order of the targets.
     """
     return Shortfalls(
         elastic_parts(targets, table["computed"].to_numpy(float)),
-        predictions(study, targets, predicted),
+        predictions(study, targets, predicted_table),
         choices(study, parameters),
         sum(target.value != 0 for target in targets),
         _bearing(tables),
@@ -80,18 +80,18 @@ def shortfalls(
 
 def elastic_parts(targets: Sequence[Target], values: Real) -> pd.DataFrame:
     """Published and computed elastic part of every case [arcmin]."""
-    published = elastic_part(targets, np.array([target.value for target in targets]))
-    rows = [(case, value, elastic_part(targets, values)[case]) for case, value in published.items()]
+    published_parts = elastic_part(targets, np.array([target.value for target in targets]))
+    rows = [(case, value, elastic_part(targets, values)[case]) for case, value in published_parts.items()]
     frame = pd.DataFrame(rows, columns=["case", "published", "computed"])
     return frame.assign(relative_error=frame["computed"] / frame["published"] - 1)
 
 
-def predictions(study: Study, targets: Sequence[Target], predicted: pd.DataFrame) -> pd.DataFrame:
+def predictions(study: Study, targets: Sequence[Target], predicted_table: pd.DataFrame) -> pd.DataFrame:
     """The last column of Table 2 by the model and by straight lines through the two columns before it."""
     columns: dict[str, dict[str, float]] = {}
     for target in targets:
         columns.setdefault(target.case, {})[target.metric] = target.value
-    fitted_columns, middle, published = columns.values()
+    fitted_columns, middle, published_column = columns.values()
     sizes = {target.case: (target.tolerance_disk_um, target.tolerance_roller_um) for target in targets}
     _, of_middle, of_last = sizes.values()
     disk, roller = (end / start for start, end in zip(of_middle, of_last, strict=True))
@@ -100,11 +100,11 @@ def predictions(study: Study, targets: Sequence[Target], predicted: pd.DataFrame
         IN_DISK: _line(fitted_columns, middle, disk),
         IN_ROLLER: _line(fitted_columns, middle, roller),
     }
-    values = {MODEL: dict(zip(predicted["metric"], predicted["computed"], strict=True)), **lines}
+    values = {MODEL: dict(zip(predicted_table["metric"], predicted_table["computed"], strict=True)), **lines}
     rows = [
-        {"predictor": name, "metric": metric, "published": published[metric], "value": value[metric]}
+        {"predictor": name, "metric": metric, "published": published_column[metric], "value": value[metric]}
         for name, value in values.items()
-        for metric in published
+        for metric in published_column
     ]
     frame = pd.DataFrame(rows)
     return frame.assign(relative_error=frame["value"] / frame["published"] - 1)
@@ -139,21 +139,21 @@ def disk_backlash(study: Study) -> Real:
 
 def choices(study: Study, parameters: Sequence[FittedNumber]) -> pd.DataFrame:
     """Every number of the design and setting of the study that Table 2 had a part in."""
-    fitted = [parameter.key for parameter in parameters]
+    fitted_keys = [parameter.key for parameter in parameters]
     in_sight = [
         key
         for key, origin in study.design.provenance.items()
-        if key not in fitted and (origin.status == "calibrated" or origin.in_sight_of)
+        if key not in fitted_keys and (origin.status == "calibrated" or origin.in_sight_of)
     ]
-    keys = [*fitted, *in_sight, *STUDY_CHOICES]
-    return pd.DataFrame({"key": keys, "part": [FITTED if key in fitted else SEEN for key in keys]})
+    keys = [*fitted_keys, *in_sight, *STUDY_CHOICES]
+    return pd.DataFrame({"key": keys, "part": [FITTED_PART if key in fitted_keys else CHOSEN_PART for key in keys]})
 
 
 def _bearing(tables: Tables) -> pd.DataFrame:
-    rated = tables.study.design.cycloid.rated_torque_Nm
+    rated_torque = tables.study.design.cycloid.rated_torque_Nm
     labels = [case.label for case in tables.study.cases]
     rows = [
         {"torque_Nm": torque, **dict(zip(labels, bearing_deflections(tables, torque), strict=True))}
-        for torque in (tables.lost_motion_torque, rated)
+        for torque in (tables.lost_motion_torque, rated_torque)
     ]
     return pd.DataFrame(rows)

@@ -49,7 +49,7 @@ def statements(tables: Tables, published_contacts: Path) -> list[FigureStatement
     ]
 
 
-def _listed(values: list[float], digits: int) -> str:
+def _value_list(values: list[float], digits: int) -> str:
     return ", ".join(f"{value:.{digits}f}" for value in values)
 
 
@@ -65,7 +65,7 @@ def _clearances(tables: Tables) -> Iterator[FigureStatement]:
     yield FigureStatement(
         "4",
         "a uniform tolerance does not give a uniform clearance at the contact points",
-        f"largest over smallest clearance of the pins: {_listed(ratios, 1)}",
+        f"largest over smallest clearance of the pins: {_value_list(ratios, 1)}",
         min(ratios) > NONUNIFORM,
     )
 
@@ -93,8 +93,8 @@ def _springs(tables: Tables) -> Iterator[FigureStatement]:
         )
 
 
-def _contacts(tables: Tables, published: Path) -> Iterator[FigureStatement]:
-    for row in pd.read_csv(published, dtype={"case": str}).itertuples():
+def _contacts(tables: Tables, published_folder: Path) -> Iterator[FigureStatement]:
+    for row in pd.read_csv(published_folder, dtype={"case": str}).itertuples():
         pins = tables.loaded_pins(row.case, row.torque_Nm)
         count = int(np.count_nonzero(pins["force_N"] > 0))
         yield FigureStatement(
@@ -124,28 +124,28 @@ def _forces(tables: Tables) -> Iterator[FigureStatement]:
     yield FigureStatement(
         "10",
         "the number of contacts changes with the tolerance of the disk",
-        f"{_listed(counts, 0)} pins by rising tolerance",
+        f"{_value_list(counts, 0)} pins by rising tolerance",
         _rises(counts[::-1]),
     )
     peaks = [float(force.max()) for force in loads]
     yield FigureStatement(
         "10",
         "the force distribution changes with the tolerance of the disk",
-        f"peak force {_listed(peaks, 2)} N by rising tolerance",
+        f"peak force {_value_list(peaks, 2)} N by rising tolerance",
         _rises(peaks),
     )
 
 
 def _rising(tables: Tables) -> Iterator[FigureStatement]:
-    rated = tables.study.design.cycloid.rated_torque_Nm
+    rated_torque = tables.study.design.cycloid.rated_torque_Nm
     for case in tables.with_tolerance:
-        loads = [tables.loaded_pins(case, share * rated)["force_N"].to_numpy() for share in SHARES]
+        loads = [tables.loaded_pins(case, share * rated_torque)["force_N"].to_numpy() for share in SHARES]
         for name, values, digits in (
             ("peak contact force (N)", [float(force.max()) for force in loads], 1),
             ("number of contacts", [float(np.count_nonzero(force > 0)) for force in loads], 0),
         ):
-            torques = ", ".join(f"{share * rated:g}" for share in SHARES)
-            text = f"{_listed(values, digits)} at {torques} N m"
+            torques = ", ".join(f"{share * rated_torque:g}" for share in SHARES)
+            text = f"{_value_list(values, digits)} at {torques} N m"
             yield FigureStatement("11", f"the {name} increases with the torque, with {case}", text, _rises(values))
 
 
@@ -178,14 +178,15 @@ def _bearing(tables: Tables) -> Iterator[FigureStatement]:
         yield FigureStatement(
             "12",
             f"the bearing deflects more as the tolerances increase, at {name}",
-            f"{_listed(values, 3)} µm by rising tolerance; across the eccentric {_listed(transverse, 3)} at most",
+            f"{_value_list(values, 3)} µm by rising tolerance; "
+            f"across the eccentric {_value_list(transverse, 3)} at most",
             _rises(values),
         )
     longitudinal = [float(curve["bearing_x_um"].iloc[-1]) for curve in curves]
     yield FigureStatement(
         "12",
         "the disk moves to the right as the torque increases, read as along the eccentric",
-        f"by {_listed(longitudinal, 3)} µm at the rated torque, by rising tolerance",
+        f"by {_value_list(longitudinal, 3)} µm at the rated torque, by rising tolerance",
         min(longitudinal) > 0,
     )
 
@@ -194,13 +195,13 @@ def _rollers(tables: Tables) -> Iterator[FigureStatement]:
     output = tables.contacts.loc[tables.contacts["kind"] == "output", ["contact", "station"]]
     shares = []
     for case in tables.study.cases:
-        rows = tables.loaded(case.label, tables.lost_motion_torque).merge(output, on="contact")
+        rows = tables.contacts_at(case.label, tables.lost_motion_torque).merge(output, on="contact")
         outermost = rows.loc[rows["station"] == 0, "force_N"].sum()
         shares.append(float(outermost / rows["force_N"].sum()))
     yield FigureStatement(
         "13",
         "as the clearance increases, the force concentrates on the outside rollers",
-        f"share of the outermost rollers {_listed(shares, 3)} by rising tolerance",
+        f"share of the outermost rollers {_value_list(shares, 3)} by rising tolerance",
         shares[0] < min(shares[1:]) and all(b >= a - ROUNDING for a, b in zip(shares, shares[1:], strict=False)),
     )
 
@@ -210,18 +211,18 @@ def _curves(tables: Tables) -> Iterator[FigureStatement]:
     values = {name: [measure(tables, case.label) for case in tables.study.cases] for name, measure in metrics.items()}
     for name, angles in values.items():
         text = f"the {name} increases with the tolerance"
-        yield FigureStatement("14", text, f"{_listed(angles, 3)} arcmin", _rises(angles))
+        yield FigureStatement("14", text, f"{_value_list(angles, 3)} arcmin", _rises(angles))
     yield FigureStatement(
         "14",
         "the lost motion is larger than the backlash, because the connecting elements yield",
-        f"by {_listed([b - a for a, b in zip(*values.values(), strict=True)], 3)} arcmin",
+        f"by {_value_list([b - a for a, b in zip(*values.values(), strict=True)], 3)} arcmin",
         all(b > a for a, b in zip(*values.values(), strict=True)),
     )
     top = [_slope(tables.loading(case.label)) for case in tables.study.cases]
     yield FigureStatement(
         "14",
         "the torsional stiffness decreases as the tolerance increases",
-        f"slope of the curve at the rated torque {_listed(top, 3)} N m/arcmin",
+        f"slope of the curve at the rated torque {_value_list(top, 3)} N m/arcmin",
         _rises(top[::-1]),
     )
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.checks.calibrate import Calibration, FittedNumber, Target, calibrated, computed
+from pipeline.checks.calibrate import Calibration, FittedNumber, Target, calibrate, computed_targets
 from pipeline.checks.response import Condensed
 from pipeline.config import Study
 from pipeline.engine.table import Columns
@@ -22,11 +22,11 @@ NONE = 1e-6
 class Misfit:
     """Relative errors of the numbers of Table 2 that are not zero."""
 
-    largest: float
+    largest_error: float
     rms: float
 
     @classmethod
-    def of(cls, errors: np.ndarray) -> "Misfit":
+    def from_errors(cls, errors: np.ndarray) -> "Misfit":
         """Of errors (n,); NaN stands for a published zero and is left out."""
         nonzero = errors[np.isfinite(errors)]
         return cls(float(np.max(np.abs(nonzero))), float(np.sqrt(np.mean(nonzero**2))))
@@ -34,7 +34,7 @@ class Misfit:
     @property
     def met(self) -> bool:
         """Whether the limits are kept."""
-        return self.largest <= LARGEST_ERROR and self.rms <= RMS_ERROR
+        return self.largest_error <= LARGEST_ERROR and self.rms <= RMS_ERROR
 
 
 def case_of_sample(study: Study) -> dict[str, int]:
@@ -48,7 +48,7 @@ def table2(study: Study, metrics: Columns, targets: Sequence[Target]) -> pd.Data
     frame = frame[frame["crank_deg"] == study.cycle.crank_deg[0]].set_index("sample")
     samples = case_of_sample(study)
     values = [float(frame.loc[samples[target.case], target.metric]) for target in targets]
-    return _rows(targets, values, predicted=False)
+    return _rows(targets, values, are_predicted=False)
 
 
 def prediction(
@@ -58,11 +58,11 @@ def prediction(
     held_out = targets[-1].case
     training = [target for target in targets if target.case != held_out]
     predicted_targets = [target for target in targets if target.case == held_out]
-    fit = calibrated(study, training, parameters, None, disk)
-    return _rows(predicted_targets, list(computed(fit.study, disk, predicted_targets)), predicted=True)
+    fit = calibrate(study, training, parameters, None, disk)
+    return _rows(predicted_targets, list(computed_targets(fit.study, disk, predicted_targets)), are_predicted=True)
 
 
-def _rows(targets: Sequence[Target], values: Sequence[float], predicted: bool) -> pd.DataFrame:
+def _rows(targets: Sequence[Target], values: Sequence[float], are_predicted: bool) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "tolerance_disk_um": [target.tolerance_disk_um for target in targets],
@@ -74,16 +74,16 @@ def _rows(targets: Sequence[Target], values: Sequence[float], predicted: bool) -
                 value / target.value - 1 if target.value else np.nan
                 for target, value in zip(targets, values, strict=True)
             ],
-            "predicted": predicted,
+            "predicted": are_predicted,
         }
     )
 
 
-def contacts(study: Study, curves: Columns, published: Path) -> pd.DataFrame:
+def contacts(study: Study, curves: Columns, published_folder: Path) -> pd.DataFrame:
     """Pins in contact, published and from ``hysteresis/curves`` on the branch loading+."""
     steps, samples = pd.DataFrame(curves), case_of_sample(study)
     loading = steps[(steps["branch"] == "loading+") & (steps["crank_deg"] == study.cycle.crank_deg[0])]
-    table = pd.read_csv(published, dtype={"case": str})
+    table = pd.read_csv(published_folder, dtype={"case": str})
     counts = []
     for row in table.itertuples():
         of_case = loading[loading["sample"] == samples[row.case]]

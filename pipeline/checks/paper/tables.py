@@ -71,7 +71,7 @@ class Tables:
         rows = self.of_case(self.curves, case)
         return rows[rows["branch"] == LOADING]
 
-    def loaded(self, case: str, torque: float) -> pd.DataFrame:
+    def contacts_at(self, case: str, torque: float) -> pd.DataFrame:
         """Contacts of one case at the torque [N m] of its first loading that is nearest."""
         curve = self.loading(case)
         step = int(curve["step"].iloc[int(np.argmin(np.abs(curve["torque_Nm"].to_numpy() - torque)))])
@@ -79,8 +79,8 @@ class Tables:
         return rows[rows["step"] == step]
 
     def loaded_pins(self, case: str, torque: float) -> pd.DataFrame:
-        """As `loaded`, the pins alone."""
-        rows = self.loaded(case, torque)
+        """As `contacts_at`, the pins alone."""
+        rows = self.contacts_at(case, torque)
         return rows[np.isin(rows["contact"], self.pins)]
 
     def clearances(self, case: str) -> pd.DataFrame:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize, root
 
-from pipeline.checks.specimen import SHARES, Specimen, loaded
-from pipeline.checks.verify.findings import Finding, at_least, compared, relative, vanishing
+from pipeline.checks.specimen import SHARES, Specimen, loaded_equilibria
+from pipeline.checks.verify.findings import Finding, at_least, largest_difference, relative, vanishing
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria, solve
 from pipeline.model.geometry.cycloid_profile import Complex, Real
@@ -24,7 +24,7 @@ SPAN = 30.0
 """Radius [mm] at which rotations count as lengths in the energy."""
 
 
-def _unbalanced(specimen: Specimen, states: Equilibria, torque: Real) -> tuple[Real, Real]:
+def _imbalance(specimen: Specimen, states: Equilibria, torque: Real) -> tuple[Real, Real]:
     """Force (n_torques,) and moments (n_torques, 3 bodies) left over, as shares of the sums of their terms."""
     contacts, force = specimen.reducer.contacts, states.force[0]
     forces, moments = [], []
@@ -34,9 +34,9 @@ def _unbalanced(specimen: Specimen, states: Equilibria, torque: Real) -> tuple[R
         total, scale = terms.sum(axis=1), np.abs(terms).sum(axis=1)
         moments.append((total + torque if body == "output" else total) / scale)
         if body == "disk":
-            pushed = force * sign
+            push = force * sign
             bearing_force = specimen.bearing.stiffness * (states.motion[0, :, 0] + 1j * states.motion[0, :, 1])
-            forces = np.abs(pushed @ contacts.normal - bearing_force) / np.abs(pushed).sum(axis=1)
+            forces = np.abs(push @ contacts.normal - bearing_force) / np.abs(push).sum(axis=1)
     return np.asarray(forces), np.stack(moments, axis=-1)
 
 
@@ -48,7 +48,7 @@ def _misfit(specimen: Specimen, states: Equilibria) -> Real:
     return np.where(force > 0, np.abs(approach - deflection), np.maximum(approach - deflection, 0.0)) / deflection.max()
 
 
-def mirrored(reducer: Reducer) -> np.ndarray:
+def mirror_permutation(reducer: Reducer) -> np.ndarray:
     """Permutation (n_contacts,) of the contacts by the mirror about the crank's axis, at crank 0.
 
     Raises
@@ -88,7 +88,7 @@ class PotentialEnergy:
     load: Real
 
     @classmethod
-    def of(cls, specimen: Specimen, torque: float) -> "PotentialEnergy":
+    def from_specimen(cls, specimen: Specimen, torque: float) -> "PotentialEnergy":
         """The energy of the sample at an output torque [N mm]."""
         reducer, rows = specimen.reducer, specimen.disk_rows
         scale = np.array([1 / SPAN if name.endswith("_phi") else 1.0 for name in reducer.motions])
@@ -127,7 +127,7 @@ class PotentialEnergy:
         slope[in_contact] = 1 / self.laws[in_contact].compliance(force[in_contact]) / UM_PER_MM
         return self.stiffness + self.approach.T @ (slope[:, None] * self.approach)
 
-    def least(self) -> Real:
+    def least_energy_state(self) -> Real:
         """State of least energy, from a state with every contact that resists the torque closed.
 
         Energies tell states apart to the root of the rounding only, so the zero of the gradient is found last.
@@ -150,12 +150,14 @@ def _against_scipy(specimen: Specimen, states: Equilibria, torque: Real) -> Iter
     reducer = specimen.reducer
     angle, forces = [], []
     for load in torque:
-        energy = PotentialEnergy.of(specimen, load)
-        state = energy.least()
+        energy = PotentialEnergy.from_specimen(specimen, load)
+        state = energy.least_energy_state()
         forces.append(energy.force(state))
         angle.append(state[len(specimen.disk_rows) + reducer.output_motion] / (SPAN * UM_PER_MM))
-    largest = np.max(forces, axis=1, keepdims=True)
-    yield compared("contact forces against scipy.optimize, over the largest", forces, states.force[0], LIMIT, largest)
+    largest_force = np.max(forces, axis=1, keepdims=True)
+    yield largest_difference(
+        "contact forces against scipy.optimize, over the largest", forces, states.force[0], LIMIT, largest_force
+    )
     yield relative(
         "output angle against scipy.optimize [rad]", angle, states.motion[0, :, reducer.output_motion], LIMIT
     )
@@ -163,18 +165,18 @@ def _against_scipy(specimen: Specimen, states: Equilibria, torque: Real) -> Iter
 
 def _mirror(specimen: Specimen, torque: Real) -> Iterator[Finding]:
     """The mirrored sample under the opposite torque, on the mean of the compliance and its mirror image."""
-    partner = mirrored(specimen.reducer)
+    partner = mirror_permutation(specimen.reducer)
     compliance = 0.5 * (specimen.compliance + specimen.compliance[np.ix_(partner, partner)])
-    yield compared(
+    yield largest_difference(
         "compliance against its mirror image (the mesh has none), over the largest",
         specimen.compliance,
         specimen.compliance[np.ix_(partner, partner)],
         5e-3,
         specimen.compliance.max(),
     )
-    forward = loaded(specimen, torque, compliance).force[0]
-    backward = loaded(specimen, -torque, compliance, specimen.gap[partner]).force[0]
-    yield compared(
+    forward = loaded_equilibria(specimen, torque, compliance).force[0]
+    backward = loaded_equilibria(specimen, -torque, compliance, specimen.gap[partner]).force[0]
+    yield largest_difference(
         "forces of the mirrored sample, over the largest", forward, backward[:, partner], LIMIT, forward.max()
     )
 
@@ -194,7 +196,7 @@ def _uniqueness(specimen: Specimen, states: Equilibria, torque: Real) -> Iterato
             forces.append(np.where(solution.converged, 1.0, np.nan)[..., None] * solution.force)
         every = np.concatenate(forces, axis=1)
         reference = every[:1] if known_states is None else known_states.force
-        yield compared(
+        yield largest_difference(
             f"forces from {STARTS} random starts, {name}, over the largest", reference, every, LIMIT, every.max()
         )
 
@@ -202,8 +204,8 @@ def _uniqueness(specimen: Specimen, states: Equilibria, torque: Real) -> Iterato
 def check_equilibrium(specimen: Specimen) -> Iterator[Finding]:
     """Equilibrium: balance, uniqueness, mirror symmetry, least energy."""
     torque = SHARES * specimen.rated_torque
-    states = loaded(specimen, torque)
-    force, moments = _unbalanced(specimen, states, torque)
+    states = loaded_equilibria(specimen, torque)
+    force, moments = _imbalance(specimen, states, torque)
     yield vanishing("force left over on the disk, over the sum of its terms", force, LIMIT)
     yield vanishing("moment left over on each body, over the sum of its terms", moments, LIMIT)
     yield vanishing("misfit of penetration and deflection, over the largest", _misfit(specimen, states), LIMIT)

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.checks.specimen import Specimen
-from pipeline.checks.verify.findings import Finding, compared, relative
+from pipeline.checks.verify.findings import Finding, largest_difference, relative
 from pipeline.checks.verify.geometry import flank_distance
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real, disk_rotation
@@ -16,7 +16,7 @@ from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 
 CRANKS = 16
 """Crank angles of a turn at which distances are compared."""
-ALONG, MOVED, TURNED = 8e-3, -3e-3, 2e-4
+ALONG, SHIFT, ROTATION = 8e-3, -3e-3, 2e-4
 """Equidistant and moved distance [mm] and rotation [rad]: each about 5 um on the paper's flank."""
 AWAY_FROM_ROOTS = np.radians(40.0)
 
@@ -28,7 +28,7 @@ class TurnedFlank(CycloidProfile):
         k, phase = self.shortening, self.lobes * np.asarray(psi)
         s = np.sqrt(1 + k * k - 2 * k * np.cos(phase))
         arm = self.eccentricity * self.lobes * np.abs(np.sin(phase)) / s
-        return self.locus(psi) + (self.pin_radius + TURNED * arm) * self.normal(psi)
+        return self.locus(psi) + (self.pin_radius + ROTATION * arm) * self.normal(psi)
 
 
 def _gaps(specimen: Specimen, modification: FlankModification, crank: float) -> tuple[Real, Real, Real, Real]:
@@ -42,7 +42,7 @@ def _gaps(specimen: Specimen, modification: FlankModification, crank: float) -> 
     return reducer.pins.phase, reducer.pins.arm, exact, first_order
 
 
-def _searched(flank: CycloidProfile, profile: CycloidProfile, crank_deg: float) -> Real:
+def _golden_section_gap(flank: CycloidProfile, profile: CycloidProfile, crank_deg: float) -> Real:
     """Gap of nominal pins by a golden-section search on another flank."""
     crank, theta = np.radians(crank_deg), profile.pin_angle()
     centre = profile.pin_circle_radius * np.exp(1j * theta) - profile.eccentricity * np.exp(1j * crank)
@@ -50,31 +50,33 @@ def _searched(flank: CycloidProfile, profile: CycloidProfile, crank_deg: float) 
     return flank_distance(flank, centre * np.exp(-1j * turn), theta - turn) - profile.pin_radius
 
 
-def _published(profile: CycloidProfile, phase: Real, dr: float, circle: float) -> Real:
+def _published_gap(profile: CycloidProfile, phase: Real, dr: float, circle: float) -> Real:
     """Gap after turning to the first contact.
 
     Source: Li, Guan and others, initial clearance of modified cycloid gears.
     """
     k, phi = profile.shortening, np.abs(phase)
-    s, largest = np.sqrt(1 + k * k - 2 * k * np.cos(phi)), np.sqrt(1 - k * k)
-    return dr * (1 - np.sin(phi) / s) - circle * (1 - k * np.cos(phi) - largest * np.sin(phi)) / s
+    s, largest_sine = np.sqrt(1 + k * k - 2 * k * np.cos(phi)), np.sqrt(1 - k * k)
+    return dr * (1 - np.sin(phi) / s) - circle * (1 - k * np.cos(phi) - largest_sine * np.sin(phi)) / s
 
 
 def check_flank(specimen: Specimen) -> Iterator[Finding]:
     """Flank as drawn: equidistant, moved distance and rotation."""
     profile = specimen.profile
     cranks = np.degrees(2 * np.pi * (np.arange(CRANKS) + 0.37) / CRANKS)
-    numbers = (profile.pins, profile.pin_circle_radius + MOVED, profile.pin_radius + ALONG, profile.eccentricity)
+    numbers = (profile.pins, profile.pin_circle_radius + SHIFT, profile.pin_radius + ALONG, profile.eccentricity)
     for name, modification, flank in (
-        ("equidistant and moved distance", FlankModification(ALONG, MOVED), CycloidProfile(*numbers)),
-        ("rotation", FlankModification(rotation=TURNED), TurnedFlank(*profile.numbers)),
+        ("equidistant and moved distance", FlankModification(ALONG, SHIFT), CycloidProfile(*numbers)),
+        ("rotation", FlankModification(rotation=ROTATION), TurnedFlank(*profile.numbers)),
     ):
-        modelled = [_gaps(specimen, modification, crank)[2] for crank in cranks]
-        searched = [_searched(flank, profile, crank) for crank in cranks]
-        yield compared(f"gaps of the drawn flank against a search, {name} [mm]", searched, modelled, 1e-9)
+        model_gaps = [_gaps(specimen, modification, crank)[2] for crank in cranks]
+        searched_gaps = [_golden_section_gap(flank, profile, crank) for crank in cranks]
+        yield largest_difference(
+            f"gaps of the drawn flank against a search, {name} [mm]", searched_gaps, model_gaps, 1e-9
+        )
     second_orders = []
     for size in (1.0, 0.1):
-        every = FlankModification(size * ALONG, size * MOVED, size * TURNED)
+        every = FlankModification(size * ALONG, size * SHIFT, size * ROTATION)
         phase, _, exact, first_order = map(
             np.concatenate, zip(*(_gaps(specimen, every, c) for c in cranks), strict=True)
         )
@@ -92,17 +94,17 @@ def _taken_up(specimen: Specimen) -> Iterator[Finding]:
     profile = specimen.profile
     turning = []
     for crank in np.degrees(2 * np.pi / profile.pins * np.arange(CRANKS * 8) / (CRANKS * 8)):
-        phase, arm, _, first_order = _gaps(specimen, FlankModification(ALONG, MOVED), crank)
+        phase, arm, _, first_order = _gaps(specimen, FlankModification(ALONG, SHIFT), crank)
         turning.append(np.stack([phase, arm, first_order])[:, arm < 0])
     phase, arm, gap = np.concatenate(turning, axis=1)
     taken_up = gap + arm * np.min(gap / -arm)
-    published = _published(profile, phase, ALONG, MOVED)
-    yield compared(
-        "gaps after turning to the first contact against Li and Guan [mm]", published, taken_up, 2e-3 * ALONG
+    published_gap = _published_gap(profile, phase, ALONG, SHIFT)
+    yield largest_difference(
+        "gaps after turning to the first contact against Li and Guan [mm]", published_gap, taken_up, 2e-3 * ALONG
     )
     reducer = assembly.reducer(specimen.study.design, float(np.degrees(0.3)))
     gap = np.zeros((1, len(reducer.contacts)))
-    gap[0, : reducer.n_pins] = _gaps(specimen, FlankModification(rotation=TURNED), float(np.degrees(0.3)))[3]
+    gap[0, : reducer.n_pins] = _gaps(specimen, FlankModification(rotation=ROTATION), float(np.degrees(0.3)))[3]
     yield relative(
-        "play of a rotation is twice its angle [rad]", 2 * TURNED, separated_play(reducer, gap).backlash[0], 1e-5
+        "play of a rotation is twice its angle [rad]", 2 * ROTATION, separated_play(reducer, gap).backlash[0], 1e-5
     )

@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.checks.specimen import Specimen
-from pipeline.checks.verify.findings import Finding, compared, vanishing
+from pipeline.checks.verify.findings import Finding, largest_difference, vanishing
 from pipeline.model.geometry.clearance import Errors, exact_gaps
 from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real, disk_rotation, pin_contacts
 
@@ -33,8 +33,8 @@ def flank_distance(profile: CycloidProfile, centre: Complex, start: Real) -> Rea
     spacing = 3 * profile.lobe_pitch / (SCAN - 1)
     offsets = spacing * (np.arange(SCAN) - SCAN // 2)
     scan = np.abs(profile.flank(start[:, None] + offsets) - centre[:, None])
-    nearest = start + offsets[np.argmin(scan, axis=1)]
-    low, high = nearest - spacing, nearest + spacing
+    nearest_phase = start + offsets[np.argmin(scan, axis=1)]
+    low, high = nearest_phase - spacing, nearest_phase + spacing
     for _ in range(NARROWINGS):
         lower, upper = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
         falls = away(lower) > away(upper)
@@ -74,15 +74,15 @@ def _envelope(specimen: Specimen) -> tuple[Real, Real]:
     """Distance of every nominal pin from the nominal flank [mm] at every crank angle: by search, and by the model."""
     profile, design = specimen.profile, specimen.study.design
     no_errors = Errors.zero(profile.pins, profile.lobes, design.output.contacts)
-    searched, modelled = [], []
+    searched_points, model_points = [], []
     for crank in np.degrees(2 * np.pi * np.arange(CRANKS) / CRANKS):
         reducer = assembly.reducer(design, crank)
         centre = (reducer.pins.centre - profile.eccentricity * np.exp(1j * reducer.crank)) * np.exp(
             -1j * disk_rotation(profile, reducer.crank)
         )
-        searched.append(flank_distance(profile, centre, reducer.pins.flank_parameter) - profile.pin_radius)
-        modelled.append(exact_gaps(profile, reducer, no_errors, "radial")[0])
-    return np.array(searched), np.array(modelled)
+        searched_points.append(flank_distance(profile, centre, reducer.pins.flank_parameter) - profile.pin_radius)
+        model_points.append(exact_gaps(profile, reducer, no_errors, "radial")[0])
+    return np.array(searched_points), np.array(model_points)
 
 
 def _arms(profile: CycloidProfile) -> tuple[Real, Real]:
@@ -101,9 +101,9 @@ def _arms(profile: CycloidProfile) -> tuple[Real, Real]:
 def check_profile(specimen: Specimen) -> Iterator[Finding]:
     """Profile, normals, curvature, arms."""
     profile = specimen.profile
-    searched, modelled = _envelope(specimen)
-    yield vanishing("distance of nominal pins from the flank, 64 crank angles [mm]", searched, 1e-9)
-    yield vanishing("gaps of the nominal reducer, 64 crank angles [mm]", modelled, 1e-9)
+    searched_points, model_points = _envelope(specimen)
+    yield vanishing("distance of nominal pins from the flank, 64 crank angles [mm]", searched_points, 1e-9)
+    yield vanishing("gaps of the nominal reducer, 64 crank angles [mm]", model_points, 1e-9)
     psi = 2 * np.pi * ((np.arange(4000) + 0.3) / 4000 - 0.5)
     slope = difference(profile.flank, psi)
     yield vanishing(
@@ -112,7 +112,7 @@ def check_profile(specimen: Specimen) -> Iterator[Finding]:
         1e-8,
     )
     turning = np.imag(difference(profile.normal, psi) / profile.normal(psi)) / np.abs(slope)
-    yield compared(
+    yield largest_difference(
         "curvature against the differentiated normal, times the pin radius [-]",
         turning * profile.pin_radius,
         profile.flank_curvature(profile.phase(psi)) * profile.pin_radius,
@@ -127,8 +127,10 @@ def check_profile(specimen: Specimen) -> Iterator[Finding]:
         "flank against Blanche and Yang [mm]", np.abs(profile.flank(psi) - blanche_yang_flank(profile, psi)), 1e-12
     )
     arms, closed_forms = _arms(profile)
-    yield compared("arm against e (N-1) sin(beta)/S [mm]", closed_forms, arms, 1e-12)
+    yield largest_difference("arm against e (N-1) sin(beta)/S [mm]", closed_forms, arms, 1e-12)
     beta = np.linspace(0, np.pi, 200_001)
     k = profile.shortening
     arm_at_all = profile.eccentricity * profile.lobes * np.sin(beta) / np.sqrt(1 + k * k - 2 * k * np.cos(beta))
-    yield compared("largest arm against e (N-1) [mm]", profile.eccentricity * profile.lobes, arm_at_all.max(), 1e-8)
+    yield largest_difference(
+        "largest arm against e (N-1) [mm]", profile.eccentricity * profile.lobes, arm_at_all.max(), 1e-8
+    )

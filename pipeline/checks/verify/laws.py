@@ -40,16 +40,16 @@ def _difference(function, force: Real) -> Real:
 def _energy_slope(laws: ContactLaws, force: Real) -> Real:
     """dE/d(deflection) [N], both followed along the force; E is the force's work, F delta less its complement."""
 
-    def stored(force: Real) -> Real:
+    def complementary_energy(force: Real) -> Real:
         return force * laws.deflection(force) - laws.energy(force)
 
-    return _difference(stored, force) / _difference(laws.deflection, force)
+    return _difference(complementary_energy, force) / _difference(laws.deflection, force)
 
 
 def _grid(laws: ContactLaws) -> Real:
     """Forces (points, n) [N] on both sides of the limit, none within a stencil of it."""
-    largest = np.where(np.isfinite(laws.force_limit), laws.force_limit, 1e4)
-    return np.concatenate([np.geomspace(1e-4, 0.9, 40), np.geomspace(1.15, 20.0, 15)])[:, None] * largest
+    largest_force = np.where(np.isfinite(laws.force_limit), laws.force_limit, 1e4)
+    return np.concatenate([np.geomspace(1e-4, 0.9, 40), np.geomspace(1.15, 20.0, 15)])[:, None] * largest_force
 
 
 def _hertz(lengths: float, patch: float = 0.08) -> ContactLaws:
@@ -103,19 +103,19 @@ def _continuity(name: str, laws: ContactLaws) -> Iterator[Finding]:
         LIMIT,
     )
     yield vanishing(f"{name}: force in the dead zone [N]", laws.force(np.array([[-1.0], [-1e-9], [0.0]])), 0.0)
-    limited = np.flatnonzero(np.isfinite(laws.force_limit))
-    bounded, limit = laws[limited], laws.force_limit[limited]
+    limited_rows = np.flatnonzero(np.isfinite(laws.force_limit))
+    bounded_laws, limit = laws[limited_rows], laws.force_limit[limited_rows]
     below_limit, above_limit = limit * (1 - 1e-13), limit * (1 + 1e-13)
     yield relative(
         f"{name}: deflection across the law's limit [mm]",
-        bounded.deflection(below_limit),
-        bounded.deflection(above_limit),
+        bounded_laws.deflection(below_limit),
+        bounded_laws.deflection(above_limit),
         LIMIT,
     )
     yield relative(
         f"{name}: slope across the law's limit [mm/N]",
-        bounded.compliance(below_limit),
-        bounded.compliance(above_limit),
+        bounded_laws.compliance(below_limit),
+        bounded_laws.compliance(above_limit),
         LIMIT,
     )
 
@@ -123,8 +123,8 @@ def _continuity(name: str, laws: ContactLaws) -> Iterator[Finding]:
 def check_contact_laws(specimen: Specimen) -> Iterator[Finding]:
     """Contact laws: force = dE/d(penetration), continuity, growth, exponents."""
     rigid = palmgren_laws(LINE, 2, 0.0)
-    meshed = palmgren_laws(LINE, 1, 2e-6)
-    for name, laws in (("Hertz", specimen.laws), ("Palmgren", concatenated([rigid, meshed]))):
+    mesh_laws = palmgren_laws(LINE, 1, 2e-6)
+    for name, laws in (("Hertz", specimen.laws), ("Palmgren", concatenated([rigid, mesh_laws]))):
         force = _grid(laws)
         yield relative(f"{name}: force as derivative of the energy [N]", _energy_slope(laws, force), force, LIMIT)
         yield relative(f"{name}: force from the deflection [N]", force, laws.force(laws.deflection(force)), LIMIT)

@@ -38,7 +38,7 @@ def check_linear_share(specimen: Specimen) -> Iterator[Finding]:
     linear = specimen.study.springs.model_copy(update={"law": "linear", "stiffness_N_per_mm": STIFFNESS})
     rigid = specimen.study.reduce.model_copy(update={"disk": "rigid"})
     study = specimen.study.model_copy(update={"springs": linear, "reduce": rigid})
-    computed, expected, moment, shifted = [], [], [], []
+    pin_forces, textbook, moment, displacement = [], [], [], []
     for crank in CRANKS_DEG:
         reducer = assembly.reducer(study.design, crank)
         n = len(reducer.contacts)
@@ -46,18 +46,18 @@ def check_linear_share(specimen: Specimen) -> Iterator[Finding]:
         laws = assembly.contact_laws(study, reducer)
         elastic = ElasticReducer(reducer, Bearing(BEARING, 1.0), laws, np.zeros((n, n)))
         states = solve(elastic, no_gaps, np.zeros(1), start, np.array([torque]))
-        computed.append(states.force[0, 0, : reducer.n_pins])
-        expected.append(textbook_forces(specimen, reducer, torque))
-        moment.append(abs(computed[-1] @ reducer.pins.arm))
-        shifted.append(states.motion[0, 0, :2] * STIFFNESS / np.max(computed[-1]))
+        pin_forces.append(states.force[0, 0, : reducer.n_pins])
+        textbook.append(textbook_forces(specimen, reducer, torque))
+        moment.append(abs(pin_forces[-1] @ reducer.pins.arm))
+        displacement.append(states.motion[0, 0, :2] * STIFFNESS / np.max(pin_forces[-1]))
     limit = 4 * torque / (specimen.profile.eccentricity * specimen.profile.lobes * specimen.profile.pins)
-    largest = np.max(expected)
+    largest_force = np.max(textbook)
     yield relative(
         "pin forces of equal linear springs, with the largest added",
-        largest + np.array(expected),
-        largest + np.array(computed),
+        largest_force + np.array(textbook),
+        largest_force + np.array(pin_forces),
         1e-9,
     )
-    yield relative("largest of these springs against 4 T/(e Z N)", limit, np.max(computed), 0.05)
+    yield relative("largest of these springs against 4 T/(e Z N)", limit, np.max(pin_forces), 0.05)
     yield relative("moment of these forces about the disk's centre against the torque [N mm]", torque, moment, 1e-9)
-    yield vanishing("shift of the disk over the deflection of a spring", shifted, 1e-9)
+    yield vanishing("shift of the disk over the deflection of a spring", displacement, 1e-9)

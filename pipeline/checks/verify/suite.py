@@ -70,7 +70,7 @@ class CheckRow:
         finding = self.finding
         numbers = (
             finding.reference,
-            finding.computed,
+            finding.computed_value,
             finding.error,
             np.nan if finding.limit is None else finding.limit,
         )
@@ -116,10 +116,10 @@ def line(row: CheckRow) -> str:
     """A row for the terminal: verdict, check, quantity, computed number, error and limit."""
     finding = row.finding
     verdict = {True: "ok", False: "FAILED", None: "skipped"}[finding.ok]
-    if finding.skipped:
+    if finding.is_skipped:
         return f"{verdict:8}{row.check:26}{finding.quantity}"
     outcome = "" if finding.limit is None else f"error {finding.error:.1e}  limit {finding.limit:.1e}"
-    return f"{verdict:8}{row.check:26}{finding.quantity:92}{finding.computed:12.5g}  {outcome}"
+    return f"{verdict:8}{row.check:26}{finding.quantity:92}{finding.computed_value:12.5g}  {outcome}"
 
 
 def write_results(rows: list[CheckRow], path: Path) -> None:
@@ -152,6 +152,6 @@ def _page_line(finding: Finding) -> str:
         return "" if number is None or np.isnan(number) else format(number, form)
 
     verdict = "" if finding.limit is None else "yes" if finding.ok else "**no**"
-    numbers = (text(finding.reference, ".6g"), text(finding.computed, ".6g"), text(finding.error, ".1e"))
-    outcome = "skipped" if finding.skipped else verdict
+    numbers = (text(finding.reference, ".6g"), text(finding.computed_value, ".6g"), text(finding.error, ".1e"))
+    outcome = "skipped" if finding.is_skipped else verdict
     return f"| {' | '.join((finding.quantity, *numbers, text(finding.limit, '.1e'), outcome))} |"

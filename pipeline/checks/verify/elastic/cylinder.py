@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.checks.specimen import Specimen
-from pipeline.checks.verify.findings import Finding, relative, stated
+from pipeline.checks.verify.findings import Finding, relative, reported_number
 from pipeline.model.contact.laws import LineContact, Material, meshed_share
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import lobed_disk_mesh
@@ -48,15 +48,15 @@ def check_cylinder_between_flats(specimen: Specimen) -> Iterator[Finding]:
     for width in WIDTHS:
         linear, logarithmic = meshed_share(contact, STEEL, width * RADIUS)
         local = LOADS * (linear - logarithmic * np.log(LOADS))
-        meshed = [_mesh_compliance(width, edges) for edges in EDGES]
-        computed = np.array([LOADS * value + 2 * local for value, _ in meshed])
+        mesh_values = [_mesh_compliance(width, edges) for edges in EDGES]
+        computed_values = np.array([LOADS * value + 2 * local for value, _ in mesh_values])
         yield relative(
             f"compression, w/R = {width:g}, 3 loads, 3 meshes [mm]",
-            np.broadcast_to(johnson_compression(LOADS), computed.shape),
-            computed,
+            np.broadcast_to(johnson_compression(LOADS), computed_values.shape),
+            computed_values,
             2e-3,
         )
-        coarse, fine = np.abs(np.diff([value for value, _ in meshed]))
-        yield stated(
+        coarse, fine = np.abs(np.diff([value for value, _ in mesh_values]))
+        yield reported_number(
             f"observed order of the compression, w/R = {width:g}, edges under w 2, 4, 8", np.log2(coarse / fine)
         )

@@ -12,8 +12,8 @@ from pipeline import elastic
 from pipeline.checks.calculix import INSTALL, PROGRAM, calculix_program
 from pipeline.checks.calculix.pressed_disk import Press, PressedDisk
 from pipeline.checks.calculix.quadtree_mesh import Curve, curved_mesh
-from pipeline.checks.specimen import Specimen, loaded
-from pipeline.checks.verify.findings import Finding, compared, relative, skipped, stated
+from pipeline.checks.specimen import Specimen, loaded_equilibria
+from pipeline.checks.verify.findings import Finding, largest_difference, relative, reported_number, skipped_check
 from pipeline.checks.verify.geometry import li_guan_flank
 from pipeline.config import load_study
 from pipeline.model.geometry.contacts import PIN
@@ -36,7 +36,7 @@ LIMITS = {"own": 0.02, "elsewhere": 2e-3, "work": 5e-3}
 of a disk without holes has it; deflections elsewhere over the largest of them; the work of the forces, relative."""
 REFINED_LIMITS = {"own": 0.01, "elsewhere": 1e-3, "work": 1e-3}
 """Of the model's mesh refined once."""
-FAR = 17
+FAR_PINS = 17
 """Pins from the most loaded one to the second that is pressed; the second hole lies opposite."""
 
 
@@ -47,30 +47,30 @@ class Pressing:
     Attributes
     ----------
     forces : (n_loads, n_patches) [N], the last ones those of the equilibrium.
-    pressed : patch of each unit load (n_loads - 1,).
+    loaded_patches : patch of each unit load (n_loads - 1,).
     is_pin : whether a patch lies on the flank (n_patches,).
     unit : 2/(pi E' t) [mm/N].
     """
 
     forces: Real
-    pressed: np.ndarray
+    loaded_patches: np.ndarray
     is_pin: np.ndarray
     unit: float
 
     @classmethod
-    def of(cls, specimen: Specimen) -> "Pressing":
+    def from_specimen(cls, specimen: Specimen) -> "Pressing":
         """The most loaded pin and hole, another of each, and the forces at the rated torque."""
         rows = specimen.disk_rows
-        force = loaded(specimen, np.array([specimen.rated_torque])).force[0, 0, rows]
+        force = loaded_equilibria(specimen, np.array([specimen.rated_torque])).force[0, 0, rows]
         is_pin = specimen.reducer.contacts.kind[rows] == PIN
         pins, holes = np.flatnonzero(is_pin), np.flatnonzero(~is_pin)
         pin, hole = np.argmax(force[pins]), np.argmax(force[holes])
-        pressed = np.concatenate(
-            [pins[[pin, (pin + FAR) % len(pins)]], holes[[hole, (hole + len(holes) // 2) % len(holes)]]]
+        loaded_patches = np.concatenate(
+            [pins[[pin, (pin + FAR_PINS) % len(pins)]], holes[[hole, (hole + len(holes) // 2) % len(holes)]]]
         )
         disk = specimen.disk
         unit = 2 * (1 - disk.poisson_ratio**2) / (np.pi * disk.youngs_modulus * disk.thickness)
-        return cls(np.vstack([np.eye(len(rows))[pressed], force]), pressed, is_pin, unit)
+        return cls(np.vstack([np.eye(len(rows))[loaded_patches], force]), loaded_patches, is_pin, unit)
 
 
 def pressed_disk(specimen: Specimen, fineness: float) -> PressedDisk:
@@ -91,7 +91,7 @@ def pressed_disk(specimen: Specimen, fineness: float) -> PressedDisk:
             Curve(partial(_circle, centre, holes.radius), fineness * EDGES["hole"] * holes.radius)
             for centre in holes.centres
         ),
-        Curve(partial(_circle, 0j, bore), fineness * EDGES["bore"] * bore, even=True),
+        Curve(partial(_circle, 0j, bore), fineness * EDGES["bore"] * bore, has_even_corners=True),
     )
     presses = tuple(
         Press(0, complex(hole_point), complex(hole_normal), reduce.patch_half_width_mm)
@@ -119,23 +119,23 @@ def _circle(centre: complex, radius: float, share: Real) -> Complex:
 def check_holes(specimen: Specimen) -> Iterator[Finding]:
     """Disk with ten holes whole in CalculiX, on a mesh of its own: deflections by one force and at the rated torque."""
     if calculix_program() is None:
-        yield skipped(f"needs CalculiX: no program {PROGRAM}; {INSTALL}")
+        yield skipped_check(f"needs CalculiX: no program {PROGRAM}; {INSTALL}")
         return
-    perforated = Specimen(load_study(STUDY, ROOT), specimen.sample, CRANK_DEG).in_stress("plane_strain")
-    pressing = Pressing.of(perforated)
-    disk = pressed_disk(perforated, FINENESS)
+    specimen_in_strain = Specimen(load_study(STUDY, ROOT), specimen.sample, CRANK_DEG).in_stress("plane_strain")
+    pressing = Pressing.from_specimen(specimen_in_strain)
+    disk = pressed_disk(specimen_in_strain, FINENESS)
     answer = calculix_deflections(disk, pressing.forces)
-    yield stated("nodes of CalculiX' mesh", len(disk.mesh.nodes))
-    yield stated("nodes of the study's mesh", len(perforated.disk.nodes))
-    computed = pressing.forces @ perforated.disk_compliance.matrix
-    yield from agreement("study's mesh", pressing, answer, computed, LIMITS)
-    refined = pressing.forces @ _refined(perforated)
-    yield from agreement("mesh refined once", pressing, answer, refined, REFINED_LIMITS)
-    coarser = calculix_deflections(pressed_disk(perforated, COARSER), pressing.forces)
+    yield reported_number("nodes of CalculiX' mesh", len(disk.mesh.nodes))
+    yield reported_number("nodes of the study's mesh", len(specimen_in_strain.disk.nodes))
+    computed_answer = pressing.forces @ specimen_in_strain.disk_compliance.matrix
+    yield from agreement("study's mesh", pressing, answer, computed_answer, LIMITS)
+    refined_answer = pressing.forces @ _refined_compliance(specimen_in_strain)
+    yield from agreement("mesh refined once", pressing, answer, refined_answer, REFINED_LIMITS)
+    coarser = calculix_deflections(pressed_disk(specimen_in_strain, COARSER), pressing.forces)
     yield from agreement("CalculiX, edges twice as long", pressing, answer, coarser, LIMITS)
 
 
-def _refined(specimen: Specimen) -> Real:
+def _refined_compliance(specimen: Specimen) -> Real:
     """Compliance between the patches (n_patches, n_patches) [mm/N] on half as long edges."""
     reduce = specimen.study.reduce
     finer = {
@@ -155,19 +155,25 @@ def calculix_deflections(disk: PressedDisk, forces: Real) -> Real:
 
 
 def agreement(
-    name: str, pressing: Pressing, answer: Real, computed: Real, limits: Mapping[str, float]
+    name: str, pressing: Pressing, answer: Real, computed_answer: Real, limits: Mapping[str, float]
 ) -> Iterator[Finding]:
     """Own deflections, those elsewhere by the kind of the pressed and of the deflected patch, and the work."""
-    pressed, unit = pressing.pressed, pressing.unit
-    loads = np.arange(len(pressed))
-    reference, condensed = answer[loads, pressed] / unit, computed[loads, pressed] / unit
-    yield compared(f"deflection of a pressed patch over 2/(pi E' t), {name}", reference, condensed, limits["own"])
-    elsewhere = np.arange(answer.shape[1]) != pressed[:, None]
+    loaded_patches, unit = pressing.loaded_patches, pressing.unit
+    loads = np.arange(len(loaded_patches))
+    reference, computed_compliance = answer[loads, loaded_patches] / unit, computed_answer[loads, loaded_patches] / unit
+    yield largest_difference(
+        f"deflection of a pressed patch over 2/(pi E' t), {name}", reference, computed_compliance, limits["own"]
+    )
+    elsewhere = np.arange(answer.shape[1]) != loaded_patches[:, None]
     for source, from_pin in (("pin", True), ("hole", False)):
         for target, to_pin in (("lobes", True), ("holes", False)):
-            chosen = elsewhere & (pressing.is_pin[pressed] == from_pin)[:, None] & (pressing.is_pin == to_pin)
-            reference, condensed = answer[:-1][chosen], computed[:-1][chosen]
+            is_compared = (
+                elsewhere & (pressing.is_pin[loaded_patches] == from_pin)[:, None] & (pressing.is_pin == to_pin)
+            )
+            reference, computed_compliance = answer[:-1][is_compared], computed_answer[:-1][is_compared]
             quantity = f"deflection of the {target} by 1 N on a {source} over the largest, {name} [mm]"
-            yield compared(quantity, reference, condensed, limits["elsewhere"], np.abs(reference).max())
-    work = answer[-1] @ pressing.forces[-1], computed[-1] @ pressing.forces[-1]
+            yield largest_difference(
+                quantity, reference, computed_compliance, limits["elsewhere"], np.abs(reference).max()
+            )
+    work = answer[-1] @ pressing.forces[-1], computed_answer[-1] @ pressing.forces[-1]
     yield relative(f"work of the forces at the rated torque, {name} [N mm]", *work, limits["work"])

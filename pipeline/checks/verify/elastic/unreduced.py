@@ -18,7 +18,7 @@ from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 
-BALANCED = 1e-11
+BALANCE_TOLERANCE = 1e-11
 """Largest force left over on a freedom, over the largest load on one, at which a load step is solved."""
 STEP_LIMIT = 200
 """Newton steps after which the unreduced solution has failed."""
@@ -63,10 +63,10 @@ class Unreduced:
         """Potential energy [N mm]."""
         depth = self.contact_jacobian @ state - self.gap
         force = self.laws.force(depth)
-        stored = np.sum(force * depth - self.laws.energy(force))
-        return float(0.5 * state @ (self.stiffness @ state) + stored - torque * state[self.output])
+        contact_energy = np.sum(force * depth - self.laws.energy(force))
+        return float(0.5 * state @ (self.stiffness @ state) + contact_energy - torque * state[self.output])
 
-    def unbalanced(self, state: Real, torque: float) -> Real:
+    def residual(self, state: Real, torque: float) -> Real:
         """Gradient of the energy (n,)."""
         residual = self.stiffness @ state + self.contact_jacobian.T @ self.forces(state)
         residual[self.output] -= torque
@@ -98,7 +98,7 @@ class WholeSolution:
     iterations: np.ndarray
 
 
-def unreduced(specimen: Specimen) -> Unreduced:
+def whole_system(specimen: Specimen) -> Unreduced:
     """The whole system of a sample, its bearing linear and without clearance."""
     reducer, disk, rows = specimen.reducer, specimen.disk, specimen.disk_rows
     other_motions = [i for i, motion in enumerate(reducer.motions) if not motion.startswith("disk")]
@@ -106,12 +106,12 @@ def unreduced(specimen: Specimen) -> Unreduced:
     selection = csr_array((-np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(len(reducer.contacts), len(rows)))
     jacobian = csr_array(hstack([selection @ loads.T, csr_array(reducer.contact_jacobian[:, other_motions])]))
     bore = csc_array(disk.reference[:, :2])
-    supported = disk.stiffness + specimen.bearing.stiffness * (bore @ bore.T)
+    supported_stiffness = disk.stiffness + specimen.bearing.stiffness * (bore @ bore.T)
     size = jacobian.shape[1]
-    stiffness = supported.tocoo()
-    assembled = csc_array((stiffness.data, (stiffness.row, stiffness.col)), shape=(size, size))
+    stiffness = supported_stiffness.tocoo()
+    assembled_stiffness = csc_array((stiffness.data, (stiffness.row, stiffness.col)), shape=(size, size))
     output = disk.freedoms.size + other_motions.index(reducer.output_motion)
-    return Unreduced(specimen.laws, specimen.gap, assembled, jacobian, output, disk.freedoms.size)
+    return Unreduced(specimen.laws, specimen.gap, assembled_stiffness, jacobian, output, disk.freedoms.size)
 
 
 def solve_unreduced(specimen: Specimen, system: Unreduced, torque: Real) -> WholeSolution:
@@ -148,10 +148,10 @@ def _first_state(specimen: Specimen, system: Unreduced, sense: float) -> Real:
 def _newton(system: Unreduced, state: Real, torque: float) -> tuple[Real, int]:
     arm = abs(system.contact_jacobian[:, [system.output]]).max()
     for iteration in range(STEP_LIMIT):
-        unbalanced = system.unbalanced(state, torque)
-        moments = np.abs(unbalanced)
+        residual = system.residual(state, torque)
+        moments = np.abs(residual)
         moments[system.free_from :] /= arm
-        if moments.max() < BALANCED * abs(torque) / arm:
+        if moments.max() < BALANCE_TOLERANCE * abs(torque) / arm:
             return state, iteration
         factors = splu(
             system.tangent(state),
@@ -159,13 +159,13 @@ def _newton(system: Unreduced, state: Real, torque: float) -> tuple[Real, int]:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        state = state + _length(system, state, -factors.solve(unbalanced), unbalanced, torque)
+        state = state + _length(system, state, -factors.solve(residual), residual, torque)
     raise ArithmeticError(f"whole system not solved at {torque:g} N mm: {moments.max():.2g} N left over")
 
 
-def _length(system: Unreduced, state: Real, step: Real, unbalanced: Real, torque: float) -> Real:
+def _length(system: Unreduced, state: Real, step: Real, residual: Real, torque: float) -> Real:
     """The step, halved until the energy falls; near the solution the energy is rounding and the whole step is taken."""
-    energy_before, slope = system.energy(state, torque), float(unbalanced @ step)
+    energy_before, slope = system.energy(state, torque), float(residual @ step)
     length = 1.0
     while length > SHORTEST:
         change = system.energy(state + length * step, torque) - energy_before

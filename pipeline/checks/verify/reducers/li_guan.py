@@ -8,7 +8,7 @@ import pandas as pd
 
 from pipeline import assembly, elastic
 from pipeline.checks.specimen import Specimen
-from pipeline.checks.verify.findings import Finding, compared, relative, stated
+from pipeline.checks.verify.findings import Finding, largest_difference, relative, reported_number
 from pipeline.config import Study, load_study
 from pipeline.model.equilibrium.solve import ElasticReducer, solve
 from pipeline.model.geometry.clearance import Errors, gaps
@@ -33,28 +33,28 @@ def check_li_guan(specimen: Specimen) -> Iterator[Finding]:
     """Li and Guan's six forces: two numbers of their flank are fitted to them; then our assumptions, one by one."""
     study = load_study(STUDY, ROOT)
     table = pd.read_csv(ROOT / FORCES)
-    phase, published = table["phase_deg"].to_numpy(float), table["force_N"].to_numpy(float)
+    phase, published_force = table["phase_deg"].to_numpy(float), table["force_N"].to_numpy(float)
     arm = study.design.cycloid.eccentricity_mm * study.design.cycloid.lobes * arm_share(study, phase)
     torque = NMM_PER_NM * study.design.cycloid.rated_torque_Nm
-    yield relative("moment of the published forces against 0.55 of 25.785 N m", torque, published @ arm, 2e-4)
+    yield relative("moment of the published forces against 0.55 of 25.785 N m", torque, published_force @ arm, 2e-4)
     force = pin_forces(study, phase)
-    yield compared(
+    yield largest_difference(
         "the six forces, rigid disk, linear law, fitted flank, over the largest [N]",
-        published,
+        published_force,
         force,
         LIMIT,
-        published.max(),
+        published_force.max(),
     )
-    yield from _against(phase, published, force, "by the authors' assumptions")
+    yield from _against(phase, published_force, force, "by the authors' assumptions")
     for name, changes in VARIANTS:
         sections = {key: getattr(study, key).model_copy(update=update) for key, update in changes.items()}
         study = study.model_copy(update=sections)
-        yield from _against(phase, published, pin_forces(study, phase), name)
+        yield from _against(phase, published_force, pin_forces(study, phase), name)
 
 
-def _against(phase: Real, published: Real, force: Real, name: str) -> Iterator[Finding]:
-    for angle, reference, value in zip(phase, published, force, strict=True):
-        yield stated(f"force at {angle:g} degrees, {name} [N]", float(value), float(reference))
+def _against(phase: Real, published_force: Real, force: Real, name: str) -> Iterator[Finding]:
+    for angle, reference, value in zip(phase, published_force, force, strict=True):
+        yield reported_number(f"force at {angle:g} degrees, {name} [N]", float(value), float(reference))
 
 
 def arm_share(study: Study, phase_deg: Real) -> Real:
@@ -69,15 +69,15 @@ def pin_forces(study: Study, phase_deg: Real, crank_deg: float = 0.0) -> Real:
     reducer, profile = assembly.reducer(study.design, crank_deg), assembly.profile(study.design)
     n = reducer.n_pins
     nominal = Errors.zero(n, profile.lobes, len(reducer.contacts) - n)
-    gap, loose = gaps(profile, reducer, nominal, **dict(study.clearance)), np.zeros(1)
+    gap, no_clearance = gaps(profile, reducer, nominal, **dict(study.clearance)), np.zeros(1)
     compliance = np.zeros((len(reducer.contacts), len(reducer.contacts)))
     if study.reduce.disk == "elastic":
         disk = elastic.elastic_disk(study)
         compliance = disk.compliance(elastic.disk_patches(study, disk, reducer)).matrix
     laws, torque = assembly.contact_laws(study, reducer), NMM_PER_NM * study.design.cycloid.rated_torque_Nm
-    play = rigid_play(reducer, gap, loose)
+    play = rigid_play(reducer, gap, no_clearance)
     elastic_reducer = ElasticReducer(reducer, assembly.bearing(study.design), laws, compliance)
-    states = solve(elastic_reducer, gap, loose, play.pose_plus, np.array([torque]))
+    states = solve(elastic_reducer, gap, no_clearance, play.pose_plus, np.array([torque]))
     pin_force = states.force[0, 0, :n]
     sense = np.sign(reducer.pins.phase[np.argmax(pin_force)])
     pin_numbers = [int(np.argmin(np.abs(reducer.pins.phase - sense * np.radians(angle)))) for angle in phase_deg]

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import assembly, elastic
-from pipeline.checks.verify.findings import Finding, compared
+from pipeline.checks.verify.findings import Finding, largest_difference
 from pipeline.config import Study, load_study
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer
@@ -54,4 +54,4 @@ def second_mesh(study: Study, as_one_part: Real, limit: float) -> Finding:
     body = elastic.elastic_disk(study, clocking.turned)
     own_mesh = body.compliance(elastic.disk_patches(study, body, reducer, 1)).matrix
     quantity = "compliance of the second disk on a mesh of its own, over the largest"
-    return compared(quantity, own_mesh, as_one_part, limit, np.max(own_mesh))
+    return largest_difference(quantity, own_mesh, as_one_part, limit, np.max(own_mesh))
