@@ -31,8 +31,8 @@ from stages.tables.sensitivity import SENSITIVITY, sensitivity
 from stages.tables.transmission import ORDERS, TRANSMISSION, order_rows, transmission_rows
 from stages.tables.turn import (
     OF_TURN,
-    OVER,
     OVER_TURN,
+    TURN_VALUES,
     Turn,
     loop_metrics,
     metric_turns,
@@ -164,10 +164,10 @@ class _Block:
         return values.reshape(self.stop - self.start, -1)
 
     @cached_property
-    def preloaded(self) -> np.ndarray:
+    def is_preloaded(self) -> np.ndarray:
         """Whether a unit is preloaded at some angle (n,)."""
-        preloaded: np.ndarray = self._kinematic["preloaded"].reshape(self.stop - self.start, -1).any(axis=1)
-        return preloaded
+        is_preloaded: np.ndarray = self._kinematic["preloaded"].reshape(self.stop - self.start, -1).any(axis=1)
+        return is_preloaded
 
     @cached_property
     def turns(self) -> dict[str, Turn]:
@@ -201,19 +201,23 @@ class _Block:
         """Rows of the table of units: worst, mean and best over the turn; missing where some angle has no result."""
         study: Study = self.job.study
         angles = len(study.cycle.crank_deg)
-        of_angles, found = over_turn_columns(self.turns), found_columns(study, self.turns, search)
+        of_angles, searched_columns = over_turn_columns(self.turns), found_columns(study, self.turns, search)
         status = unit_status(self.metrics["status"], angles)
         lost = np.any(
-            [np.isnan(found[f"{name}_worst"]) & ~np.isnan(of_angles[f"{name}_worst"]) for name in self.turns], axis=0
+            [
+                np.isnan(searched_columns[f"{name}_worst"]) & ~np.isnan(of_angles[f"{name}_worst"])
+                for name in self.turns
+            ],
+            axis=0,
         )
         unfound = np.isnan(self._finite_motion).any(axis=1)
         n = self.stop - self.start
         return {
             "sample": self.samples,
             **of_angles,
-            **found,
+            **searched_columns,
             **{name: of_turn[name] for name in turn_library()},
-            "preloaded": self.preloaded,
+            "preloaded": self.is_preloaded,
             "n_angles": np.full(n, angles),
             "n_searched": np.full(n, searched_pitches(study)),
             "n_rigid_angles": np.full(n, angles_of_turn(study, 1, of_play=True)),
@@ -255,10 +259,10 @@ def _columns(job: Job, per_angle: PerAngle) -> _Columns:
         part = {name: values[block.start : block.stop] for name, values in search.items()}
         units.append(block.units(part, strides[-1][1]))
         angles.append(over_turn_columns(block.turns))
-    return _Columns(_joined(units), _joined(angles), {k: _joined([part[k] for part in strides]) for k in strides[0]})
+    return _Columns(_join(units), _join(angles), {k: _join([part[k] for part in strides]) for k in strides[0]})
 
 
-def _joined(parts: list[Columns] | list[dict[str, np.ndarray]]) -> Columns:
+def _join(parts: list[Columns] | list[dict[str, np.ndarray]]) -> Columns:
     """Columns one after the other; the parts are emptied."""
     return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
 
@@ -279,10 +283,10 @@ def _distribution_rows(
             statistics = distribution(values[metric].to_numpy()[holding], confidence, _part(replicate, holding))
             estimates += [(metric, name, estimate) for name, estimate in statistics.items()]
     for name, passes in study.limits.pass_flags(values).items():
-        limited = study.limits.limited_metrics(name, values)
+        limited_metrics = study.limits.limited_metrics(name, values)
         if name not in angles and (name != ALL_LIMITS or turn_value == OVER_ALL):
             continue
-        holding = ~np.isnan(values[limited].to_numpy(float)).any(axis=1)
+        holding = ~np.isnan(values[limited_metrics].to_numpy(float)).any(axis=1)
         if holding.any():
             estimates.append((name, "yield", pass_share(passes[holding], confidence, _part(replicate, holding))))
     if len(values) and turn_value != OVER_ALL:
@@ -321,22 +325,22 @@ def _distributions(
             rows.append({**keys, **vars(estimate), "n_angles": searched_pitches(study)})
     single = dict.fromkeys(library(), 1)
     for angle in np.argsort(study.cycle.crank_deg):
-        part = pd.DataFrame(per_angle.at(int(angle))).iloc[int(study.samples.nominal_first) :]
-        solved = part[part[list(library())].notna().any(axis=1)]
-        if len(solved):
-            rows += _distribution_rows(study, solved, "angle", float(study.cycle.crank_deg[angle]), single)
+        part = pd.DataFrame(per_angle.columns_at(int(angle))).iloc[int(study.samples.nominal_first) :]
+        solved_units = part[part[list(library())].notna().any(axis=1)]
+        if len(solved_units):
+            rows += _distribution_rows(study, solved_units, "angle", float(study.cycle.crank_deg[angle]), single)
     if len(units):
         counts = units.iloc[0]
         turn = {
             name: int(counts["n_rigid_angles" if metric.turn_of_rigid_bodies else "n_angles"])
             for name, metric in library().items()
         }
-        for turn_value in OVER:
-            searched = searched_pitches(study) if turn_value == "worst" else 0
-            counts_of_turn = {name: max(count, searched) for name, count in turn.items()}
+        for turn_value in TURN_VALUES:
+            n_searched = searched_pitches(study) if turn_value == "worst" else 0
+            counts_of_turn = {name: max(count, n_searched) for name, count in turn.items()}
             rows += _distribution_rows(study, over_turn(units, turn_value), turn_value, np.nan, counts_of_turn)
         of_turn = {name: angles_of_turn(study, 1, metric.of_play) for name, metric in turn_library().items()}
-        rows += _distribution_rows(study, over_turn(units, OVER[0]), OVER_ALL, np.nan, of_turn)
+        rows += _distribution_rows(study, over_turn(units, TURN_VALUES[0]), OVER_ALL, np.nan, of_turn)
     if not rows:
         return DISTRIBUTIONS.empty()
     frame = pd.DataFrame(rows, columns=[column.name for column in DISTRIBUTIONS.columns])
@@ -353,16 +357,16 @@ def _run(job: Job) -> WholeTables:
         missed, between = {WHOLE_TURN: shortfalls(units, audit)}, left_between(audit)
         if between is not None:
             missed[CONTINUOUS_TURN] = missed[WHOLE_TURN] + between
-        counted = units[[f"{name}_worst" for name in library()]].notna().any(axis=1).to_numpy(copy=True)
-        counted[: int(study.samples.nominal_first)] = False
+        is_counted = units[[f"{name}_worst" for name in library()]].notna().any(axis=1).to_numpy(copy=True)
+        is_counted[: int(study.samples.nominal_first)] = False
         units = units.iloc[int(study.samples.nominal_first) :]
         distributions = _distributions(study, per_angle, units, missed)
-    whole = study.samples.rows <= _samples_at_once(job)
+    fits_memory = study.samples.rows <= _samples_at_once(job)
     return {
-        "metrics": next(_blocks(job)).metrics if whole else (block.metrics for block in _blocks(job)),
+        "metrics": next(_blocks(job)).metrics if fits_memory else (block.metrics for block in _blocks(job)),
         "units": columns.units,
         "distributions": distributions,
-        "convergence": convergence_rows(study, columns.of_strides, counted, columns.units),
+        "convergence": convergence_rows(study, columns.of_strides, is_counted, columns.units),
         "sample_convergence": sample_convergence_rows(study, over_turn(units, study.limits.over)),
         "sensitivity": sensitivity(job, columns.units, columns.of_angles, over_turn(units, "worst")),
         "transmission": (transmission_rows(study, block.samples, block.readings) for block in _blocks(job)),

@@ -16,8 +16,8 @@ from pipeline.model.units import UM_PER_MM
 from pipeline.mounting import drive_of
 from pipeline.populations.turn_drives import Units
 from pipeline.sampling import Errors
-from stages.sample import SAMPLED, errors_of_columns
-from stages.tables.keys import CONTACT, CRANK, SAMPLE, repeated
+from stages.sample import SAMPLED_TABLES, errors_of_columns
+from stages.tables.keys import CONTACT, CRANK, SAMPLE, repeated_axes
 
 LARGEST = 3
 """Crank angles of a unit, of its largest backlash, at which finite motions are looked at: of 100 units of the paper's
@@ -111,10 +111,10 @@ def rigid_angles(study: Study) -> np.ndarray:
     return np.union1d(study.cycle.rigid_crank_deg, study.cycle.crank_deg)
 
 
-def rigid_plays(study: Study, sampled: Errors) -> Iterator[tuple[float, Drive, RigidPlay]]:
+def rigid_plays(study: Study, sampled_errors: Errors) -> Iterator[tuple[float, Drive, RigidPlay]]:
     """The drive of ``n`` units and its play with rigid bodies, at each crank angle of `rigid_angles`."""
-    errors = assembly.errors(sampled)
-    clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    errors = assembly.errors(sampled_errors)
+    clearance = assembly.bearing_clearance(study.design, sampled_errors.bearing_clearance)
     cranks = rigid_angles(study)
     laws = assembly.contact_laws(study, assembly.reducer(study.design, float(cranks[0])))  # rigid bodies know none
     for crank in cranks:
@@ -122,9 +122,9 @@ def rigid_plays(study: Study, sampled: Errors) -> Iterator[tuple[float, Drive, R
         yield crank, drive, rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
 
 
-def rigid_ends(study: Study, sampled: Errors) -> np.ndarray:
+def rigid_ends(study: Study, sampled_errors: Errors) -> np.ndarray:
     """Ends (+, -) of the play of rigid bodies (n, 2, n_rigid_angles) [arcmin]; missing where contacts interfere."""
-    plays = (play for _, _, play in rigid_plays(study, sampled))
+    plays = (play for _, _, play in rigid_plays(study, sampled_errors))
     return ARCMIN * np.stack([np.where(play.preloaded, np.nan, play.ends) for play in plays], axis=2).swapaxes(0, 1)
 
 
@@ -145,15 +145,15 @@ def _finite_motion(study: Study, sampled: Errors, plays: Sequence[RigidPlay]) ->
 
 
 def _solve(study: Study, chunk: Chunk) -> Tables:
-    sampled = errors_of_columns({name: chunk.tables[f"sample/{name}"] for name in SAMPLED})
+    sampled_errors = errors_of_columns({name: chunk.tables[f"sample/{name}"] for name in SAMPLED_TABLES})
     number, cranks = np.arange(chunk.start, chunk.stop), rigid_angles(study)
     plays, gaps = [], {}
-    for angle, drive, play in rigid_plays(study, sampled):
+    for angle, drive, play in rigid_plays(study, sampled_errors):
         plays.append(play)
         if angle in study.cycle.curve_crank_deg:
             gaps[angle] = drive.gap
-    sample, crank, contact = repeated(number, np.array(list(gaps)), np.arange(next(iter(gaps.values())).shape[1]))
-    rows_sample, rows_crank = repeated(number, cranks)
+    sample, crank, contact = repeated_axes(number, np.array(list(gaps)), np.arange(next(iter(gaps.values())).shape[1]))
+    rows_sample, rows_crank = repeated_axes(number, cranks)
     return {
         "contacts": _nominal_contacts(study) if chunk.start == 0 else CONTACTS.empty(),
         "gaps": {
@@ -199,6 +199,6 @@ CLEARANCE = Stage(
     items=lambda job: job.study.samples.rows,
     prepare=lambda job: job.study,
     solve=_solve,
-    chunk_reads=tuple(f"sample/{name}" for name in SAMPLED),
+    chunk_reads=tuple(f"sample/{name}" for name in SAMPLED_TABLES),
     chunk_factor=4,
 )

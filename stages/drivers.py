@@ -84,11 +84,11 @@ def _items(job: Job) -> int:
     return (len(SETS) + len(error_groups(study))) * study.drivers.base_samples - drawn_units(study)
 
 
-def _solve(shared: Shared, chunk: Chunk) -> Tables:
-    study = shared.loops.study
+def _solve(loop_inputs: Shared, chunk: Chunk) -> Tables:
+    study = loop_inputs.loops.study
     unit = np.arange(chunk.start, chunk.stop) + drawn_units(study)
-    sampled = draw_mixed(study, int(unit[0]), int(unit[-1]) + 1)
-    loops, ends = solved_loops(shared.loops, sampled), rigid_ends(study, sampled)
+    sampled_errors = draw_mixed(study, int(unit[0]), int(unit[-1]) + 1)
+    loops, ends = solved_loops(loop_inputs.loops, sampled_errors), rigid_ends(study, sampled_errors)
     turns = metric_turns(study, loop_metrics(study, loops.columns), ends[:, 0] - ends[:, 1])
     readings = turn_readings(study, loops.columns, loops.bearing_force, ends)
     kind, base_sample = np.divmod(unit, study.drivers.base_samples)
@@ -98,19 +98,19 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
             "set": np.array([*SETS, *error_groups(study)], object)[kind],
             "base_sample": base_sample,
             **over_turn_columns(turns),
-            **_found(shared, sampled, np.flatnonzero(base_sample < searched_rows(study))),
+            **_search_worst(loop_inputs, sampled_errors, np.flatnonzero(base_sample < searched_rows(study))),
             **turn_columns(readings),
             "status": unit_status(loops.status, len(study.cycle.crank_deg)),
         }
     }
 
 
-def _found(shared: Shared, sampled: Errors, rows: np.ndarray) -> dict[str, np.ndarray]:
+def _search_worst(loop_inputs: Shared, sampled_errors: Errors, rows: np.ndarray) -> dict[str, np.ndarray]:
     """The worst of every metric (n,) that a search finds, of some units; missing of the others."""
-    columns = {f"{name}_found": np.full(len(sampled), np.nan) for name in library()}
-    if shared.turn is not None and len(rows):
-        units = Units.from_errors(shared.loops.study, sampled).some(rows)
-        for name, values in search(*shared.turn, units).value.items():
+    columns = {f"{name}_found": np.full(len(sampled_errors), np.nan) for name in library()}
+    if loop_inputs.turn is not None and len(rows):
+        units = Units.from_errors(loop_inputs.loops.study, sampled_errors).some(rows)
+        for name, values in search(*loop_inputs.turn, units).value.items():
             columns[f"{name}_found"][rows] = values
     return columns
 

@@ -33,7 +33,7 @@ from pipeline.populations.turn_search import TRAINING_UNITS, search, train_ranki
 from pipeline.statistics import Estimate, distribution, pass_share
 from pipeline.statistics.differences import mean_difference, order_differences, share_difference
 from stages.reduce import DiskMatrices
-from stages.sample import SAMPLED
+from stages.sample import SAMPLED_TABLES
 from stages.tables.keys import SAMPLE, STATUS
 from stages.worst import TRAINING, drives_of, units_of
 
@@ -45,7 +45,7 @@ DIFFERENCES = ("mean", "std", "p05", "p50", "p95")
 """Statistics of a metric that are told of each form, beside the yield."""
 OK = "ok"
 FORM = Column("form", "label", "", "form of the model; `as stated` is the study's own")
-RESCALED = Column(
+RESCALED_COLUMN = Column(
     "rescaled",
     "bool",
     "",
@@ -56,7 +56,7 @@ FORM_LIST = Table(
     "form, rescaled",
     (
         FORM,
-        RESCALED,
+        RESCALED_COLUMN,
         Column("title", "label", "", "the form in words"),
         Column("deflection_factor", "float64", "1", "factor of the deflections of all contacts; null without a result"),
         STATUS,
@@ -67,7 +67,7 @@ ESTIMATES = Table(
     "form, rescaled, metric, statistic",
     (
         FORM,
-        RESCALED,
+        RESCALED_COLUMN,
         Column("metric", "label", "", "column of metrics; all_limits: the yield against all limits together"),
         Column("statistic", "label", "", "mean, std, quantile, or yield: of the same units under every form"),
         Column("value", "float64", "the metric's", "estimate"),
@@ -84,7 +84,7 @@ FORM_UNITS = Table(
     "form, rescaled, sample",
     (
         FORM,
-        RESCALED,
+        RESCALED_COLUMN,
         SAMPLE,
         *(
             Column(name, "float64", metric.unit, f"{metric.inline} over the turn, as limits mean it")
@@ -99,7 +99,7 @@ class _Result:
     """Metrics (n,) of the units under one form, by name; none with a status that is not ok."""
 
     form: ModelForm
-    rescaled: bool
+    is_rescaled: bool
     factor: float
     metrics: Mapping[str, Real]
     status: str = OK
@@ -113,10 +113,10 @@ class _Body:
     at_angles: Mapping[float, Real]
 
     @classmethod
-    def of(cls, job: Job, study: Study) -> "_Body":
+    def from_study(cls, job: Job, study: Study) -> "_Body":
         """The disks of a study with some form."""
         disks = DiskMatrices(job, study)
-        if _searched(study):
+        if _has_search(study):
             return cls(drives_of(study, disks), {})
         return cls(None, {crank: _full_compliance(study, disks, crank) for crank in study.cycle.crank_deg})
 
@@ -134,7 +134,7 @@ class _Body:
     def mean_rigidity(self, study: Study, units: Units) -> float:
         """Mean over units and some angles."""
         column = list(library()).index(RIGIDITY)
-        return float(np.nanmean([solved(units)[:, column] for solved in self.solvers(study)]))
+        return float(np.nanmean([metrics_of_units(units)[:, column] for metrics_of_units in self.solvers(study)]))
 
     def over_turn(self, study: Study, units: Units) -> dict[str, Real]:
         """Each metric of units over the turn (n,), as the limits mean it."""
@@ -142,16 +142,18 @@ class _Body:
             drives = TurnDrives.from_blocks(study, self.drives.phases, self.drives.blocks)
             seed = np.random.SeedSequence(study.samples.seed, spawn_key=(TRAINING,))
             return search(drives, train_ranking(drives, units.some(slice(TRAINING_UNITS)), seed), units).value
-        values = np.stack([solved(units) for solved in self.solvers(study)], axis=1)
+        values = np.stack([metrics_of_units(units) for metrics_of_units in self.solvers(study)], axis=1)
         values[np.broadcast_to(np.isnan(values).any(axis=1, keepdims=True), values.shape)] = np.nan
         columns = {}
         for k, (name, metric) in enumerate(library().items()):
-            worst, best = metric.over_turn(values[:, :, k])
-            columns[name] = {"worst": worst, "mean": values[:, :, k].mean(axis=1), "best": best}[study.limits.over]
+            worst_value, best_value = metric.over_turn(values[:, :, k])
+            columns[name] = {"worst": worst_value, "mean": values[:, :, k].mean(axis=1), "best": best_value}[
+                study.limits.over
+            ]
         return columns
 
 
-def _searched(study: Study) -> bool:
+def _has_search(study: Study) -> bool:
     return study.cycle.has_turn_search and study.limits.over == "worst"
 
 
@@ -159,7 +161,7 @@ def _full_compliance(study: Study, disks: DiskMatrices, crank: float) -> Real:
     reducer = assembly.reducer(study.design, crank)
     full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
     if study.reduce.disk == "elastic":
-        for disk, matrix in enumerate(disks.at(crank)):
+        for disk, matrix in enumerate(disks.at_crank(crank)):
             rows = assembly.disk_contacts(reducer, disk)
             full[np.ix_(rows, rows)] = matrix / UM_PER_MM
     return full
@@ -177,7 +179,7 @@ def _metrics_at(study: Study, crank: float, compliance: Real, cycle: LoadCycle, 
 def _solve(job: Job, study: Study, forms: list[ModelForm], units: Units, rigidity: float) -> list[_Result]:
     """Results of forms that share their disks, as stated and rescaled to a mean rigidity; missing: none is kept."""
     try:
-        body = _Body.of(job, forms[0].study(study))
+        body = _Body.from_study(job, forms[0].study(study))
     except InputError as error:
         return [_Result(form, False, np.nan, {}, str(error)) for form in forms]
     return [result for form in forms for result in _of_form(body, study, form, units, rigidity)]
@@ -185,16 +187,18 @@ def _solve(job: Job, study: Study, forms: list[ModelForm], units: Units, rigidit
 
 def _of_form(body: _Body, study: Study, form: ModelForm, units: Units, rigidity: float) -> Iterator[_Result]:
     try:
-        own = form.study(study)
-        yield _Result(form, False, 1.0, body.over_turn(own, units))
+        form_study = form.study(study)
+        yield _Result(form, False, 1.0, body.over_turn(form_study, units))
         if np.isnan(rigidity) or form.name == OF_STUDY:
             return
-        few = units.some(slice(RIGIDITY_UNITS))
-        factor = contact_factor(lambda scale: body.mean_rigidity(scaled_contacts(own, scale), few), rigidity)
+        few_units = units.some(slice(RIGIDITY_UNITS))
+        factor = contact_factor(
+            lambda scale: body.mean_rigidity(scaled_contacts(form_study, scale), few_units), rigidity
+        )
         if np.isnan(factor):
             yield _Result(form, True, np.nan, {}, "no factor of the contacts' deflections leads to the same rigidity")
             return
-        yield _Result(form, True, factor, body.over_turn(scaled_contacts(own, factor), units))
+        yield _Result(form, True, factor, body.over_turn(scaled_contacts(form_study, factor), units))
     except InputError as error:
         yield _Result(form, False, np.nan, {}, str(error))
 
@@ -209,23 +213,26 @@ def _run(job: Job) -> Tables:
     settings, study = job.study.model_forms, _study_of(job)
     if settings is None or study.samples.experiment == "cases":
         return {table.name: table.empty() for table in (FORM_LIST, ESTIMATES, FORM_UNITS)}
-    first = int(study.samples.nominal_first)
-    samples = np.arange(first, min(first + settings.units, study.samples.rows))
-    units = units_of(study, {name: job.read_items("sample", name, first, samples[-1] + 1) for name in SAMPLED})
+    first_unit = int(study.samples.nominal_first)
+    samples = np.arange(first_unit, min(first_unit + settings.units, study.samples.rows))
+    units = units_of(
+        study, {name: job.read_items("sample", name, first_unit, samples[-1] + 1) for name in SAMPLED_TABLES}
+    )
     forms = model_forms(study)
     suitable = [form for form in forms if not form.unsuitable]
     rigidity = np.nan
     if calibrated_numbers(study.design):
-        rigidity = _Body.of(job, study).mean_rigidity(study, units.some(slice(RIGIDITY_UNITS)))
-    grouped = groupby(sorted(suitable, key=partial(_disks, job, study)), key=partial(_disks, job, study))
+        rigidity = _Body.from_study(job, study).mean_rigidity(study, units.some(slice(RIGIDITY_UNITS)))
+    groups = groupby(sorted(suitable, key=partial(_disks, job, study)), key=partial(_disks, job, study))
     parts = worker_results(
         job.jobs,
-        (delayed(_solve)(job, study, group, units, rigidity) for group in sorted(map(_listed, grouped), key=len)[::-1]),
+        (delayed(_solve)(job, study, group, units, rigidity)
+        for group in sorted(map(_forms_of_group, groups), key=len)[::-1]),
     )
     results = [result for part in parts for result in part]
     results += [_Result(form, False, np.nan, {}, form.unsuitable) for form in forms if form.unsuitable]
     order = [form.name for form in forms]
-    results.sort(key=lambda result: (result.rescaled, order.index(result.form.name)))
+    results.sort(key=lambda result: (result.is_rescaled, order.index(result.form.name)))
     return {
         "forms": _form_rows(results),
         "estimates": _estimate_rows(study, results),
@@ -233,7 +240,7 @@ def _run(job: Job) -> Tables:
     }
 
 
-def _listed(group: tuple[str, Iterator[ModelForm]]) -> list[ModelForm]:
+def _forms_of_group(group: tuple[str, Iterator[ModelForm]]) -> list[ModelForm]:
     return list(group[1])
 
 
@@ -245,7 +252,7 @@ def _disks(job: Job, study: Study, form: ModelForm) -> str:
 def _form_rows(results: list[_Result]) -> Columns:
     return {
         "form": np.array([result.form.name for result in results]),
-        "rescaled": np.array([result.rescaled for result in results]),
+        "rescaled": np.array([result.is_rescaled for result in results]),
         "title": np.array([result.form.title for result in results]),
         "deflection_factor": np.array([result.factor for result in results]),
         "status": np.array([result.status for result in results]),
@@ -253,49 +260,56 @@ def _form_rows(results: list[_Result]) -> Columns:
 
 
 def _unit_rows(samples: NDArray[np.intp], results: list[_Result]) -> Columns:
-    solved = [result for result in results if result.metrics]
+    solved_results = [result for result in results if result.metrics]
     n = len(samples)
     return {
-        "form": np.repeat([result.form.name for result in solved], n),
-        "rescaled": np.repeat([result.rescaled for result in solved], n),
-        "sample": np.tile(samples, len(solved)),
-        **{name: np.concatenate([result.metrics[name] for result in solved]) for name in library()},
+        "form": np.repeat([result.form.name for result in solved_results], n),
+        "rescaled": np.repeat([result.is_rescaled for result in solved_results], n),
+        "sample": np.tile(samples, len(solved_results)),
+        **{name: np.concatenate([result.metrics[name] for result in solved_results]) for name in library()},
     }
 
 
 def _estimate_rows(study: Study, results: list[_Result]) -> Columns:
-    own = next(result for result in results if result.form.name == OF_STUDY)
+    study_result = next(result for result in results if result.form.name == OF_STUDY)
     rows = [
-        {"form": result.form.name, "rescaled": result.rescaled, **row}
+        {"form": result.form.name, "rescaled": result.is_rescaled, **row}
         for result in results
         if result.metrics
-        for row in _estimates(study, own.metrics, result.metrics)
+        for row in _estimates(study, study_result.metrics, result.metrics)
     ]
     frame = pd.DataFrame(rows, columns=[column.name for column in ESTIMATES.columns])
     return {name: frame[name].to_numpy() for name in frame}
 
 
-def _estimates(study: Study, own: Mapping[str, Real], other: Mapping[str, Real]) -> Iterator[dict[str, object]]:
+def _estimates(
+    study: Study, study_metrics: Mapping[str, Real], form_metrics: Mapping[str, Real]
+) -> Iterator[dict[str, object]]:
     """Rows of one form: its statistics, and their differences from the study's own form on the same units."""
     confidence, seed = study.metrics.confidence, study.samples.seed
     for name in library():
-        both = np.isfinite(own[name]) & np.isfinite(other[name])
-        a, b = own[name][both], other[name][both]
+        has_both = np.isfinite(study_metrics[name]) & np.isfinite(form_metrics[name])
+        a, b = study_metrics[name][has_both], form_metrics[name][has_both]
         if not len(b) or np.ptp(b) == 0:
             continue
-        told, before = distribution(b, confidence), distribution(a, confidence)
+        form_statistics, study_statistics = distribution(b, confidence), distribution(a, confidence)
         ends = {"mean": mean_difference(a, b, confidence, True), **order_differences(a, b, confidence, True, seed)}
         for statistic in DIFFERENCES:
-            change = told[statistic].value - before[statistic].value
-            yield _row(name, statistic, told[statistic], change, ends[statistic])
-    kept = [study.limits.pass_flags(metrics) for metrics in (own, other)]
-    for name in kept[0]:
-        limited = study.limits.limited_metrics(name, own)
-        both = np.all([np.isfinite(own[metric]) & np.isfinite(other[metric]) for metric in limited], axis=0)
-        if both.any():
-            of_own, of_form = (passes[name][both] for passes in kept)
+            change = form_statistics[statistic].value - study_statistics[statistic].value
+            yield _row(name, statistic, form_statistics[statistic], change, ends[statistic])
+    pass_flags = [study.limits.pass_flags(metrics) for metrics in (study_metrics, form_metrics)]
+    for name in pass_flags[0]:
+        limited_metrics = study.limits.limited_metrics(name, study_metrics)
+        has_both = np.all(
+            [np.isfinite(study_metrics[metric]) & np.isfinite(form_metrics[metric]) for metric in limited_metrics],
+            axis=0,
+        )
+        if has_both.any():
+            of_own, of_form = (passes[name][has_both] for passes in pass_flags)
             difference = float(of_form.mean() - of_own.mean())
-            ends_of_share = share_difference(of_own, of_form, confidence, True) if other is not own else (0.0, 0.0)
+            ends_of_share = (
+                share_difference(of_own, of_form, confidence, True) if form_metrics is not study_metrics else (0.0, 0.0)
+            )
             yield _row(name, "yield", pass_share(of_form, confidence), difference, ends_of_share)
 
 

@@ -19,12 +19,12 @@ from pipeline.model.turn.held_torque import bearing_force, on_bearings, torque_s
 from pipeline.model.units import NM_PER_NMM
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
-from stages.sample import SAMPLED, errors_of_columns
+from stages.sample import SAMPLED_TABLES, errors_of_columns
 from stages.springs import laws_of_columns
 from stages.tables.bearings import BEARINGS, bearing_rows
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 from stages.tables.curves import CONTACTS, CURVES, Solved, contact_rows, curve_rows
-from stages.tables.keys import CRANK, SAMPLE, STATUS, repeated
+from stages.tables.keys import CRANK, SAMPLE, STATUS, repeated_axes
 from stages.tables.running import RUNNING, TURN_CONTACTS, contacts_at_angle, running_columns, turn_contact_rows
 
 
@@ -108,14 +108,16 @@ def prepare(job: Job) -> Shared:
     )
 
 
-def solve_samples(shared: Shared, sampled: Errors) -> Iterator[Solved]:
+def solve_samples(loop_inputs: Shared, sampled_errors: Errors) -> Iterator[Solved]:
     """Every loaded crank angle of ``n`` units, one after the other: at a time their states are many."""
-    study = shared.study
-    errors = assembly.errors(sampled)
-    clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
-    for crank, laws, compliance in zip(study.cycle.crank_deg, shared.laws, shared.compliances, strict=True):
-        drive = drive_of(study, crank, compliance, errors, clearance, laws, assembly.modulus(study.design, sampled))
-        response = respond(drive, shared.cycle(crank))
+    study = loop_inputs.study
+    errors = assembly.errors(sampled_errors)
+    clearance = assembly.bearing_clearance(study.design, sampled_errors.bearing_clearance)
+    for crank, laws, compliance in zip(study.cycle.crank_deg, loop_inputs.laws, loop_inputs.compliances, strict=True):
+        drive = drive_of(
+            study, crank, compliance, errors, clearance, laws, assembly.modulus(study.design, sampled_errors)
+        )
+        response = respond(drive, loop_inputs.cycle(crank))
         yield Solved(crank, drive, response, invalid_metrics(drive, response, assembly.definitions(study)))
 
 
@@ -178,23 +180,23 @@ class SolvedLoops:
     bearing_force: np.ndarray
 
 
-def solved_loops(shared: Shared, sampled: Errors) -> SolvedLoops:
+def solved_loops(loop_inputs: Shared, sampled_errors: Errors) -> SolvedLoops:
     """Every loop of ``n`` units."""
     loops, status, thrust = [], [], []
-    for solution in solve_samples(shared, sampled):
-        loops.append(loop_columns(shared.study, solution))
+    for solution in solve_samples(loop_inputs, sampled_errors):
+        loops.append(loop_columns(loop_inputs.study, solution))
         status.append(_status(solution))
-        thrust.append(bearing_force(solution.drive, solution.response, assembly.definitions(shared.study)))
+        thrust.append(bearing_force(solution.drive, solution.response, assembly.definitions(loop_inputs.study)))
     return SolvedLoops(_by_sample(loops), np.stack(status, axis=1).ravel(), np.stack(thrust, axis=2))
 
 
-def mounting_forces(shared: Shared, sampled: Errors) -> np.ndarray:
+def mounting_forces(loop_inputs: Shared, sampled_errors: Errors) -> np.ndarray:
     """Largest contact force without torque (n,) [N] of ``n`` units at any loaded angle: what mounting them takes.
 
     A unit with play has none. Missing where a unit has no equilibrium.
     """
     forces = []
-    for solution in solve_samples(replace(shared, curve=shared.brief), sampled):
+    for solution in solve_samples(replace(loop_inputs, curve=loop_inputs.brief), sampled_errors):
         response = solution.response
         at_rest = np.unique(response.state[response.torque == 0])
         force = np.max(response.equilibria.force[:, at_rest], axis=(1, 2))
@@ -207,14 +209,14 @@ def _by_sample(loops: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     return {name: np.stack([loop[name] for loop in loops], axis=1).ravel() for name in loops[0]}
 
 
-def _solve(shared: Shared, chunk: Chunk) -> Tables:
+def _solve(loop_inputs: Shared, chunk: Chunk) -> Tables:
     samples = np.arange(chunk.start, chunk.stop)
-    study = shared.study
-    sampled = errors_of_columns({name: chunk.tables[f"sample/{name}"] for name in SAMPLED})
+    study = loop_inputs.study
+    sampled_errors = errors_of_columns({name: chunk.tables[f"sample/{name}"] for name in SAMPLED_TABLES})
     keep = study.cycle.keep_contacts
     kept_samples = np.arange(len(samples)) if keep == "all" else np.flatnonzero(np.isin(samples, keep))
     loops, status, thrust, shares, curves, contacts = [], [], [], [], [], []
-    for solution in solve_samples(shared, sampled):
+    for solution in solve_samples(loop_inputs, sampled_errors):
         loops.append(loop_columns(study, solution))
         status.append(_status(solution))
         thrust.append(bearing_force(solution.drive, solution.response, assembly.definitions(study)))
@@ -222,7 +224,7 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
         contacts.append(contacts_at_angle(study, solution.drive, solution.response, kept_samples))
         if solution.crank_deg in study.cycle.curve_crank_deg:
             curves.append(solution)
-    sample, crank = repeated(samples, np.array(study.cycle.crank_deg))
+    sample, crank = repeated_axes(samples, np.array(study.cycle.crank_deg))
     return {
         "loops": {
             "sample": sample,
@@ -232,7 +234,7 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
         "turn_contacts": turn_contact_rows(study, samples[kept_samples], contacts),
         "bearings": bearing_rows(study, samples, np.stack(thrust, axis=2), np.stack(shares, axis=2)),
         "curves": curve_rows(samples, curves),
-        "contacts": contact_rows(samples[kept_samples], [loop.of(kept_samples) for loop in curves])
+        "contacts": contact_rows(samples[kept_samples], [loop.some(kept_samples) for loop in curves])
         if len(kept_samples)
         else CONTACTS.empty(),
         "status": {"sample": sample, "crank_deg": crank, "status": np.stack(status, axis=1).ravel()},
@@ -276,6 +278,6 @@ HYSTERESIS = Stage(
     items=lambda job: job.study.samples.rows,
     prepare=prepare,
     solve=_solve,
-    chunk_reads=tuple(f"sample/{name}" for name in SAMPLED),
+    chunk_reads=tuple(f"sample/{name}" for name in SAMPLED_TABLES),
     failures=_failures,
 )

@@ -84,7 +84,7 @@ class DiskMatrices:
             self.bodies[rotation] = elastic.elastic_disk(self.study, rotation)
         return self.bodies[rotation]
 
-    def at(self, crank_deg: float) -> list[np.ndarray]:
+    def at_crank(self, crank_deg: float) -> list[np.ndarray]:
         """Of each disk between its contacts (n_rows, n_rows) [um/N]."""
         matrices, design = [], self.study.design
         for number, clocking in enumerate(assembly.clockings(design)):
@@ -92,14 +92,14 @@ class DiskMatrices:
             if part is None:
                 reducer = assembly.reducer(design, crank_deg)
                 key = f"crank {crank_deg:.9g} disk {number}"
-                matrices.append(self._condensed(reducer, number, clocking.turned, key))
+                matrices.append(self._condensed_disk(reducer, number, clocking.turned, key))
                 continue
             turned_on, places = part
             reducer = assembly.reducer(design, turned_on)
-            matrices.append(self._condensed(reducer, 0, 0.0, f"crank {turned_on:.9g}")[np.ix_(places, places)])
+            matrices.append(self._condensed_disk(reducer, 0, 0.0, f"crank {turned_on:.9g}")[np.ix_(places, places)])
         return matrices
 
-    def _condensed(self, reducer: Reducer, number: int, rotation: float, key: str) -> np.ndarray:
+    def _condensed_disk(self, reducer: Reducer, number: int, rotation: float, key: str) -> np.ndarray:
         def condense(folder: Path) -> None:
             from pipeline import elastic
 
@@ -116,7 +116,7 @@ def _run(job: Job) -> Tables:
     disks = DiskMatrices(job)
     reducers = {crank: assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg}
     matrices: dict[str, Any] = {
-        matrix_name(crank, number): matrix for crank in reducers for number, matrix in enumerate(disks.at(crank))
+        matrix_name(crank, number): matrix for crank in reducers for number, matrix in enumerate(disks.at_crank(crank))
     }
     first_reducer = next(iter(reducers.values()))
     drawn_disk = job.memo(

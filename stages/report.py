@@ -69,10 +69,10 @@ def _named_metrics(job: Job) -> pd.DataFrame:
     at_once = _at_once(job, "aggregate", "metrics", SAMPLES_AT_ONCE)
     for start in range(0, job.study.samples.rows, at_once):
         part = pd.DataFrame(job.read_items("aggregate", "metrics", start, start + at_once))
-        first, unsound = part["sample"] < ROWS_SHOWN, part["status"] != OK
-        named = np.array(first | unsound | part[list(METRICS)].isna().all(axis=1))
-        named[np.flatnonzero(part["hysteresis_loss_arcmin"] > 0)[:1]] = True
-        parts.append(part[named])
+        is_first, is_faulty = part["sample"] < ROWS_SHOWN, part["status"] != OK
+        is_named = np.array(is_first | is_faulty | part[list(METRICS)].isna().all(axis=1))
+        is_named[np.flatnonzero(part["hysteresis_loss_arcmin"] > 0)[:1]] = True
+        parts.append(part[is_named])
     return pd.concat(parts, ignore_index=True)
 
 

@@ -11,7 +11,7 @@ from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.sampling import Errors, draw
 from stages.tables.keys import SAMPLE as SAMPLE_COLUMN
-from stages.tables.keys import repeated
+from stages.tables.keys import repeated_axes
 
 
 def _dimensions(table: str) -> list[Dimension]:
@@ -90,7 +90,7 @@ CRANKS = Table(
 )
 
 TABLES = (REDUCER, DISKS, PINS, LOBES, ROLLERS, HOLES, CRANKS)
-SAMPLED = tuple(table.name for table in TABLES)
+SAMPLED_TABLES = tuple(table.name for table in TABLES)
 """Names of the tables of errors."""
 
 
@@ -98,8 +98,10 @@ def columns_of_errors(errors: Errors, start: int, interfaces: int) -> Tables:
     """The tables of errors whose first sample is ``start``."""
     number = np.arange(start, start + len(errors))
     disks = np.arange(errors.eccentricity.size // max(len(errors), 1))
-    columns = {table: _fields(table).items() for table in SAMPLED}
-    values = {table: {name: getattr(errors, field).ravel() for name, field in columns[table]} for table in SAMPLED}
+    columns = {table: _fields(table).items() for table in SAMPLED_TABLES}
+    values = {
+        table: {name: getattr(errors, field).ravel() for name, field in columns[table]} for table in SAMPLED_TABLES
+    }
     values[OF_REDUCER] = {
         name: getattr(errors, field).reshape(len(errors), -1)[:, 0] for name, field in columns[OF_REDUCER]
     }
@@ -108,27 +110,27 @@ def columns_of_errors(errors: Errors, start: int, interfaces: int) -> Tables:
     cranks = np.arange(errors.planet_backlash.shape[1])
     keys = {
         OF_REDUCER: {"sample": number},
-        OF_DISKS: dict(zip(("sample", "disk"), repeated(number, disks), strict=True)),
-        "pins": dict(zip(("sample", "pin"), repeated(number, np.arange(errors.pin_radial.shape[1])), strict=True)),
-        "lobes": dict(zip(("sample", "disk", "lobe"), repeated(number, disks, np.arange(lobes)), strict=True)),
-        "holes": dict(zip(("sample", "disk", "hole"), repeated(number, disks, np.arange(holes)), strict=True)),
-        "cranks": dict(zip(("sample", "crank"), repeated(number, cranks), strict=True)),
+        OF_DISKS: dict(zip(("sample", "disk"), repeated_axes(number, disks), strict=True)),
+        "pins": dict(zip(("sample", "pin"), repeated_axes(number, np.arange(errors.pin_radial.shape[1])), strict=True)),
+        "lobes": dict(zip(("sample", "disk", "lobe"), repeated_axes(number, disks, np.arange(lobes)), strict=True)),
+        "holes": dict(zip(("sample", "disk", "hole"), repeated_axes(number, disks, np.arange(holes)), strict=True)),
+        "cranks": dict(zip(("sample", "crank"), repeated_axes(number, cranks), strict=True)),
         "rollers": dict(
             zip(
                 ("sample", "interface", "roller"),
-                repeated(number, np.arange(interfaces), np.arange(per_interface)),
+                repeated_axes(number, np.arange(interfaces), np.arange(per_interface)),
                 strict=True,
             )
         ),
     }
-    return {table: {**keys[table], **values[table]} for table in SAMPLED}
+    return {table: {**keys[table], **values[table]} for table in SAMPLED_TABLES}
 
 
 def errors_of_columns(tables: Tables) -> Errors:
     """The errors of whole samples read back from their tables."""
     n = len(tables[OF_REDUCER]["sample"])
     fields = {field: tables[OF_REDUCER][column] for column, field in _fields(OF_REDUCER).items()}
-    for table in SAMPLED[1:]:
+    for table in SAMPLED_TABLES[1:]:
         elements = len(tables[table]["sample"]) // n  # a table without rows has none
         fields |= {field: tables[table][column].reshape(n, elements) for column, field in _fields(table).items()}
     if len(tables[OF_DISKS]["disk"]) == n:

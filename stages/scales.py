@@ -66,8 +66,11 @@ def _run(job: Job) -> Tables:
         return {SURROGATE.name: SURROGATE.empty(), YIELDS.name: YIELDS.empty()}
     surrogate = _surrogate(job, min(study.samples.rows, 1 + UNIT_ANGLES // len(study.cycle.crank_deg)))
     units, distributions = (pd.DataFrame(job.read("aggregate", name)) for name in ("units", "distributions"))
-    solved = over_turn(units.iloc[int(study.samples.nominal_first) :], study.limits.over)
-    rows = [vars(row) for row in scaled_yields(study, pd.DataFrame(surrogate), solved, _stated(study, distributions))]
+    solved_values = over_turn(units.iloc[int(study.samples.nominal_first) :], study.limits.over)
+    rows = [
+        vars(row)
+        for row in scaled_yields(study, pd.DataFrame(surrogate), solved_values, _stated_yields(study, distributions))
+    ]
     yields = {name: values.to_numpy() for name, values in pd.DataFrame(rows).items()} if rows else YIELDS.empty()
     return {SURROGATE.name: surrogate, YIELDS.name: yields}
 
@@ -75,26 +78,26 @@ def _run(job: Job) -> Tables:
 def _surrogate(job: Job, stop: int) -> Columns:
     """Metrics of the samples up to ``stop`` at every scale."""
     study: Study = job.study
-    first = int(study.samples.nominal_first)
-    rough = partial(rough_metrics, study, springs(prepare(job), draw(study, first, min(first + TRIAL, stop))))
+    first_unit = int(study.samples.nominal_first)
+    rough = partial(rough_metrics, study, springs(prepare(job), draw(study, first_unit, min(first_unit + TRIAL, stop))))
     metrics = loop_metrics(study, job.read_items("hysteresis", "loops", 0, stop))
-    loaded = {name: metrics[name].reshape(stop, -1) for name in library()}
+    loaded_values = {name: metrics[name].reshape(stop, -1) for name in library()}
     pilot = dict(rough(draw(study, 0, stop)))
     parts = worker_results(
         job.jobs,
         (
-            delayed(surrogate_values)(study, start, min(start + BATCH, stop), rough, loaded, pilot)
+            delayed(surrogate_values)(study, start, min(start + BATCH, stop), rough, loaded_values, pilot)
             for start in range(0, stop, BATCH)
         ),
     )
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def _stated(study: Study, distributions: pd.DataFrame) -> dict[str, Estimate]:
+def _stated_yields(study: Study, distributions: pd.DataFrame) -> dict[str, Estimate]:
     """Yields of the whole study by metric, of the whole turn where that was searched."""
-    over = [study.limits.over, OVER_ALL, WHOLE_TURN]  # the last one there counts
+    turn_values = [study.limits.over, OVER_ALL, WHOLE_TURN]  # the last one there counts
     yields = distributions[distributions["statistic"] == "yield"]
-    rows = pd.concat([yields[yields["over"] == name] for name in over])
+    rows = pd.concat([yields[yields["over"] == name] for name in turn_values])
     values = zip(*(rows[name] for name in ("metric", "value", "ci_low", "ci_high", "n")), strict=True)
     return {str(metric): Estimate(*numbers) for metric, *numbers in values}
 

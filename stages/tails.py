@@ -35,30 +35,30 @@ FAR_TAILS = Table(
 )
 
 
-def springs(shared: Shared, sampled: Errors) -> list[np.ndarray]:
+def springs(loop_inputs: Shared, sampled_errors: Errors) -> list[np.ndarray]:
     """Compliance of independent springs (n_contacts,) [mm/N] at each loaded angle, by the forces of ``n`` units."""
     compliances = []
-    for solution in solve_samples(replace(shared, curve=shared.brief), sampled):
+    for solution in solve_samples(replace(loop_inputs, curve=loop_inputs.brief), sampled_errors):
         states = solution.response.equilibria
         compliances.append(secant_compliance(solution.drive, states.force[states.converged]))
     return compliances
 
 
-def at_angles(shared: Shared, sampled: Errors) -> dict[str, np.ndarray]:
+def at_angles(loop_inputs: Shared, sampled_errors: Errors) -> dict[str, np.ndarray]:
     """Every metric of ``n`` units at the loaded angles (n, n_angles); missing where an angle has no result."""
-    loops = solved_loops(replace(shared, curve=shared.brief), sampled)
-    metrics = loop_metrics(shared.study, loops.columns)
-    return {name: metrics[name].reshape(len(sampled), -1) for name in library()}
+    loops = solved_loops(replace(loop_inputs, curve=loop_inputs.brief), sampled_errors)
+    metrics = loop_metrics(loop_inputs.study, loops.columns)
+    return {name: metrics[name].reshape(len(sampled_errors), -1) for name in library()}
 
 
 def _run(job: Job) -> Tables:
     study, tails = job.study, job.study.tails
     if tails is None:
         return {FAR_TAILS.name: FAR_TAILS.empty()}
-    shared = prepare(job)
+    loop_inputs = prepare(job)
     trial = draw(population(study, tails.units), tails.units, tails.units + TRIAL)
-    rough = partial(prediction.rough_metrics, study, springs(shared, trial))
-    rows = far_tails(study, tails.units, tails.solve, rough, partial(at_angles, shared), job.jobs)
+    rough = partial(prediction.rough_metrics, study, springs(loop_inputs, trial))
+    rows = far_tails(study, tails.units, tails.solve, rough, partial(at_angles, loop_inputs), job.jobs)
     frame = pd.DataFrame([vars(row) for row in rows])
     return {FAR_TAILS.name: {name: frame[name].to_numpy() for name in frame}}
 

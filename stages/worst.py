@@ -15,14 +15,14 @@ from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks, sym
 from pipeline.populations.turn_ranking import Ranking
 from pipeline.populations.turn_search import TRAINING_UNITS, Worst, audit, search, train_ranking
 from stages.reduce import DiskMatrices
-from stages.sample import SAMPLED, errors_of_columns
+from stages.sample import SAMPLED_TABLES, errors_of_columns
 from stages.tables.keys import SAMPLE
 
 PHASES = 5
 """Phases of a pitch that are looked at beside the worst pitches, of disks that one condensation serves."""
 TRAINING, AUDIT_DRAW = 2**31 + 1, 2**31 + 2
 """Keys of the random numbers by which pitches for the ranking and audited samples are drawn."""
-FOUND = tuple(
+FOUND_COLUMNS = tuple(
     column
     for name, metric in library().items()
     for column in (
@@ -30,8 +30,8 @@ FOUND = tuple(
         Column(f"{name}_at_crank_deg", "float64", "deg", "crank angle where it was found"),
     )
 )
-SOLVED = Column("n_solved", "int32", "1", "pitches and phases of them at which the sample was load-solved")
-SEARCH = Table("found", "sample", (SAMPLE, *FOUND, SOLVED))
+SOLVED_COLUMN = Column("n_solved", "int32", "1", "pitches and phases of them at which the sample was load-solved")
+SEARCH = Table("found", "sample", (SAMPLE, *FOUND_COLUMNS, SOLVED_COLUMN))
 OF_PITCHES = {
     name: Column(f"{name}_at_pitches", "float64", metric.unit, f"{metric.inline}, the worst of one phase of each pitch")
     for name, metric in library().items()
@@ -39,7 +39,7 @@ OF_PITCHES = {
 """Columns of the worst at all pitches, without the phases between them, by metric."""
 N_PHASES = Column("n_phases", "int32", "1", "phases of a pitch that are looked at beside the worst pitches; 1: none")
 AUDIT = Table(
-    "audit", "sample that was solved at every pitch", (SAMPLE, *FOUND, SOLVED, *OF_PITCHES.values(), N_PHASES)
+    "audit", "sample that was solved at every pitch", (SAMPLE, *FOUND_COLUMNS, SOLVED_COLUMN, *OF_PITCHES.values(), N_PHASES)
 )
 
 
@@ -49,7 +49,7 @@ class Shared:
 
     drives: TurnDrives
     ranking: Ranking
-    audited: NDArray[np.intp]
+    audited_samples: NDArray[np.intp]
 
 
 def drives_of(study: Study, disks: DiskMatrices, phases: int = PHASES) -> TurnDrives:
@@ -61,16 +61,16 @@ def drives_of(study: Study, disks: DiskMatrices, phases: int = PHASES) -> TurnDr
     if symmetric(study):
         cranks = [360.0 * phase / (pins * phases) for phase in range(phases)]
         return TurnDrives.from_blocks(study, phases, [turned_blocks(study, disks.body(), crank) for crank in cranks])
-    blocks = full_blocks(study, 0.0, lambda crank: [matrix / UM_PER_MM for matrix in disks.at(crank)])
+    blocks = full_blocks(study, 0.0, lambda crank: [matrix / UM_PER_MM for matrix in disks.at_crank(crank)])
     return TurnDrives.from_blocks(study, 1, [blocks])
 
 
 def audited_samples(study: Study) -> NDArray[np.intp]:
     """Numbers of the samples that are solved at every pitch, ascending: drawn from all but the nominal one."""
-    first, rows = int(study.samples.nominal_first), study.samples.rows
+    first_unit, rows = int(study.samples.nominal_first), study.samples.rows
     rng = np.random.default_rng(np.random.SeedSequence(study.samples.seed, spawn_key=(AUDIT_DRAW,)))
-    count = min(study.cycle.audited_units, rows - first)
-    return np.sort(rng.choice(np.arange(first, rows), count, replace=False))
+    count = min(study.cycle.audited_units, rows - first_unit)
+    return np.sort(rng.choice(np.arange(first_unit, rows), count, replace=False))
 
 
 def prepare(job: Job) -> Shared | None:
@@ -84,7 +84,7 @@ def ranked_drives(job: Job) -> tuple[TurnDrives, Ranking]:
     """Condense the disks for the whole turn, and train the ranking of its pitches on the first samples."""
     study: Study = job.study
     drives, stop = drives_of(study, DiskMatrices(job)), min(study.samples.rows, TRAINING_UNITS)
-    units = units_of(study, {name: job.read_items("sample", name, 0, stop) for name in SAMPLED})
+    units = units_of(study, {name: job.read_items("sample", name, 0, stop) for name in SAMPLED_TABLES})
     seed = np.random.SeedSequence(study.samples.seed, spawn_key=(TRAINING,))
     return drives, train_ranking(drives, units, seed)
 
@@ -94,31 +94,31 @@ def units_of(study: Study, tables: Tables) -> Units:
     return Units.from_errors(study, errors_of_columns(tables))
 
 
-def _solve(shared: Shared, chunk: Chunk) -> Tables:
-    drives, samples = shared.drives, np.arange(chunk.start, chunk.stop)
-    units = units_of(drives.study, {name: chunk.tables[f"sample/{name}"] for name in SAMPLED})
-    audited = np.flatnonzero(np.isin(samples, shared.audited))
-    found = _columns(drives, samples, search(drives, shared.ranking, units))
-    return {"found": found, "audit": _audit(drives, samples[audited], units.some(audited))}
+def _solve(search_inputs: Shared, chunk: Chunk) -> Tables:
+    drives, samples = search_inputs.drives, np.arange(chunk.start, chunk.stop)
+    units = units_of(drives.study, {name: chunk.tables[f"sample/{name}"] for name in SAMPLED_TABLES})
+    audited_rows = np.flatnonzero(np.isin(samples, search_inputs.audited_samples))
+    search_columns = _columns(drives, samples, search(drives, search_inputs.ranking, units))
+    return {"found": search_columns, "audit": _audit(drives, samples[audited], units.some(audited))}
 
 
 def _audit(drives: TurnDrives, samples: NDArray[np.intp], units: Units) -> dict[str, np.ndarray]:
     if not len(samples):
         return AUDIT.empty()
-    of_pitches, worst = audit(drives, units)
+    of_pitches, worst_values = audit(drives, units)
     columns = {OF_PITCHES[name].name: values for name, values in of_pitches.value.items()}
-    return _columns(drives, samples, worst) | columns | {N_PHASES.name: np.full(len(samples), drives.phases)}
+    return _columns(drives, samples, worst_values) | columns | {N_PHASES.name: np.full(len(samples), drives.phases)}
 
 
-def _columns(drives: TurnDrives, samples: NDArray[np.intp], worst: Worst) -> dict[str, np.ndarray]:
+def _columns(drives: TurnDrives, samples: NDArray[np.intp], worst_values: Worst) -> dict[str, np.ndarray]:
     columns: dict[str, np.ndarray] = {"sample": samples}
-    for name, values in worst.value.items():
+    for name, values in worst_values.value.items():
         columns[f"{name}_worst"] = values
-        columns[f"{name}_at_crank_deg"] = np.where(np.isnan(values), np.nan, drives.crank_deg(worst.step[name]))
-    return columns | {"n_solved": worst.n_solved}
+        columns[f"{name}_at_crank_deg"] = np.where(np.isnan(values), np.nan, drives.crank_deg(worst_values.step[name]))
+    return columns | {"n_solved": worst_values.n_solved}
 
 
-WORST = Stage(
+WORST_STAGE = Stage(
     name="worst",
     reads=("sample",),
     sections=(
@@ -139,6 +139,6 @@ WORST = Stage(
     items=lambda job: job.study.samples.rows if job.study.cycle.has_turn_search else 0,
     prepare=prepare,
     solve=_solve,
-    chunk_reads=tuple(f"sample/{name}" for name in SAMPLED),
+    chunk_reads=tuple(f"sample/{name}" for name in SAMPLED_TABLES),
     chunk_factor=20,
 )

@@ -26,7 +26,7 @@ from pipeline.registry import registered_folders
 from pipeline.report.samples.known_yield import needed_sentences, preload_warning, yield_estimate
 from stages import hysteresis
 from stages.chain import STAGES
-from stages.sample import SAMPLED, errors_of_columns
+from stages.sample import SAMPLED_TABLES, errors_of_columns
 from stages.tables.curves import CONTACTS, contact_rows
 
 REASONS_SHOWN = 3
@@ -164,7 +164,7 @@ def resolve_contacts(options: argparse.Namespace) -> None:
 def _contact_rows(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str, np.ndarray]:
     """Rows of the contacts of one sample of a finished run."""
     loop_inputs = prepared_loops(study, outputs)
-    tables = {name: outputs["sample"].read_items(name, sample, sample + 1) for name in SAMPLED}
+    tables = {name: outputs["sample"].read_items(name, sample, sample + 1) for name in SAMPLED_TABLES}
     solution = hysteresis.solve_samples(loop_inputs, errors_of_columns(tables))
     curves = [loop for loop in solution if loop.crank_deg in study.cycle.curve_crank_deg]
     return contact_rows(np.array([sample]), curves)

@@ -7,7 +7,7 @@ import numpy as np
 from pipeline import assembly
 from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column, Columns, Table
-from stages.tables.keys import CRANK, SAMPLE, repeated
+from stages.tables.keys import CRANK, SAMPLE, repeated_axes
 
 BEARINGS = Table(
     "bearings",
@@ -36,7 +36,7 @@ def bearing_rows(study: Study, samples: np.ndarray, thrust: np.ndarray, shares: 
     held_torque = assembly.definitions(study).rigidity_high
     of_a_disk = thrust.shape[3] // shares.shape[3]
     axes = samples, np.array(study.cycle.crank_deg), np.arange(thrust.shape[3]), np.array([held_torque, -held_torque])
-    sample, crank, number, torque = repeated(*axes)
+    sample, crank, number, torque = repeated_axes(*axes)
     disk, bearing = np.divmod(number, of_a_disk)
     force = np.moveaxis(thrust, 1, 3).ravel()
     keys = {"sample": sample, "crank_deg": crank, "disk": disk, "bearing": bearing, "torque_Nm": torque}

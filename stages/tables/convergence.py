@@ -58,7 +58,7 @@ def worst_of_stride(turns: Mapping[str, Turn], stride: int) -> dict[str, np.ndar
     """The worst of every metric (n,) over every so many of its even angles; over all angles for a stride of 1."""
     return {
         name: library()[name].over_turn(
-            turn.worst_values[:, turn.even][:, ::stride] if stride > 1 else turn.worst_values
+            turn.worst_values[:, turn.is_even][:, ::stride] if stride > 1 else turn.worst_values
         )[0]
         for name, turn in turns.items()
     }
@@ -67,7 +67,7 @@ def worst_of_stride(turns: Mapping[str, Turn], stride: int) -> dict[str, np.ndar
 def convergence_rows(
     study: Study,
     of_strides: Mapping[int, Mapping[str, np.ndarray]],
-    counted: np.ndarray,
+    is_counted: np.ndarray,
     units: Mapping[str, np.ndarray],
 ) -> Columns:
     """How worst values and yields move with the number of crank angles, and how they would with twice as many.
@@ -76,44 +76,46 @@ def convergence_rows(
     ----------
     of_strides : the worst of every metric and the metrics of the turn (n,) by name, at every so many of the angles, as
         `strides_of` has them.
-    counted : (n,) samples of the statistics.
+    is_counted : (n,) samples of the statistics.
     units : columns of the table of units; a worst that was searched for is the last row of its metric.
     """
     rows: list[dict[str, object]] = []
     turns = library()
     for stride, columns in of_strides.items():
-        worst = {name: values[counted] for name, values in columns.items()}
+        worst_values = {name: values[is_counted] for name, values in columns.items()}
         angles = {name: angles_of_turn(study, stride, metric.of_play) for name, metric in turn_library().items()}
         for name, metric in turns.items():
             angles[name] = angles_of_turn(study, stride, metric.turn_of_rigid_bodies)
-        rows += _rows(study, worst, angles)
+        rows += _rows(study, worst_values, angles)
     if study.cycle.has_turn_search:
-        worst |= {name: units[f"{name}_worst"][counted] for name in turns}
-        searched = _rows(study, worst, dict.fromkeys(turns, searched_pitches(study)))
-        rows += [row for row in searched if row["metric"] not in turn_library()]
+        worst_values |= {name: units[f"{name}_worst"][is_counted] for name in turns}
+        search_rows = _rows(study, worst_values, dict.fromkeys(turns, searched_pitches(study)))
+        rows += [row for row in search_rows if row["metric"] not in turn_library()]
     frame = pd.DataFrame(rows)
     for name, part in (
         frame.groupby("metric", sort=False) if len(of_strides) > 2 and not study.cycle.has_turn_search else ()
     ):
-        doubled: dict[str, float] = {}
+        doubled_values: dict[str, float] = {}
         for key in ("worst_mean", "yield"):
-            doubled[key], doubled[f"{key}_settled"] = continued(part[key].to_numpy())
+            doubled_values[key], doubled_values[f"{key}_settled"] = continuation(part[key].to_numpy())
         for key in ("yield", "yield_settled"):
-            doubled[key] = float(np.clip(doubled[key], 0.0, 1.0))
-        rows.append({"metric": name, "n_angles": 2 * int(part["n_angles"].iloc[-1]), **doubled, "extrapolated": True})
+            doubled_values[key] = float(np.clip(doubled_values[key], 0.0, 1.0))
+        rows.append(
+            {"metric": name, "n_angles": 2 * int(part["n_angles"].iloc[-1]), **doubled_values, "extrapolated": True}
+        )
     frame = pd.DataFrame(rows, columns=CONVERGENCE.schema.names)
     return {name: frame[name].to_numpy() for name in frame}
 
 
-def _rows(study: Study, worst: Mapping[str, np.ndarray], angles: Mapping[str, int]) -> list[dict[str, object]]:
+def _rows(study: Study, worst_values: Mapping[str, np.ndarray], angles: Mapping[str, int]) -> list[dict[str, object]]:
     """Mean worst values and yields of units (n,) from so many crank angles."""
     rows: list[dict[str, object]] = []
-    passes_limit = study.limits.pass_flags(worst)
-    for name in (*worst, *([ALL_LIMITS] if passes_limit else [])):
-        limited = study.limits.limited_metrics(name, worst)
-        holding = ~np.isnan([worst[metric] for metric in limited]).any(axis=0)
+    passes_limit = study.limits.pass_flags(worst_values)
+    for name in (*worst_values, *([ALL_LIMITS] if passes_limit else [])):
+        limited_metrics = study.limits.limited_metrics(name, worst_values)
+        holding = ~np.isnan([worst_values[metric] for metric in limited_metrics]).any(axis=0)
         share = float(passes_limit[name][holding].mean()) if name in passes_limit and holding.any() else np.nan
-        mean = float(worst[name][holding].mean()) if name in worst and holding.any() else np.nan
+        mean = float(worst_values[name][holding].mean()) if name in worst_values and holding.any() else np.nan
         n_angles = angles.get(name, min(angles.values()))
         rows.append({"metric": name, "n_angles": n_angles, "worst_mean": mean, "yield": share, "extrapolated": False})
     return rows
@@ -124,7 +126,7 @@ SETTLED_RATE = 0.25
 its peak by a second order of their distance."""
 
 
-def continued(values: np.ndarray) -> tuple[float, float]:
+def continuation(values: np.ndarray) -> tuple[float, float]:
     """The next of values whose number of crank angles doubles, as far again and by ``SETTLED_RATE`` of the last change.
 
     As far again is what angles that each show something of their own give, and more only where they are few; a quarter

@@ -13,7 +13,7 @@ from pipeline.model.load_history.response import CycleResponse
 from pipeline.model.load_history.validity import beyond_limit_share
 from pipeline.model.units import NM_PER_NMM
 from stages.tables.condensed import UM_PER_MM
-from stages.tables.keys import CONTACT, CRANK, FORCE, PRESSURE, SAMPLE, labels, repeated
+from stages.tables.keys import CONTACT, CRANK, FORCE, PRESSURE, SAMPLE, labels, repeated_axes
 
 STEP = Column("step", "int32", "1", "step of the load cycle")
 TORQUE = Column("torque_Nm", "float64", "N m", "torque on the output; 0 stands for its limit from the branch's side")
@@ -69,12 +69,12 @@ class Solved:
     response: CycleResponse
     invalid: Mapping[str, np.ndarray]
 
-    def of(self, samples: np.ndarray) -> "Solved":
+    def some(self, samples: np.ndarray) -> "Solved":
         """Of some of the samples alone, by their positions."""
-        whole = self.response
-        of_samples = {name: getattr(whole, name)[samples] for name in ("angle", "play", "converged")}
+        whole_response = self.response
+        of_samples = {name: getattr(whole_response, name)[samples] for name in ("angle", "play", "converged")}
         invalid = {name: reason[samples] for name, reason in self.invalid.items()}
-        response = replace(whole, equilibria=whole.equilibria[samples], **of_samples)
+        response = replace(whole_response, equilibria=whole_response.equilibria[samples], **of_samples)
         return Solved(self.crank_deg, self.drive.some(samples), response, invalid)
 
 
@@ -101,7 +101,7 @@ def _curve_values(solution: Solved) -> dict[str, np.ndarray]:
 def curve_rows(samples: np.ndarray, curves: Sequence[Solved]) -> Columns:
     """Rows of the table of curves for ``samples`` (n,), solved at each kept crank angle."""
     branch, torque = curves[0].response.branch, curves[0].response.torque
-    sample, crank, step = repeated(
+    sample, crank, step = repeated_axes(
         samples, np.array([solution.crank_deg for solution in curves]), np.arange(len(torque))
     )
     values = [_curve_values(solution) for solution in curves]
@@ -121,7 +121,7 @@ def contact_rows(samples: np.ndarray, curves: Sequence[Solved]) -> Columns:
     torque = NM_PER_NMM * curves[0].response.torque
     contacts = curves[0].drive.gap.shape[1]
     cranks = np.array([solution.crank_deg for solution in curves])
-    sample, crank, step, contact = repeated(samples, cranks, np.arange(len(torque)), np.arange(contacts))
+    sample, crank, step, contact = repeated_axes(samples, cranks, np.arange(len(torque)), np.arange(contacts))
     parts = []
     for solution in curves:
         drive, states, state_values = solution.drive, solution.response.equilibria, solution.response.state

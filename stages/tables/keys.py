@@ -13,7 +13,7 @@ PRESSURE = Column("pressure_MPa", "float64", "MPa", "peak Hertz pressure")
 STATUS = Column("status", "label", "", "ok, or why there is no result")
 
 
-def repeated(*axes: np.ndarray) -> list[np.ndarray]:
+def repeated_axes(*axes: np.ndarray) -> list[np.ndarray]:
     """Values of each axis for the rows of a table that runs over all of them, the last one fastest."""
     return [grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")]
 

@@ -26,7 +26,7 @@ class PerAngle:
         self._file.write(np.ascontiguousarray(block).data)
         self._counts.append(block.shape[2])
 
-    def at(self, angle: int) -> dict[str, np.ndarray]:
+    def columns_at(self, angle: int) -> dict[str, np.ndarray]:
         """Columns (n_samples,) at the angle of a number, as floats."""
         parts, start = [], 0
         for count in self._counts:

@@ -12,7 +12,7 @@ from pipeline.model.load_history.response import CycleResponse
 from pipeline.model.turn.contact_load import LARGEST_SHEAR
 from pipeline.model.turn.held_torque import held_forces
 from pipeline.model.units import UM_PER_MM
-from stages.tables.keys import CONTACT, CRANK, FORCE, PRESSURE, SAMPLE, repeated
+from stages.tables.keys import CONTACT, CRANK, FORCE, PRESSURE, SAMPLE, repeated_axes
 
 SHEAR = Column("shear_MPa", "float64", "MPa", "largest shear stress below any contact under the torque held")
 SHEAR_DEPTH = Column("shear_depth_um", "float64", "um", "depth of the largest shear stress, where it is deepest")
@@ -81,5 +81,5 @@ def turn_contact_rows(study: Study, samples: np.ndarray, angles: Sequence[dict[s
     held_torque = assembly.definitions(study).rigidity_high
     contacts = np.arange(angles[0]["force_N"].shape[2])
     axes = samples, np.array(study.cycle.crank_deg), np.array([held_torque, -held_torque]), contacts
-    keys = dict(zip(("sample", "crank_deg", "torque_Nm", "contact"), repeated(*axes), strict=True))
+    keys = dict(zip(("sample", "crank_deg", "torque_Nm", "contact"), repeated_axes(*axes), strict=True))
     return keys | {name: np.stack([part[name] for part in angles], axis=1).ravel() for name in angles[0]}

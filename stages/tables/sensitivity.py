@@ -21,11 +21,11 @@ from pipeline.statistics import (
     two_fidelity_indices,
     variance_indices,
 )
-from stages.sample import SAMPLED
+from stages.sample import SAMPLED_TABLES
 
 RANKED_SAMPLES = 20_000
 """Samples that rank correlations are taken from at most: their intervals are below 0.02 by then."""
-EXPLAINED = ("worst", "mean")
+EXPLAINED_VALUES = ("worst", "mean")
 """What of a metric over the turn has shares of its variance."""
 
 SENSITIVITY = Table(
@@ -50,19 +50,22 @@ SENSITIVITY = Table(
 )
 
 
-def sensitivity(job: Job, units: Columns, of_angles: Columns, worst: pd.DataFrame) -> Columns:
+def sensitivity(job: Job, units: Columns, of_angles: Columns, worst_values: pd.DataFrame) -> Columns:
     """Rows of the table of indices.
 
     Parameters
     ----------
     units : table of units, all samples.
     of_angles : worst, mean and best of every metric over the angles of the study alone.
-    worst : metrics by sample, worst over the turn; the nominal sample and those without a result left out.
+    worst_values : metrics by sample, worst over the turn; the nominal sample and those without a result left out.
     """
     study: Study = job.study
     if study.samples.experiment == "cases":  # stated units are no sample of anything
         return SENSITIVITY.empty()
-    rows = [*(_ranks(job, worst.iloc[:RANKED_SAMPLES]) if len(worst) else []), *_shares(job, units, of_angles)]
+    rows = [
+        *(_ranks(job, worst_values.iloc[:RANKED_SAMPLES]) if len(worst_values) else []),
+        *_shares(job, units, of_angles),
+    ]
     if not rows:
         return SENSITIVITY.empty()
     frame = pd.DataFrame(rows)
@@ -75,17 +78,17 @@ def _row(metric: str, turn_value: str, parameter: str, kind: str, values: tuple[
     return {**row, "index": index, "ci_low": low, "ci_high": high, "n": n}
 
 
-def _ranks(job: Job, worst: pd.DataFrame) -> list[dict]:
+def _ranks(job: Job, worst_values: pd.DataFrame) -> list[dict]:
     """Rank correlations of every metric, each over the samples for which it holds."""
     study: Study = job.study
-    scalar_table, rows = _scalars(job, worst.index.to_numpy()), []
+    scalar_table, rows = _scalars(job, worst_values.index.to_numpy()), []
     for metric in (*library(), *turn_library()):
-        holding = worst[metric].notna().to_numpy()
+        holding = worst_values[metric].notna().to_numpy()
         if not holding.any():
             continue
         scalars = {name: values[holding] for name, values in scalar_table.items()}
-        samples = worst.index.to_numpy()[holding]
-        values = worst[metric].to_numpy()[holding, None]
+        samples = worst_values.index.to_numpy()[holding]
+        values = worst_values[metric].to_numpy()[holding, None]
         indices = rank_correlation(scalars, values, study.metrics.confidence, replicates(study.samples, samples))
         triples = zip(indices.value[:, 0], indices.ci_low[:, 0], indices.ci_high[:, 0], strict=True)
         rows += [
@@ -98,11 +101,11 @@ def _ranks(job: Job, worst: pd.DataFrame) -> list[dict]:
 def _scalars(job: Job, samples: np.ndarray) -> Mapping[str, np.ndarray]:
     """One number (n,) per error of the given samples: of errors of elements their mean."""
     stop = int(samples[-1]) + 1
-    tables = {name: job.read_items("sample", name, 0, stop) for name in SAMPLED}
+    tables = {name: job.read_items("sample", name, 0, stop) for name in SAMPLED_TABLES}
     several = len(tables["disks"]["disk"]) > stop
     means, reducer = {}, dict(tables["reducer"])
-    varied = {name for name in dimension_library() if getattr(job.study.tolerances, name).varies}
-    carriers = {dimension.acts_on for dimension in dimension_library().values() if dimension.name in varied} - varied
+    varying = {name for name in dimension_library() if getattr(job.study.tolerances, name).varies}
+    carriers = {dimension.acts_on for dimension in dimension_library().values() if dimension.name in varying} - varying
     for dimension in dimension_library().values():
         if dimension.name in carriers:  # what it holds is that of the dimension that acts through it
             reducer.pop(dimension.column, None)
@@ -130,14 +133,16 @@ def _shares(job: Job, units: Columns, of_angles: Columns) -> list[dict]:
     extra, shift = job.read("drivers", "units"), int(study.samples.nominal_first)
     drawn_rows = slice(shift, shift + drawn_units(study))
     rows = []
-    columns = {(metric, turn_value): f"{metric}_{turn_value}" for metric in library() for turn_value in EXPLAINED}
+    columns = {
+        (metric, turn_value): f"{metric}_{turn_value}" for metric in library() for turn_value in EXPLAINED_VALUES
+    }
     for (metric, turn_value), column in (columns | {(metric, "turn"): metric for metric in turn_library()}).items():
         samples = (of_angles if column in of_angles else units)[column]
         values = np.concatenate([np.asarray(samples)[drawn_rows], extra[column]]).reshape(-1, n)
         if study.cycle.has_turn_search and turn_value == "worst":
-            found = _worse(metric, extra[column], extra[f"{metric}_found"])
-            found = np.concatenate([np.asarray(units[column])[drawn_rows], found]).reshape(-1, n)
-            indices = two_fidelity_indices(values, found, study.metrics.confidence)
+            worse_values = _worse(metric, extra[column], extra[f"{metric}_found"])
+            worse_values = np.concatenate([np.asarray(units[column])[drawn_rows], worse_values]).reshape(-1, n)
+            indices = two_fidelity_indices(values, worse_values, study.metrics.confidence)
         else:
             indices = variance_indices(values[0], values[1], values[2:], study.metrics.confidence)
         for kind, shares in ((FIRST_ORDER, indices.first_order), (TOTAL, indices.total)):
@@ -149,6 +154,10 @@ def _shares(job: Job, units: Columns, of_angles: Columns) -> list[dict]:
     return rows
 
 
-def _worse(metric: str, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _worse(metric: str, first_values: np.ndarray, second_values: np.ndarray) -> np.ndarray:
     """The worse of two values of a metric (n,), missing where either is."""
-    return np.minimum(first, second) if library()[metric].smaller_is_worse else np.maximum(first, second)
+    return (
+        np.minimum(first_values, second_values)
+        if library()[metric].smaller_is_worse
+        else np.maximum(first_values, second_values)
+    )

@@ -9,7 +9,7 @@ from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics.turn import FEWEST_ANGLES, TurnReadings
 from pipeline.model.turn.orders import orders
 from stages.clearance import rigid_angles
-from stages.tables.keys import CRANK, SAMPLE, labels, repeated
+from stages.tables.keys import CRANK, SAMPLE, labels, repeated_axes
 
 ARCSEC_PER_ARCMIN = 60.0
 """Seconds of arc in a minute of arc."""
@@ -50,7 +50,9 @@ def transmission_rows(study: Study, samples: np.ndarray, readings: TurnReadings)
     angle = np.stack([readings.free_angle[..., at_loaded], readings.loaded_angle], axis=2)  # (n, sense, torque, angle)
     force = np.full(angle.shape, np.nan)
     force[:, :, 1] = np.max(np.abs(readings.bearing_force), axis=3)
-    sample, sense, share, crank = repeated(samples, np.arange(2), np.array([0.0, 1.0]), np.array(study.cycle.crank_deg))
+    sample, sense, share, crank = repeated_axes(
+        samples, np.arange(2), np.array([0.0, 1.0]), np.array(study.cycle.crank_deg)
+    )
     return {
         "sample": sample,
         "sense": labels(sense, SENSES),
@@ -74,7 +76,7 @@ def order_rows(study: Study, samples: np.ndarray, readings: TurnReadings) -> Col
     turns = study.cycle.crank_turns
     for torque, angle in (curve for curve in curves if curve[1].shape[2] >= FEWEST_ANGLES * turns):
         harmonics = orders(ARCSEC_PER_ARCMIN * angle, turns)
-        sample, sense, order = repeated(samples, np.arange(2), harmonics.order)
+        sample, sense, order = repeated_axes(samples, np.arange(2), harmonics.order)
         parts.append(
             pd.DataFrame(
                 {

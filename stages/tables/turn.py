@@ -17,12 +17,12 @@ from stages.clearance import rigid_angles
 from stages.hysteresis import READINGS
 from stages.tables.running import FRICTION_POWER, PRESSURE_SPEED, RUNNING, SHEAR, SHEAR_DEPTH
 
-OVER = ("worst", "mean", "best")
+TURN_VALUES = ("worst", "mean", "best")
 """What is made of a metric's values over the turn."""
 OVER_TURN = tuple(
     Column(f"{name}_{turn_value}", "float64", metric.unit, f"{metric.inline}, {turn_value} over the turn")
     for name, metric in library().items()
-    for turn_value in OVER
+    for turn_value in TURN_VALUES
 )
 """Columns of a unit's metrics over the turn."""
 OF_TURN = tuple(
@@ -44,12 +44,12 @@ class Turn:
     ----------
     values : (n, n_angles); all missing of a sample without a result at some loaded angle.
     worst_values : (n, n_angles) likewise, with what finite motions add where the backlash is largest.
-    even : (n_angles,) which of them stand evenly over the turn, as far as they are of one kind.
+    is_even : (n_angles,) which of them stand evenly over the turn, as far as they are of one kind.
     """
 
     values: np.ndarray
     worst_values: np.ndarray
-    even: np.ndarray
+    is_even: np.ndarray
 
 
 def loop_metrics(study: Study, loops: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -131,7 +131,7 @@ def turn_readings(
     rigid_ends : (n, 2, n_rigid_angles) [arcmin], as `clearance.rigid_ends` has it.
     """
     angles = np.array(study.cycle.crank_deg)
-    loaded_angles, free = (_angles_of(loops, names, metric, len(angles)) for names, metric in _READ.items())
+    loaded_angles, free_angles = (_angles_of(loops, names, metric, len(angles)) for names, metric in _READ.items())
     missing = np.isnan(loaded_angles[:, :1, :1, None])
     running = {
         column.name: np.where(missing[:, 0, :, 0], np.nan, loops[column.name].reshape(-1, len(angles)))
@@ -142,7 +142,7 @@ def turn_readings(
     input_torque = crank_torque(design.cycloid.eccentricity_mm, np.radians(angles), design.disk.count, bearing_force)
     return TurnReadings(
         loaded_angle=loaded_angles,
-        free_angle=np.stack([_with_rigid(study, free[:, k], rigid_ends[:, k]) for k in range(2)], axis=1),
+        free_angle=np.stack([_with_rigid(study, free_angles[:, k], rigid_ends[:, k]) for k in range(2)], axis=1),
         bearing_force=np.where(missing, np.nan, bearing_force),
         input_share=input_torque / ideal,
         pressure_speed=running[PRESSURE_SPEED.name],
@@ -175,10 +175,10 @@ def over_turn_columns(turns: Mapping[str, Turn]) -> dict[str, np.ndarray]:
     """Worst, mean and best of every metric over the turn (n,), by column; missing of a unit without a result."""
     columns: dict[str, np.ndarray] = {}
     for name, turn in turns.items():
-        worst, best = library()[name].over_turn(turn.worst_values)[0], library()[name].over_turn(turn.values)[1]
+        worst_values, best_values = library()[name].over_turn(turn.worst_values)[0], library()[name].over_turn(turn.values)[1]
         # in the order of rows, in which a single unit is summed as among many: to the bit
-        mean = np.ascontiguousarray(turn.values[:, turn.even]).mean(axis=1)
-        columns |= {f"{name}_worst": worst, f"{name}_mean": mean, f"{name}_best": best}
+        mean = np.ascontiguousarray(turn.values[:, turn.is_even]).mean(axis=1)
+        columns |= {f"{name}_worst": worst_values, f"{name}_mean": mean, f"{name}_best": best_values}
     return columns
 
 

@@ -45,15 +45,15 @@ def found_columns(study: Study, turns: Mapping[str, Turn], search: Mapping[str, 
         values = turn.worst_values
         bad = np.where(np.isnan(values), -np.inf, -values if metric.smaller_is_worse else values)
         place = bad.argmax(axis=1)
-        worst, crank = values[np.arange(len(place)), place], angles[place]
+        worst_values, crank = values[np.arange(len(place)), place], angles[place]
         if len(search):
-            searched = search[f"{name}_worst"]
-            worse = searched < worst if metric.smaller_is_worse else searched > worst
-            lost = np.isnan(searched) & (search["n_solved"] > 0)
-            worst = np.where(lost, np.nan, np.where(worse, searched, worst))
+            found_values = search[f"{name}_worst"]
+            worse = found_values < worst_values if metric.smaller_is_worse else found_values > worst_values
+            lost = np.isnan(found_values) & (search["n_solved"] > 0)
+            worst_values = np.where(lost, np.nan, np.where(worse, found_values, worst_values))
             crank = np.where(worse, search[f"{name}_at_crank_deg"], crank)
-        missing = np.isnan(values).any(axis=1) | np.isnan(worst)
-        columns[f"{name}_worst"] = np.where(missing, np.nan, worst)
+        missing = np.isnan(values).any(axis=1) | np.isnan(worst_values)
+        columns[f"{name}_worst"] = np.where(missing, np.nan, worst_values)
         columns[f"{name}_at_crank_deg"] = np.where(missing, np.nan, crank)
         columns[f"{name}_at_crank_turn"] = columns[f"{name}_at_crank_deg"] // CRANK_DEG_PER_TURN
     return columns
@@ -61,11 +61,11 @@ def found_columns(study: Study, turns: Mapping[str, Turn], search: Mapping[str, 
 
 def shortfalls(units: pd.DataFrame, audit: Columns) -> pd.DataFrame:
     """What each metric's worst of the audited units lies beyond that in the table of units, by sample."""
-    whole = pd.DataFrame(dict(audit)).set_index("sample")
-    found = units.set_index("sample").loc[whole.index]
+    audit_rows = pd.DataFrame(dict(audit)).set_index("sample")
+    found_rows = units.set_index("sample").loc[audit_rows.index]
     beyond = {}
     for name, metric in library().items():
-        difference = whole[f"{name}_worst"] - found[f"{name}_worst"]
+        difference = audit_rows[f"{name}_worst"] - found_rows[f"{name}_worst"]
         beyond[name] = difference.clip(upper=0.0) if metric.smaller_is_worse else difference.clip(lower=0.0)
     return pd.DataFrame(beyond)
 
@@ -100,26 +100,30 @@ def whole_turn_estimates(
     """
     confidence = study.metrics.confidence
     for name in library():
-        found, missed = values[name].dropna().to_numpy(float), shortfall[name].dropna().to_numpy(float)
-        if len(found) and len(missed):
-            for statistic, estimate in audited_distribution(found, missed, confidence).items():
+        found_values, missed_values = values[name].dropna().to_numpy(float), shortfall[name].dropna().to_numpy(float)
+        if len(found_values) and len(missed_values):
+            for statistic, estimate in audited_distribution(found_values, missed_values, confidence).items():
                 yield name, statistic, estimate
     if study.limits.over != "worst":
         return
     for name in study.limits.pass_flags({column: values[column].to_numpy(float) for column in values}):
-        limited = study.limits.limited_metrics(name, values)
-        counted, missed = values[limited].dropna(), shortfall[[m for m in limited if m in shortfall]].dropna()
-        if len(counted) and len(missed):
-            yield name, "yield", audited_share(_passes(study, name, counted, missed), confidence)
+        limited_metrics = study.limits.limited_metrics(name, values)
+        counted_values, missed_values = (
+            values[limited_metrics].dropna(),
+            shortfall[[m for m in limited_metrics if m in shortfall]].dropna(),
+        )
+        if len(counted_values) and len(missed_values):
+            yield name, "yield", audited_share(_passes(study, name, counted_values, missed_values), confidence)
 
 
-def _passes(study: Study, name: str, counted: pd.DataFrame, missed: pd.DataFrame) -> np.ndarray:
+def _passes(study: Study, name: str, counted_values: pd.DataFrame, missed_values: pd.DataFrame) -> np.ndarray:
     """Whether each unit keeps a limit, or all, with the shortfall of each audited one (n, n_audited)."""
     passes = []
-    for row in range(len(missed)):
+    for row in range(len(missed_values)):
         true = {
-            metric: counted[metric].to_numpy(float) + (missed[metric].iloc[row] if metric in missed else 0.0)
-            for metric in counted
+            metric: counted_values[metric].to_numpy(float)
+            + (missed_values[metric].iloc[row] if metric in missed_values else 0.0)
+            for metric in counted_values
         }
         passes.append(study.limits.pass_flags(true)[name])
     return np.stack(passes, axis=1)

@@ -17,7 +17,7 @@ from pipeline.engine.store import Output
 from pipeline.model.geometry.clearance import gaps
 from pipeline.sampling import draw
 from stages.chain import STAGES
-from stages.tables.convergence import continued
+from stages.tables.convergence import continuation
 
 ROOT = Path(__file__).parents[2]
 HEADLINES = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")
@@ -71,9 +71,9 @@ def test_the_worst_of_twice_as_many_angles_is_what_the_run_expects(tables: dict[
 
 
 def test_a_sequence_is_continued_as_far_again_and_by_a_quarter() -> None:
-    assert continued(np.array([1.0, 1.5, 1.7])) == pytest.approx((1.9, 1.75))
-    assert continued(np.array([1.0, 0.9, 0.7])) == pytest.approx((0.5, 0.65))
-    assert continued(np.array([2.0, 2.0, 2.0])) == (2.0, 2.0)
+    assert continuation(np.array([1.0, 1.5, 1.7])) == pytest.approx((1.9, 1.75))
+    assert continuation(np.array([1.0, 0.9, 0.7])) == pytest.approx((0.5, 0.65))
+    assert continuation(np.array([2.0, 2.0, 2.0])) == (2.0, 2.0)
 
 
 def test_the_peak_of_a_smooth_curve_is_missed_by_a_quarter_where_the_angles_double() -> None:
@@ -83,7 +83,7 @@ def test_the_peak_of_a_smooth_curve_is_missed_by_a_quarter_where_the_angles_doub
         [np.mean(np.max([np.cos(phases + 2 * np.pi * k / n) for k in range(n)], axis=0)) for n in (8, 16, 32, 64)]
     )
     assert np.diff(worst)[1:] / np.diff(worst)[:-1] == pytest.approx(0.25, abs=0.01)
-    assert continued(worst[:-1])[1] == pytest.approx(worst[-1], abs=1e-4)
+    assert continuation(worst[:-1])[1] == pytest.approx(worst[-1], abs=1e-4)
 
 
 def test_backlash_over_the_turn_by_a_general_linear_program(tmp_path: Path) -> None:
