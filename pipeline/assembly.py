@@ -12,7 +12,7 @@ from pipeline.config.designs.flank import flank_profile
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.mechanisms.mechanism import LawInputs
 from pipeline.config.studies.study import Study
-from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated, scaled
+from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated_laws, scaled_laws
 from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.clocking import Clocking, clocking, same_places
@@ -150,7 +150,7 @@ def contact_laws(study: Study, reducer: Reducer) -> ContactLaws:
     ValueError
         As ``pin_laws``.
     """
-    return concatenated([pin_laws(study, reducer), output_laws(study)])
+    return concatenated_laws([pin_laws(study, reducer), output_laws(study)])
 
 
 def pin_laws(study: Study, reducer: Reducer) -> ContactLaws:
@@ -165,14 +165,14 @@ def pin_laws(study: Study, reducer: Reducer) -> ContactLaws:
     pin = inputs.materials[study.design.pins.material]
     on_flank = LineContact(1 / (1 / radius + reducer.pins.flank_curvature), inputs.thickness, pin, inputs.disk)
     laws = inputs.law.on_mesh(on_flank, radius, study.reduce.patch_half_width_mm)
-    return scaled(laws, study.springs.pin_deflection_factor)
+    return scaled_laws(laws, study.springs.pin_deflection_factor)
 
 
 def output_laws(study: Study) -> ContactLaws:
     """Laws of the contacts of the output with every disk, then of those behind the disks; alike at all crank angles."""
     output = study.design.output
-    laws = concatenated([*[output.laws(_law_inputs(study))] * study.design.disk.count, output.laws_behind()])
-    return scaled(laws, study.springs.output_deflection_factor)
+    laws = concatenated_laws([*[output.laws(_law_inputs(study))] * study.design.disk.count, output.laws_behind()])
+    return scaled_laws(laws, study.springs.output_deflection_factor)
 
 
 def _law_inputs(study: Study) -> LawInputs:

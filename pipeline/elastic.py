@@ -9,7 +9,7 @@ from pipeline.config.studies.study import Study
 from pipeline.model.elastic.condensed_body import ElasticBody, elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.elastic.perforated_mesh import hole_boundary, perforated_mesh
-from pipeline.model.elastic.pressure_patches import Patches, boundary_patches, joined, line_patches
+from pipeline.model.elastic.pressure_patches import Patches, boundary_patches, joined_patches, line_patches
 from pipeline.model.geometry.contacts import OUTPUT, PIN
 from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.reducer import Reducer
@@ -76,4 +76,4 @@ def disk_patches(study: Study, disk: ElasticBody, reducer: Reducer, number: int 
                 parts.append(boundary_patches(disk.mesh, wall, point[k], -normal[k], width))
         else:
             parts.append(line_patches(disk.mesh, point[rows], 1j * normal[rows], -normal[rows], width))
-    return joined(*parts)
+    return joined_patches(*parts)

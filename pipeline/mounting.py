@@ -44,7 +44,7 @@ def drive_of(
     reducer = assembly.reducer(study.design, crank_deg) if reducer is None else reducer
     contacts = len(reducer.contacts)
     shift = np.zeros((len(clearance), contacts))
-    if not reducer.centred:
+    if not reducer.is_centred:
         output = np.flatnonzero(reducer.contacts.kind == OUTPUT)
         bearing_rows = output[study.design.output.bearing_rows(reducer.contacts.some(output))]
         shift[:, bearing_rows] = of_each_disk(clearance, reducer.n_disks)[:, reducer.disk_of_contact[bearing_rows]]

@@ -16,7 +16,7 @@ from pipeline.model.turn.sliding import sliding_speed
 def running(design: Design, reducer: Reducer) -> Running:
     """How the contacts run: their lengths, seats, sliding and friction, as far as the design states them."""
     operation, thickness, n_contacts = design.operation, design.disk.thickness_mm, len(reducer.contacts)
-    of_pins, in_holes = reducer.contacts.kind == PIN, (reducer.contacts.hole >= 0) & reducer.centred
+    of_pins, in_holes = reducer.contacts.kind == PIN, (reducer.contacts.hole >= 0) & reducer.is_centred
     length = np.where(of_pins, thickness, design.output.contact_length_mm(thickness))
     unknown = np.full(n_contacts, np.nan)
     if operation is None:

@@ -193,7 +193,7 @@ class _Block:
         study: Study = self.job.study
         return {
             stride: worst_of_stride(self.turns, stride)
-            | turn_columns(self.readings.thinned(stride) if stride > 1 else self.readings)
+            | turn_columns(self.readings.with_stride(stride) if stride > 1 else self.readings)
             for stride in strides_of(study)
         }
 

@@ -92,7 +92,7 @@ class DiskMatrices:
             if part is None:
                 reducer = assembly.reducer(design, crank_deg)
                 key = f"crank {crank_deg:.9g} disk {number}"
-                matrices.append(self._condensed_disk(reducer, number, clocking.turned, key))
+                matrices.append(self._condensed_disk(reducer, number, clocking.hole_rotation, key))
                 continue
             turned_on, places = part
             reducer = assembly.reducer(design, turned_on)

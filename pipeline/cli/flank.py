@@ -23,9 +23,9 @@ def write_flank(options: argparse.Namespace) -> None:
     if not SMALLEST_COUNT <= options.points <= LARGEST_COUNT:
         raise InputError(f"--points = {options.points}; must be {SMALLEST_COUNT} to {LARGEST_COUNT} of a lobe")
     profile = assembly.profile(load_design(options.design, settings.ROOT))
-    drawn_profile = replace(profile, modification=replace(profile.modification, measured=None))
+    drawn_profile = replace(profile, modification=replace(profile.modification, measured_flank=None))
     tables = {"drawn": flank_points(drawn_profile, options.points)}
-    if profile.modification.measured is not None:
+    if profile.modification.measured_flank is not None:
         tables["measured"] = flank_points(profile, options.points)
     for name, table in tables.items():
         write_atomic(options.out / f"{name}.csv", table.to_csv(index=False, float_format="%.9f").encode())

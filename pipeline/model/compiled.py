@@ -40,7 +40,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from pipeline.registry import CONTACT_LAWS
 
 PACKAGE = Path(__file__).parent
-DAMAGED = "damaged"
+DAMAGED_SUFFIX = "damaged"
 """Beginning of the names of folders of compiled code that is not what was written."""
 
 
@@ -96,17 +96,17 @@ numba.config.CACHE_DIR = str(CACHE)  # type: ignore[attr-defined]
 ALGEBRA = {"reassoc", "contract", "nsz", "arcp"}
 """What the compiler may assume of sums and products where their order is ours to choose; not that all is finite."""
 
-COMPILED = {"nogil": True, "error_model": "numpy"}
-INLINED = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **COMPILED}
+COMPILE_OPTIONS = {"nogil": True, "error_model": "numpy"}
+INLINE_OPTIONS = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **COMPILE_OPTIONS}
 """Parts are called by compiled code alone: doors for Python would take a third of the compiler's time."""
-BORROWED = {"_nrt": False}
+BORROWED_OPTIONS = {"_nrt": False}
 """Code that allocates nothing and counts no references: every view of an array would cost two atomic operations."""
 
 
 def _files(index: Path) -> dict[str, list[Any]]:
     """Hash and size of the compiler's files of an entry point, by name: its index and its code; none of a folder."""
-    found = [path for path in index.parent.glob(f"{glob.escape(index.stem)}.*") if path.suffix in (".nbi", ".nbc")]
-    return {path.name: _hash_and_size(path) if path.is_file() else [] for path in sorted(found)}
+    paths = [path for path in index.parent.glob(f"{glob.escape(index.stem)}.*") if path.suffix in (".nbi", ".nbc")]
+    return {path.name: _hash_and_size(path) if path.is_file() else [] for path in sorted(paths)}
 
 
 def _hash_and_size(path: Path) -> list[Any]:
@@ -121,10 +121,10 @@ def _verified_files(index: Path) -> dict[str, list[Any]]:
     """
     files, manifest = _files(index), index.with_suffix(MANIFEST)
     try:
-        expected = json.loads(manifest.read_bytes()) if manifest.is_file() else {}
+        recorded_files = json.loads(manifest.read_bytes()) if manifest.is_file() else {}
     except (OSError, ValueError, RecursionError):
-        expected = {}
-    if files and files == expected and all(_is_own(index.parent / name) for name in files):
+        recorded_files = {}
+    if files and files == recorded_files and all(_is_own(index.parent / name) for name in files):
         return files
     _set_aside([*(index.parent / name for name in files), *([manifest] if not manifest.is_file() else [])])
     return {}
@@ -134,7 +134,7 @@ def _set_aside(paths: list[Path]) -> None:
     """Move files, or what stands in the place of a file, out of the compiler's way, if they are there."""
     present = [path for path in paths if os.path.lexists(path)]
     if present:
-        folder = Path(tempfile.mkdtemp(prefix=f"{DAMAGED}-", dir=CACHE))
+        folder = Path(tempfile.mkdtemp(prefix=f"{DAMAGED_SUFFIX}-", dir=CACHE))
         for path in present:
             path.rename(folder / path.name)
             print(f"{path}: not what was written; set aside in {folder}", file=sys.stderr)
@@ -144,10 +144,10 @@ def cached_entry(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorator of an entry point: compiled for the types of its arguments, by one process at a time, and cached."""
 
     def decorate(function: Callable[..., Any]) -> Any:
-        dispatcher = njit(cache=True, **COMPILED, **options)(function)  # type: ignore[call-overload]
+        dispatcher = njit(cache=True, **COMPILE_OPTIONS, **options)(function)  # type: ignore[call-overload]
         from_cache_or_compiled = dispatcher.compile
 
-        def compiled(signature: object) -> object:
+        def compile_entry(signature: object) -> object:
             CACHE.mkdir(mode=0o700, parents=True, exist_ok=True)
             # made when it is used: a lock does not cross a fork; behind the compiler's own, so that threads do not wait
             # for each other
@@ -155,15 +155,15 @@ def cached_entry(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             _set_aside([lock] if lock.is_symlink() or not lock.is_file() else [])
             with global_compiler_lock, FileLock(lock):
                 index = Path(dispatcher._cache._cache_file._index_path)
-                before = _verified_files(index)
+                files_before = _verified_files(index)
                 result = from_cache_or_compiled(signature)
-                if (after := _files(index)) != before:
+                if (files_after := _files(index)) != files_before:
                     temporary = index.with_suffix(f".{os.getpid()}.tmp")
-                    temporary.write_text(json.dumps(after))
+                    temporary.write_text(json.dumps(files_after))
                     temporary.replace(index.with_suffix(MANIFEST))
                 return result
 
-        dispatcher.compile = compiled
+        dispatcher.compile = compile_entry
         return dispatcher
 
     return decorate
@@ -174,8 +174,8 @@ def compiled_before(dispatcher: Any) -> bool:
     return any(CACHE.glob(f"*/*.{dispatcher.__name__}-*.nbi"))
 
 
-part = njit(**INLINED)  # type: ignore[call-overload]
+part = njit(**INLINE_OPTIONS)  # type: ignore[call-overload]
 entry = cached_entry()
-algebraic_part = njit(fastmath=ALGEBRA, **INLINED, **BORROWED)  # type: ignore[call-overload]
-merged_part = njit(fastmath=ALGEBRA, inline="always", **COMPILED, **BORROWED)  # type: ignore[call-overload]
-borrowing_entry = cached_entry(**BORROWED)
+algebraic_part = njit(fastmath=ALGEBRA, **INLINE_OPTIONS, **BORROWED_OPTIONS)  # type: ignore[call-overload]
+merged_part = njit(fastmath=ALGEBRA, inline="always", **COMPILE_OPTIONS, **BORROWED_OPTIONS)  # type: ignore[call-overload]
+borrowing_entry = cached_entry(**BORROWED_OPTIONS)

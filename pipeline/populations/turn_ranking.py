@@ -90,7 +90,7 @@ def _by_place(drives: TurnDrives, gap: Real, pitch: int) -> Real:
 def _output_ends(drive: Drive) -> Real:
     """Play behind the disks in both senses (n, n_disks, 2) [rad]: that of all less that of the pins; 0 of several."""
     reducer = drive.reducer
-    if reducer.n_disks > 1 or not reducer.centred:
+    if reducer.n_disks > 1 or not reducer.is_centred:
         return np.zeros((len(drive.gap), reducer.n_disks, 2))
     ends = rigid_play(reducer, drive.gap, np.zeros_like(drive.bearing_clearance)).ends * reducer.flange_ratio
     ends = ends if reducer.flange_ratio > 0 else ends[::-1]

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.figures.labels import METRICS, parameter_title
-from pipeline.model.metrics import signed
+from pipeline.model.metrics import signed_number
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import NOTHING, UNDETERMINED, percent, percent_interval
 from pipeline.report.results import Cell
@@ -55,7 +55,10 @@ def _driver_rows(table: pd.DataFrame) -> list[tuple[str, list[Cell]]]:
         title = parameter_title(str(parameter))
         if np.isfinite(index):
             texts = (
-                (signed(index, 2), f"{signed(low, 2)} to {signed(high, 2)}" if np.isfinite([low, high]).all() else "")
+                (
+                    signed_number(index, 2),
+                    f"{signed_number(low, 2)} to {signed_number(high, 2)}" if np.isfinite([low, high]).all() else "",
+                )
                 if kind == RANK_CORRELATION
                 else (percent(index), percent_interval(low, high))
             )
@@ -75,7 +78,7 @@ def main_contributor(frames: Frames, metric: str) -> str:
         share = percent(float(total.iloc[0]))
         return f"{parameter_title(total.index[0])} ({share} of its variance, interactions included)"
     if len(ranks):
-        return f"{parameter_title(ranks.index[0])} (rank correlation {signed(float(ranks.iloc[0]), 2)})"
+        return f"{parameter_title(ranks.index[0])} (rank correlation {signed_number(float(ranks.iloc[0]), 2)})"
     return ""
 
 
@@ -125,7 +128,9 @@ def _driver(metric: str, table: pd.DataFrame) -> Driver:
         title=METRICS[metric].title,
         in_all=_names([f"{name} ({percent(share)})" for name, share in _titled(total)], table, TOTAL),
         by_itself=_names([f"{name} ({percent(share)})" for name, share in _titled(first_order)], table, FIRST_ORDER),
-        by_rank=_names([f"{name} ({signed(rank, 2)})" for name, rank in _titled(ranks)], table, RANK_CORRELATION),
+        by_rank=_names(
+            [f"{name} ({signed_number(rank, 2)})" for name, rank in _titled(ranks)], table, RANK_CORRELATION
+        ),
         together=_together(table),
     )
 

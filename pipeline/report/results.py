@@ -9,7 +9,7 @@ import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS, ANGLES_TO_CONTINUE
 from pipeline.figures.labels import LIMITED, METRICS
-from pipeline.model.metrics import signed
+from pipeline.model.metrics import signed_number
 from pipeline.report.frames import HEADLINES, Frames, case_label
 from pipeline.report.layout.wording import (
     NOTHING,
@@ -185,7 +185,9 @@ class Results:
             current, *expected = self._doubled(name, "worst_mean")
             if np.isfinite(expected).all():
                 metric = METRICS[name]
-                ends = dict.fromkeys(signed(value - current, metric.decimals) for value in expected)  # once where alike
+                ends = dict.fromkeys(
+                    signed_number(value - current, metric.decimals) for value in expected
+                )  # once where alike
                 phrases.append(f"the {metric.inline} by {' to '.join(ends)} {metric.unit}")
         return phrases
 

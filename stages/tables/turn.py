@@ -168,7 +168,7 @@ def _angles_of(loops: Mapping[str, np.ndarray], readings: tuple[str, str], metri
 
 def turn_columns(readings: TurnReadings) -> dict[str, np.ndarray]:
     """Every metric of the turn (n,), by column."""
-    return {name: metric.of(readings) for name, metric in turn_library().items()}
+    return {name: metric.metric_values(readings) for name, metric in turn_library().items()}
 
 
 def over_turn_columns(turns: Mapping[str, Turn]) -> dict[str, np.ndarray]:

@@ -438,8 +438,8 @@ def test_killed_at_any_step_of_a_publish_the_next_run_ends_equal(tmp_path: Path,
 
 
 def test_the_lock_of_a_killed_process_holds_nobody_up(tmp_path: Path) -> None:
-    script = "import sys, os; from pathlib import Path; from pipeline.engine.lock import locked\n"
-    script += "with locked(Path(sys.argv[1])): os.kill(os.getpid(), 9)"
+    script = "import sys, os; from pathlib import Path; from pipeline.engine.lock import lock_run\n"
+    script += "with lock_run(Path(sys.argv[1])): os.kill(os.getpid(), 9)"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run([sys.executable, "-c", script, str(tmp_path / "toy")], env=environment, check=False)
     with lock_run(tmp_path / "toy"):

@@ -41,7 +41,7 @@ def small_drive(
         bearing_clearance=np.full(n, clearance),
         elements=elements,
     )
-    return drive.moved(pin_radius=np.array(-play), roller_diameter=np.array(-2 * play))
+    return drive.with_added_errors(pin_radius=np.array(-play), roller_diameter=np.array(-2 * play))
 
 
 def drive_with(profile, reducer, bearing, laws, compliance, gap, clearance):

@@ -7,7 +7,7 @@ from pipeline.config.mechanisms.roller_plate import RollerPlate
 from pipeline.model.contact.laws import (
     LineContact,
     Material,
-    concatenated,
+    concatenated_laws,
     cylinder_share,
     flat_share,
     mesh_compliance,
@@ -94,9 +94,9 @@ def laws_of(profile, reducer, law="hertz", width=0.15, length=2.0):
     rollers = LineContact(np.full(len(reducer.contacts) - profile.pins, 1.5), length, STEEL, STEEL)
     if law == "palmgren":
         mesh_part = mesh_compliance(STEEL, length, radius, width)
-        return concatenated([palmgren_laws(pins, 1, mesh_part), palmgren_laws(rollers, 2, 0.0)])
+        return concatenated_laws([palmgren_laws(pins, 1, mesh_part), palmgren_laws(rollers, 2, 0.0)])
     halves = [cylinder_share(rollers, STEEL, 1.5), flat_share(rollers, STEEL, 5.0)]
-    return concatenated(
+    return concatenated_laws(
         [
             hertz_laws(pins, [cylinder_share(pins, STEEL, radius), meshed_share(pins, STEEL, width)], radius),
             hertz_laws(rollers, [*halves, *halves], 1.5),

@@ -10,14 +10,14 @@ from pipeline.model.contact.laws import (
     ContactLaws,
     LineContact,
     Material,
-    concatenated,
+    concatenated_laws,
     cylinder_share,
     flat_share,
     in_series,
     mesh_compliance,
     meshed_share,
-    scaled,
-    stiffened,
+    scaled_laws,
+    stiffened_laws,
 )
 from pipeline.model.contact.line_laws import library as law_library
 from pipeline.model.contact.line_laws.contact_law import law_of
@@ -245,7 +245,7 @@ def test_law_of_longer_contacts_is_that_of_their_line_load():
 
 
 def test_records_are_joined_and_taken_apart_in_order():
-    joined = concatenated([LAWS["pin in a root"], LAWS["palmgren roller"], LAWS["roller between flats"]])
+    joined = concatenated_laws([LAWS["pin in a root"], LAWS["palmgren roller"], LAWS["roller between flats"]])
     assert len(joined) == 3
     force = np.array([[5.0, 60.0, 700.0]])
     parts = [
@@ -260,8 +260,8 @@ def test_records_are_joined_and_taken_apart_in_order():
 @EACH_LAW
 def test_laws_are_scaled_and_stiffened_by_their_meaning(laws):
     force = reach_of(laws)[:, None]
-    np.testing.assert_allclose(scaled(laws, 1.7).deflection(force), 1.7 * laws.deflection(force), rtol=1e-13)
-    stiffer = stiffened(laws, np.array([2.5]))
+    np.testing.assert_allclose(scaled_laws(laws, 1.7).deflection(force), 1.7 * laws.deflection(force), rtol=1e-13)
+    stiffer = stiffened_laws(laws, np.array([2.5]))
     np.testing.assert_allclose(stiffer.deflection(2.5 * force), laws.deflection(force), rtol=1e-12)
     np.testing.assert_allclose(stiffer.compliance(2.5 * force), laws.compliance(force) / 2.5, rtol=1e-12)
     np.testing.assert_allclose(stiffer.energy(2.5 * force), 2.5 * laws.energy(force), rtol=1e-12)
@@ -269,13 +269,13 @@ def test_laws_are_scaled_and_stiffened_by_their_meaning(laws):
 
 def test_laws_joined_keep_their_contacts_and_add_up_in_series():
     groups, force = [LAWS["pin in a root"], LAWS["palmgren on a mesh"]], np.array([[5.0, 60.0]])
-    joined = concatenated(groups)
+    joined = concatenated_laws(groups)
     parts = [laws.deflection([f])[0] for laws, f in zip(groups, force[0], strict=True)]
     np.testing.assert_array_equal(joined.deflection(force)[0], parts)
     np.testing.assert_array_equal(joined[[1, 0]].deflection(force[:, ::-1])[0], parts[::-1])
     twice = in_series(groups[0], groups[0])
     np.testing.assert_allclose(twice.deflection([9.0]), 2 * groups[0].deflection([9.0]), rtol=1e-14)
-    assert joined.content != concatenated([groups[0], palmgren(2, 0.0, 2.6)]).content
+    assert joined.content != concatenated_laws([groups[0], palmgren(2, 0.0, 2.6)]).content
 
 
 def test_laws_on_a_solid_body_are_the_compression_between_both_depths():

@@ -106,15 +106,17 @@ def test_life_and_efficiency_of_a_turn_by_hand():
     run = {"bearing_speed_rpm": 1000.0, "load_rating_N": 2000.0, "life_exponent": 3.0, "output_power_W": 95.0}
     turn = readings(force, 2.0, bearing_friction_mm=0.01, **run)
     load = (0.5 * (1e6 + 8e6)) ** (1 / 3)
-    life = turn_library()["bearing_life_h"].of(turn)
+    life = turn_library()["bearing_life_h"].metric_values(turn)
     assert life == pytest.approx(1e6 / 60e3 * (2000 / load) ** 3)
     bearing = 1e-3 * 0.01 * 150.0 * 1000 * 2 * np.pi / 60  # W, at the mean force of 150 N
-    efficiency = turn_library()["efficiency_percent"].of(turn)
+    efficiency = turn_library()["efficiency_percent"].metric_values(turn)
     assert efficiency == pytest.approx(100 * 95 / (95 + 2 + bearing))
-    assert np.isnan(turn_library()["efficiency_percent"].of(readings(force, 40.0, bearing_friction_mm=0.01, **run)))
+    assert np.isnan(
+        turn_library()["efficiency_percent"].metric_values(readings(force, 40.0, bearing_friction_mm=0.01, **run))
+    )
 
 
 def test_nothing_is_said_of_what_the_design_does_not_state():
     turn = readings(np.full(9, 100.0), np.nan)
-    assert np.isnan(turn_library()["bearing_life_h"].of(turn))
-    assert np.isnan(turn_library()["efficiency_percent"].of(turn))
+    assert np.isnan(turn_library()["bearing_life_h"].metric_values(turn))
+    assert np.isnan(turn_library()["efficiency_percent"].metric_values(turn))

@@ -150,16 +150,19 @@ def test_metrics_of_a_turn_take_the_larger_sense_and_say_nothing_from_few_angles
     rng = np.random.default_rng(0)
     loaded_values, free = rng.normal(size=(3, 2, 9)), rng.normal(size=(3, 2, 20))
     force = rng.normal(size=(3, 2, 9, 1)) + 1j
-    values = {name: metric.of(readings(loaded_values, free, force)) for name, metric in turn_library().items()}
+    values = {
+        name: metric.metric_values(readings(loaded_values, free, force)) for name, metric in turn_library().items()
+    }
     np.testing.assert_allclose(values["transmission_error_arcsec"], 60 * np.ptp(loaded_values, axis=2).max(axis=1))
     np.testing.assert_allclose(values["unloaded_transmission_error_arcsec"], 60 * np.ptp(free, axis=2).max(axis=1))
     np.testing.assert_allclose(values["bearing_force_peak_N"], np.abs(force).max(axis=(1, 2, 3)))
     np.testing.assert_allclose(values["bearing_force_mean_N"], np.abs(force).mean(axis=2).max(axis=(1, 2)))
     small_case = {
-        name: metric.of(readings(loaded_values, free, force).thinned(2)) for name, metric in turn_library().items()
+        name: metric.metric_values(readings(loaded_values, free, force).thinned(2))
+        for name, metric in turn_library().items()
     }
     unbalanced = readings(loaded_values, free, force, share=0.94)
-    assert np.isnan(turn_library()["bearing_force_peak_N"].of(unbalanced)).all()
+    assert np.isnan(turn_library()["bearing_force_peak_N"].metric_values(unbalanced)).all()
     assert np.isnan(small_case["transmission_error_arcsec"]).all()
     np.testing.assert_allclose(
         small_case["unloaded_transmission_error_arcsec"], 60 * np.ptp(free[..., ::2], axis=2).max(axis=1)

@@ -11,7 +11,7 @@ from small_study import LAST, run_study, small_study
 from pipeline import assembly
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
-from pipeline.model.equilibrium.solve import ACCEPTED, ElasticReducer, solve
+from pipeline.model.equilibrium.solve import ACCEPTED_RESIDUAL, ElasticReducer, solve
 from pipeline.model.load_history.load_cycle import ARCMIN
 from stages import hysteresis
 from stages.chain import STAGES
@@ -96,7 +96,7 @@ def test_loaded_solution_tends_to_the_rigid_play(outputs: Outputs, runs: Path) -
             start = np.zeros((n, len(reducer.motions)))
             elastic = ElasticReducer(reducer, assembly.bearing(study.design), laws, compliance)
             loaded_states = solve(elastic, gap[:, k], np.zeros(n), start, torque)
-            assert np.all(loaded_states.residual <= ACCEPTED)
+            assert np.all(loaded_states.residual <= ACCEPTED_RESIDUAL)
             end = curves[(curves["crank_deg"] == crank) & (curves["branch"] == branch) & (curves["torque_Nm"] == 0)]
             width += sense * (
                 ARCMIN * loaded_states.motion[:, 0, reducer.output_motion] - end["angle_arcmin"].to_numpy()

@@ -23,7 +23,7 @@ from pipeline.model.contact.friction_elements import output_sliders
 from pipeline.model.effects import library
 from pipeline.model.elements import Friction
 from pipeline.model.load_history.drive import Drive
-from pipeline.model.load_history.friction.frictional_cycle import refined, solve_frictional_cycle
+from pipeline.model.load_history.friction.frictional_cycle import refined_cycle, solve_frictional_cycle
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 from pipeline.mounting import drive_of
 from pipeline.report.inputs import design_numbers, reducer_facts
@@ -193,7 +193,7 @@ def test_work_of_constant_friction_is_its_torque_times_the_way(study: Study, out
     drive = _drive(study, outputs)
     reducer = drive.reducer
     drive = replace(drive, elements=(Friction(output_sliders(reducer, np.array([torque]), np.array([1e-7]))),))
-    path = solve_frictional_cycle(drive, cycle, solve_cycle(drive, refined(cycle))).equilibria
+    path = solve_frictional_cycle(drive, cycle, solve_cycle(drive, refined_cycle(cycle))).equilibria
     branch, state = cycle.steps
     loop = branch > 0
     angle, load = path.motion[:, loop, reducer.output_motion], cycle.state_torque[state][loop]
@@ -205,7 +205,7 @@ def test_path_without_sliders_is_the_frictionless_cycle(study: Study, outputs: O
     drive = _drive(study, outputs)
     cycle = assembly.load_cycle(study, study.cycle.levels_per_branch)
     weak = replace(drive, elements=(Friction(output_sliders(drive.reducer, np.array([1e-6]), np.array([1e-5]))),))
-    path_found = solve_frictional_cycle(weak, cycle, solve_cycle(weak, refined(cycle))).equilibria
+    path_found = solve_frictional_cycle(weak, cycle, solve_cycle(weak, refined_cycle(cycle))).equilibria
     states = solve_cycle(drive, cycle)
     _, state = cycle.steps
     is_loaded = cycle.state_torque[state] != 0

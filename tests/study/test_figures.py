@@ -22,7 +22,7 @@ from pipeline.figures.samples.sensitivity import sensitivity_figure
 from pipeline.figures.spread import centred, spread_frame
 from pipeline.figures.style import ALARM, save
 from pipeline.model.load_history.loop_readings import curve_readings
-from pipeline.model.metrics import Definitions, library, signed
+from pipeline.model.metrics import Definitions, library, signed_number
 from pipeline.report.sections.reducer.study import flank_outline
 from stages.clearance import contact_columns
 
@@ -324,8 +324,8 @@ def test_names_and_numbers_as_people_read_them():
     assert parameter_title("pin_radial_mean_um") == "radial pin position, mean"
     assert parameter_title("ovality_2_amplitude_um") == parameter_title("ovality_2")
     assert parameter_title("something_new_um") == "something new"
-    assert signed(-0.0004, 2) == "0.00"
-    assert signed(-1234.5, 1) == "\u22121,234.5"
+    assert signed_number(-0.0004, 2) == "0.00"
+    assert signed_number(-1234.5, 1) == "\u22121,234.5"
 
 
 def test_equal_figures_have_equal_bytes_and_leave_the_settings_alone(tmp_path):

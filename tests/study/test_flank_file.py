@@ -56,8 +56,8 @@ def test_a_file_by_phase_and_one_by_arc_are_one_flank(tmp_path):
     by_phase = assembly.profile(from_csv(tmp_path, table(zip(PHASES, deviation, strict=True))))
     arcs = np.linspace(0, 1, 361)[:-1] * lobe_length(by_phase)
     by_arc = assembly.profile(from_csv(tmp_path, table(((arc, 0.0) for arc in arcs), "arc_mm,deviation_um")))
-    assert by_phase.modification.measured.material[0] == pytest.approx(1e-3 * deviation)
-    phase = by_arc.modification.measured.phase
+    assert by_phase.modification.measured_flank.material[0] == pytest.approx(1e-3 * deviation)
+    phase = by_arc.modification.measured_flank.phase
     assert phase[180] == pytest.approx(np.pi, abs=1e-6)  # half of a lobe's length is its tip
     assert np.all(np.diff(phase) > 0)
 

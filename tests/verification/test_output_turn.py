@@ -35,7 +35,7 @@ def test_two_disks_with_holes_under_load_are_those_of_fresh_condensations(monkey
     data["reduce"]["roller_patch_half_width_mm"] = 2.0
     study = parse_study(data, "turn", "turn.toml", lambda design: load_design(design, ROOT))
     clockings = assembly.clockings(study.design)
-    bodies = [elastic_disk(study, clocking.turned) for clocking in clockings]
+    bodies = [elastic_disk(study, clocking.hole_rotation) for clocking in clockings]
 
     def condense(crank: float) -> list[np.ndarray]:
         reducer = assembly.reducer(study.design, crank)

@@ -14,7 +14,7 @@ from pipeline.checks.paper.statements import FigureStatement
 from pipeline.checks.paper.table2 import LARGEST_ERROR, RMS_ERROR, Misfit, fit_rows
 from pipeline.config import Study
 from pipeline.figures.labels import METRICS
-from pipeline.model.metrics import signed
+from pipeline.model.metrics import signed_number
 from pipeline.report import inputs
 from pipeline.report.layout.pictures import Picture
 from pipeline.report.layout.rendering import rendered
@@ -138,7 +138,7 @@ def _of_fit(table: pd.DataFrame, fitted_to: str) -> list[dict[str, object]]:
 
 
 def _percent(share: float) -> str:
-    return f"{signed(100 * share, 2)} %" if np.isfinite(share) else NOTHING
+    return f"{signed_number(100 * share, 2)} %" if np.isfinite(share) else NOTHING
 
 
 def _significant(value: float, digits: int = 4) -> str:

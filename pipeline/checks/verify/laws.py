@@ -11,7 +11,7 @@ from pipeline.model.contact.laws import (
     ContactLaws,
     LineContact,
     Material,
-    concatenated,
+    concatenated_laws,
     cylinder_share,
     meshed_share,
 )
@@ -124,7 +124,7 @@ def check_contact_laws(specimen: Specimen) -> Iterator[Finding]:
     """Contact laws: force = dE/d(penetration), continuity, growth, exponents."""
     rigid = palmgren_laws(LINE, 2, 0.0)
     mesh_laws = palmgren_laws(LINE, 1, 2e-6)
-    for name, laws in (("Hertz", specimen.laws), ("Palmgren", concatenated([rigid, mesh_laws]))):
+    for name, laws in (("Hertz", specimen.laws), ("Palmgren", concatenated_laws([rigid, mesh_laws]))):
         force = _grid(laws)
         yield relative(f"{name}: force as derivative of the energy [N]", _energy_slope(laws, force), force, LIMIT)
         yield relative(f"{name}: force from the deflection [N]", force, laws.force(laws.deflection(force)), LIMIT)

@@ -189,7 +189,7 @@ def _fold(profile: CycloidProfile) -> tuple[int, float] | None:
     """Lobe and phase [deg] at which the flank turns back about the disk's centre; None where it nowhere does."""
     if profile.modification == NOMINAL:
         return None
-    flank_measurement = profile.modification.measured
+    flank_measurement = profile.modification.measured_flank
     lobes = np.arange(1 if flank_measurement is None else len(flank_measurement.material))[:, None]
     phase = np.linspace(0, 2 * np.pi, CHECKED_POINTS)
     points = drawn_flank(profile, lobes, phase)

@@ -15,8 +15,8 @@ from pipeline.config.files.section import Clearance, Millimetres, Mistake, Posit
 from pipeline.config.mechanisms.crankshaft import Crankshaft
 from pipeline.config.mechanisms.drawing import Circles, Panel, Points
 from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
-from pipeline.model.contact.laws import ContactLaws, Material, concatenated
-from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined
+from pipeline.model.contact.laws import ContactLaws, Material, concatenated_laws
+from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined_contacts
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ class Carrier(OutputMechanism):
         roller in the direction n carries what is left of their difference. What an error of the eccentricity shifts,
         the disk follows.
         """
-        return joined([self._bearing(j, disk) for j in range(self.cranks)])
+        return joined_contacts([self._bearing(j, disk) for j in range(self.cranks)])
 
     def _bearing(self, crank: int, disk: DiskPose) -> Contacts:
         n = self.bearing_rollers
@@ -202,7 +202,9 @@ class Carrier(OutputMechanism):
         if not self.has_loose_supports:
             return self._meshes(disk)
         places = [(crank, support) for crank in range(self.cranks) for support in (0, 1)]
-        return joined([self._meshes(disk), *(self._support(crank, support, disk) for crank, support in places)])
+        return joined_contacts(
+            [self._meshes(disk), *(self._support(crank, support, disk) for crank, support in places)]
+        )
 
     def _support(self, crank: int, support: int, disk: DiskPose) -> Contacts:
         """Rollers between the carrier and a crank's shaft; of their own radius nothing depends."""
@@ -352,7 +354,7 @@ class Carrier(OutputMechanism):
         if shaft is None or not shaft.has_clearance:
             return laws
         stiffness = np.outer(self.bearing_factors, shaft.support_stiffness_N_per_mm_power).ravel()
-        return concatenated([laws, self._rings(stiffness, shaft.support_exponent)])
+        return concatenated_laws([laws, self._rings(stiffness, shaft.support_exponent)])
 
     def holes(self, cycloid: Cycloid) -> Holes:
         """One hole for each crank."""

@@ -12,7 +12,7 @@ from pydantic import Field
 from pipeline.config.files.section import Clearance, Millimetres, Mistake, Section
 from pipeline.config.mechanisms.drawing import Circles, Panel, Points
 from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
-from pipeline.model.contact.laws import ContactLaws, LineContact, Material, in_series, scaled
+from pipeline.model.contact.laws import ContactLaws, LineContact, Material, in_series, scaled_laws
 from pipeline.model.elastic.beam import LONGEST, SHORTEST, pin_flexibility
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
@@ -253,7 +253,7 @@ class PinInHole(OutputMechanism):
             np.full(self.pins, relative), inputs.thickness, inputs.materials[self.pin_material], material
         )
         double_law = inputs.law.between_flats((hole_contact, hole_contact), self.pin_radius_mm, middle)
-        return in_series(outer, scaled(double_law, 0.5))
+        return in_series(outer, scaled_laws(double_law, 0.5))
 
     def compliance(self, contacts: Contacts, disk: Index, materials: Mapping[str, Material]) -> Real | None:
         """Bending of each pin by the forces of all disks on it, along their own normals."""

@@ -13,8 +13,8 @@ from pydantic import Field
 from pipeline.config.files.section import Millimetres, Mistake
 from pipeline.config.mechanisms.drawing import Circles, Panel, Part, RowLabel
 from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
-from pipeline.model.contact.laws import ContactLaws, LineContact, concatenated
-from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined
+from pipeline.model.contact.laws import ContactLaws, LineContact, concatenated_laws
+from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined_contacts
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ class RollerPlate(OutputMechanism):
         """
         slide_direction: complex = np.exp(1j * (np.radians(self.slide_angle_deg) + disk.rotation))
         plate = disk.part("plate")
-        return joined(
+        return joined_contacts(
             [
                 self._slide(0, (disk.body, plate), slide_direction, disk.eccentric),
                 self._slide(1, (plate, "output"), 1j * slide_direction, 0j),
@@ -200,7 +200,7 @@ class RollerPlate(OutputMechanism):
         for flats in ((inputs.disk, plate), (plate, plate)):
             first_law, second = (LineContact(radius, self.roller_length_mm, roller, flat) for flat in flats)
             laws.append(inputs.law.between_flats((first_law, second), self.roller_radius_mm, self.flat_depth_mm))
-        return concatenated(laws)
+        return concatenated_laws(laws)
 
     def fact(self, cycloid: Cycloid, number_text: Callable[[float], str]) -> str:
         """Slides and rollers in words."""

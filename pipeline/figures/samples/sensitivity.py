@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.figures.labels import parameter_title
 from pipeline.figures.style import INK, MUTED, new_figure, styled
-from pipeline.model.metrics import signed
+from pipeline.model.metrics import signed_number
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
 
 Real = NDArray[np.float64]
@@ -81,7 +81,7 @@ def _bars(axes: Axes, rows: pd.DataFrame, positions: Real, height: float, colour
         if not sure:
             bar.set(facecolor="none", edgecolor=MUTED, linestyle=":")
         axes.annotate(
-            signed(number, 2) if sure else f"({signed(number, 2)})",
+            signed_number(number, 2) if sure else f"({signed_number(number, 2)})",
             (1.0, y),
             (4, 0),
             xycoords=("axes fraction", "data"),

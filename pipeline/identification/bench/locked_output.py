@@ -34,7 +34,7 @@ class ElasticOverCrank(Elastic):
         assert course.crank is not None
         self.motion = course.crank
         self.by_state = {
-            state: CurvesOverCrank.of(drives, curves, self.motion.stations, state, beyond=True)
+            state: CurvesOverCrank.from_drives(drives, curves, self.motion.stations, state, beyond=True)
             for state in {0, *course.states}
         }
 
@@ -44,9 +44,9 @@ class ElasticOverCrank(Elastic):
 
     def from_start(self, state: int, start: float) -> ElasticCurve:
         """The curve of a state from another crank angle without twist [rad]."""
-        locked = self.by_state[state].locked(start, self.motion.ratio)
-        torque = locked.torque if self.motion.at_input else locked.carried
-        return ElasticCurve(torque, locked.angle, locked.carried)
+        locked = self.by_state[state].locked_curve(start, self.motion.ratio)
+        torque = locked.torque if self.motion.at_input else locked.carried_torque
+        return ElasticCurve(torque, locked.angle, locked.carried_torque)
 
     def turned_by_memory(self, torque: Real, twist: Real) -> Real:
         """What the angle (n_cells,) [rad] changes by, at torques behind friction, as a twist turns the crank on.

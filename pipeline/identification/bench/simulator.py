@@ -97,7 +97,7 @@ class Forward:
         """The curve of a drive that is not kept; preload is sought from the latest at its crank angle."""
         alike = drive.reducer.crank, drive.gap.shape
         curve = backbone(drive.without_elements, self.shares, self._preloaded.get(alike))
-        if curve.preloaded:
+        if curve.is_preloaded:
             self._preloaded[alike] = curve
         return curve
 

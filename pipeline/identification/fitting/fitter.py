@@ -59,7 +59,7 @@ class Fitter:
         stations = [station for position in numbers for station in problem.stations[position]]
         declared = [problem.drives(scales, station) for station in stations]
         shifted = [
-            drive.shifted(unknowns.modes @ problem.modes[station]) if problem.n_modes else drive
+            drive.with_added_gap(unknowns.modes @ problem.modes[station]) if problem.n_modes else drive
             for station, drive in zip(stations, declared if model.by_state else first_states(declared), strict=True)
         ]
         conditions = [problem.conditions[station] for station in stations]

@@ -262,7 +262,7 @@ class Model:
 
 def first_states(drives: Sequence[Drive]) -> tuple[Drive, ...]:
     """The drives in their first state alone."""
-    return tuple(drive.first for drive in drives)
+    return tuple(drive.first_state for drive in drives)
 
 
 @dataclass(frozen=True)

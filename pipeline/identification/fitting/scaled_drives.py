@@ -18,7 +18,7 @@ from pipeline.config.designs.design import Design
 from pipeline.config.files.keys import with_value
 from pipeline.config.files.section import number_at
 from pipeline.config.studies.study import Study
-from pipeline.model.contact.laws import ContactLaws, concatenated, scaled
+from pipeline.model.contact.laws import ContactLaws, concatenated_laws, scaled_laws
 from pipeline.model.effects import Conditions
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.reducer import Reducer
@@ -57,7 +57,7 @@ def _with_laws(drive: Drive, pins: float, output: float) -> Drive:
     """The drive with the local deflections of its pins and of its output's contacts scaled."""
     factor = np.full(len(drive.laws), output)
     factor[: drive.reducer.n_pins] = pins
-    return replace(drive, laws=scaled(drive.laws, factor), known_gap=drive.gap_of_errors)
+    return replace(drive, laws=scaled_laws(drive.laws, factor), known_gap=drive.gap_of_errors)
 
 
 def _with_gaps(drive: Drive, known_drive: Drive | None = None) -> Drive:
@@ -158,7 +158,7 @@ def drives_of(
             compliance(softness(refined.design) / softness(study.design), position),
             errors[position],
             assembly.bearing_clearance(refined.design, clearances[position]),
-            laws=concatenated([pins.at(numbers, angles[position]), output.at(numbers, angles[0])]),
+            laws=concatenated_laws([pins.at(numbers, angles[position]), output.at(numbers, angles[0])]),
             reducer=reducers.at(numbers, angles[position]),
         )
         return _with_gaps(drive, None if numbers == declared else with_numbers(declared, position))

@@ -112,7 +112,7 @@ def _read(identification: Identification, loop: tuple[Numbers, Numbers], angle: 
         return np.array([y[k] + (abs(level) - x[k]) * (y[k + 1] - y[k]) / (x[k + 1] - x[k])])
 
     tiny = 1e-9 * study.design.cycloid.rated_torque_Nm
-    readings = LoopReadings.measured(
+    readings = LoopReadings.from_bench(
         zero_falling=at(falling, tiny),
         zero_rising=at(rising, -tiny),
         lost_motion_plus=0.5 * (at(falling, mark) + at(rising, mark)),

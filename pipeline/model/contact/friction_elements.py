@@ -64,7 +64,7 @@ class Sliders:
         """The sliders where the load that presses on them is written ``factor`` times as large."""
         return self if factor == 1.0 else replace(self, coefficient=self.coefficient / factor)
 
-    def joined(self, addition: "Sliders") -> "Sliders":
+    def with_others(self, addition: "Sliders") -> "Sliders":
         """These and the others."""
         if not len(self):
             return addition
@@ -106,8 +106,8 @@ def pin_sliders(reducer: Reducer, laws: ContactLaws, coefficient: float, rated_t
         direction[rows, motions.index(f"{disk.body}_y")] = tangent.imag
         direction[rows, motions.index(f"{disk.body}_phi")] = np.real(np.conj(disk.pins.normal) * from_centre)
         if reducer.rolling:  # by 1/Z about the pitch point, Z eccentricities beyond the centre
-            rolled = reducer.rolling * from_centre - disk.eccentric
-            direction[rows, reducer.output_motion] = np.real(np.conj(disk.pins.normal) * rolled)
+            rolled_distance = reducer.rolling * from_centre - disk.eccentric
+            direction[rows, reducer.output_motion] = np.real(np.conj(disk.pins.normal) * rolled_distance)
     force = np.full(len(laws), rated_torque / (0.25 * np.sum(np.abs(reducer.pins.arm))))
     stiffness = TANGENTIAL / laws.compliance(force)[:n]
     return Sliders(direction, stiffness, np.zeros(n), np.full(n, coefficient), np.arange(n))

@@ -95,12 +95,12 @@ class ContactLaws:
 
     def _proper_compliance(self, force: Real) -> Real:
         log = np.log(np.maximum(force, np.finfo(float).tiny))
-        powered = np.where(
+        power_part = np.where(
             self.power > 0,
             self.power * self.exponent * np.maximum(force, np.finfo(float).tiny) ** (self.exponent - 1),
             0.0,
         )
-        return self.linear - self.logarithmic * (1 + log) + powered
+        return self.linear - self.logarithmic * (1 + log) + power_part
 
     def deflection(self, force: ArrayLike) -> Real:
         """Local deflection [mm] at ``force`` (..., n) [N], zero at and below zero force."""
@@ -131,13 +131,13 @@ class ContactLaws:
         force = target / self.compliance(np.ones_like(target))
         for _ in range(100):
             rise = (target - self.deflection(force)) / self.compliance(force)
-            settled = np.abs(rise) <= 1e-15 * force
-            if np.all(settled):
+            is_settled = np.abs(rise) <= 1e-15 * force
+            if np.all(is_settled):
                 break
             force = np.maximum(force + rise, 0.1 * force)
-        unsettled = np.abs(rise) > 1e-12 * force
-        if np.any(unsettled):
-            at_fault = np.broadcast_to(deflection, unsettled.shape)[unsettled]
+        is_unsettled = np.abs(rise) > 1e-12 * force
+        if np.any(is_unsettled):
+            at_fault = np.broadcast_to(deflection, is_unsettled.shape)[is_unsettled]
             raise ArithmeticError(f"force law not inverted at deflections {at_fault} mm")
         return np.where(deflection > 0, force, 0.0)
 
@@ -185,20 +185,20 @@ def in_series(laws: ContactLaws, second: ContactLaws) -> ContactLaws:
     )
 
 
-def scaled(laws: ContactLaws, factor: ArrayLike) -> ContactLaws:
+def scaled_laws(laws: ContactLaws, factor: ArrayLike) -> ContactLaws:
     """Laws whose deflections are ``factor``, one or (n,), times those of others."""
     numbers = {name: factor * getattr(laws, name) for name in ("linear", "logarithmic", "power")}
     return replace(laws, **numbers)
 
 
-def stiffened(laws: ContactLaws, factor: Real) -> ContactLaws:
+def stiffened_laws(laws: ContactLaws, factor: Real) -> ContactLaws:
     """Laws of bodies whose moduli are ``factor`` (..., n) times those of others, (..., n) each.
 
     At as many times the force they have the same deflection. A linear law is a stated stiffness, and is left as it is.
     """
-    stated = (laws.logarithmic == 0) & (laws.power == 0)
+    is_stated = (laws.logarithmic == 0) & (laws.power == 0)
     return ContactLaws(
-        linear=np.where(stated, laws.linear, (laws.linear + laws.logarithmic * np.log(factor)) / factor),
+        linear=np.where(is_stated, laws.linear, (laws.linear + laws.logarithmic * np.log(factor)) / factor),
         logarithmic=laws.logarithmic / factor,
         power=laws.power / factor**laws.exponent,
         exponent=laws.exponent + np.zeros_like(factor),
@@ -207,7 +207,7 @@ def stiffened(laws: ContactLaws, factor: Real) -> ContactLaws:
     )
 
 
-def concatenated(laws: list[ContactLaws]) -> ContactLaws:
+def concatenated_laws(laws: list[ContactLaws]) -> ContactLaws:
     """The laws of several groups of contacts in one record, in the order given."""
     return ContactLaws(*(np.concatenate([getattr(group, name) for group in laws]) for name in NUMBERS))
 
@@ -226,18 +226,18 @@ class LineContact:
     ----------
     radius : relative radius of curvature R' (n,) [mm], 1/R' = sum of the curvatures.
     length : contact length [mm].
-    first, second : the two materials.
+    first_material, second_material : the two materials.
     """
 
     radius: Real
     length: float
-    first: Material
-    second: Material
+    first_material: Material
+    second_material: Material
 
     @property
     def contact_modulus(self) -> float:
         """E* [MPa], 1/E* = 1/E'_1 + 1/E'_2."""
-        return 1 / (1 / self.first.modulus + 1 / self.second.modulus)
+        return 1 / (1 / self.first_material.modulus + 1 / self.second_material.modulus)
 
     @property
     def log_half_width(self) -> Real:

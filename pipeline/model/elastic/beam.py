@@ -20,12 +20,12 @@ def _flexibility(length: float, bending: float, shear: float) -> Real:
     return np.array([[flexibility, length**2 / (2 * bending)], [length**2 / (2 * bending), length / bending]])
 
 
-def _carried(load_distance: float, observed: float, bending: float, shear: float) -> Real:
+def _cantilever_flexibility(load_distance: float, observed_distance: float, bending: float, shear: float) -> Real:
     """Deflection, slope (2,) of a cantilever at ``observed`` by a unit force and moment (2,) at ``load_distance``."""
-    near_part = _flexibility(min(load_distance, observed), bending, shear)
-    if observed <= load_distance:  # the load beyond is its force and its moment here
-        return near_part @ np.array([[1.0, 0.0], [load_distance - observed, 1.0]])
-    return np.array([[1.0, observed - load_distance], [0.0, 1.0]]) @ near_part
+    near_part = _flexibility(min(load_distance, observed_distance), bending, shear)
+    if observed_distance <= load_distance:  # the load beyond is its force and its moment here
+        return near_part @ np.array([[1.0, 0.0], [load_distance - observed_distance, 1.0]])
+    return np.array([[1.0, observed_distance - load_distance], [0.0, 1.0]]) @ near_part
 
 
 def _section_stiffness(diameter: float, material: Material) -> tuple[float, float]:
@@ -46,13 +46,15 @@ def pin_flexibility(planes: Real, diameter: float, material: Material, span: flo
     """
     bending, shear = _section_stiffness(diameter, material)
     plane_positions = np.asarray(planes, float)
-    free = np.array([[_carried(b, a, bending, shear)[0, 0] for b in plane_positions] for a in plane_positions])
+    free_flexibility = np.array(
+        [[_cantilever_flexibility(b, a, bending, shear)[0, 0] for b in plane_positions] for a in plane_positions]
+    )
     if span is None:
-        return free
+        return free_flexibility
     end = np.array(
-        [_carried(b, span, bending, shear)[:, 0] for b in plane_positions]
+        [_cantilever_flexibility(b, span, bending, shear)[:, 0] for b in plane_positions]
     )  # what the clamp at the end takes back
-    return free - end @ np.linalg.solve(_flexibility(span, bending, shear), end.T)
+    return free_flexibility - end @ np.linalg.solve(_flexibility(span, bending, shear), end.T)
 
 
 def support_shares(planes: Real, span: float) -> Real:
@@ -82,7 +84,7 @@ def shaft_flexibility(planes: Real, span: float, diameter: float, material: Mate
 
     def moment(x: Real) -> Real:
         forces = ((0.0, shares[:, :1]), (span, shares[:, 1:]), (position[:, None], -1.0))
-        return np.asarray(sum(size * np.maximum(x - at, 0.0) for at, size in forces))
+        return np.asarray(sum(size * np.maximum(x - place, 0.0) for place, size in forces))
 
     corners = [moment(start), moment(0.5 * (start + end)), moment(end)]
     bent = sum(weight * (values * (end - start)) @ values.T for weight, values in zip((1, 4, 1), corners, strict=True))

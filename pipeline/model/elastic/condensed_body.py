@@ -81,7 +81,7 @@ class ElasticBody:
     @cached_property
     def stiffness(self) -> csc_array:
         """Stiffness matrix (n_freedoms, n_freedoms) [N/mm], singular: the body is free in it."""
-        return self._assembled(self.mesh.t.shape[1])
+        return self._assemble_stiffness(self.mesh.t.shape[1])
 
     @cached_property
     def solve(self) -> Callable[[Real], Real]:
@@ -92,15 +92,15 @@ class ElasticBody:
 
     @cached_property
     def _factors(self) -> SupportedFactors:
-        return SupportedFactors.of(self.stiffness, self.nodes, self.freedoms)
+        return SupportedFactors.from_stiffness(self.stiffness, self.nodes, self.freedoms)
 
     @cached_property
     def _cyclic(self) -> CyclicBody:
-        sectors = SectorNodes.of(self.nodes, self.triangles, self.sectors)
-        first_sector = self._assembled(self.mesh.t.shape[1] // self.sectors)
-        return CyclicBody.of(first_sector, sectors, self.freedoms, self.reference)
+        sectors = SectorNodes.from_triangles(self.nodes, self.triangles, self.sectors)
+        first_sector = self._assemble_stiffness(self.mesh.t.shape[1] // self.sectors)
+        return CyclicBody.from_stiffness(first_sector, sectors, self.freedoms, self.reference)
 
-    def _assembled(self, n_triangles: int) -> csc_array:
+    def _assemble_stiffness(self, n_triangles: int) -> csc_array:
         """Stiffness of the first ``n_triangles``.
 
         Source
@@ -124,8 +124,8 @@ class ElasticBody:
 
     def displacement(self, loads: Real) -> Real:
         """Displacement for any loads [N], the reference boundary held in the mean (n_freedoms, k) [mm]."""
-        balanced = loads - self.reference @ (self.rigid_motions.T @ loads)
-        displacement = self.solve(balanced)
+        balanced_loads = loads - self.reference @ (self.rigid_motions.T @ loads)
+        displacement = self.solve(balanced_loads)
         return displacement - self.rigid_motions @ (self.reference.T @ displacement)
 
     def nodal_displacement(self, patches: Patches, forces: ArrayLike) -> Complex:

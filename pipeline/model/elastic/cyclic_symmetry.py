@@ -44,7 +44,7 @@ class SectorNodes:
     position: Index
 
     @classmethod
-    def of(cls, nodes: Complex, triangles: Index, n_sectors: int) -> "SectorNodes":
+    def from_triangles(cls, nodes: Complex, triangles: Index, n_sectors: int) -> "SectorNodes":
         """Sort the nodes of ``triangles`` (n_triangles, 6), which come sector by sector.
 
         Raises
@@ -64,9 +64,9 @@ class SectorNodes:
             raise ModelError(
                 f"the mesh does not repeat in {n_sectors} sectors: turned nodes miss theirs by {miss:.3g} mm"
             )
-        touched = np.unique(of_sector[0])
-        cut = touched[np.isin(following[touched], touched)]
-        inner = np.setdiff1d(touched, np.concatenate([cut, following[cut]]))
+        sector_nodes = np.unique(of_sector[0])
+        cut = sector_nodes[np.isin(following[sector_nodes], sector_nodes)]
+        inner = np.setdiff1d(sector_nodes, np.concatenate([cut, following[cut]]))
         sectors = [np.concatenate([cut, inner])]
         for _ in range(n_sectors - 1):
             sectors.append(following[sectors[-1]])
@@ -109,7 +109,9 @@ class CyclicBody:
     flexibility: Complex
 
     @classmethod
-    def of(cls, stiffness: csc_array, sectors: SectorNodes, freedoms: Index, reference: Real) -> "CyclicBody":
+    def from_stiffness(
+        cls, stiffness: csc_array, sectors: SectorNodes, freedoms: Index, reference: Real
+    ) -> "CyclicBody":
         """Condense a body.
 
         Parameters
@@ -133,15 +135,15 @@ class CyclicBody:
         coupling = sector[inner][:, cuts]
         yielding = factors.solve(coupling.toarray(order="F"))
         ends = sector[cuts][:, cuts].toarray() - coupling.T @ yielding
-        reaction = np.fft.fft(_own(reference, sectors, freedoms), axis=1)[:, [0, 1], [2, 0]].T
+        reaction = np.fft.fft(_sector_components(reference, sectors, freedoms), axis=1)[:, [0, 1], [2, 0]].T
         reaction *= np.abs(ends).max() / np.abs(reaction).max()  # its unit is free: one that suits the inverse
-        constrained = factors.solve(np.vstack([reaction.real, reaction.imag])[:, n_cut:].T.copy(order="F")).T
-        constrained, yielding = (
-            constrained[:2] + 1j * constrained[2:],
+        held_force = factors.solve(np.vstack([reaction.real, reaction.imag])[:, n_cut:].T.copy(order="F")).T
+        held_force, yielding = (
+            held_force[:2] + 1j * held_force[2:],
             np.stack([yielding[:, :n_cut], yielding[:, n_cut:]]),
         )
-        bordered = _bordered(ends, yielding, reaction, constrained, _phases(len(sectors.nodes)))
-        return cls(sectors, freedoms, factors.solve, yielding, constrained, np.linalg.inv(bordered))
+        bordered_stiffness = _bordered_stiffness(ends, yielding, reaction, held_force, _phases(len(sectors.nodes)))
+        return cls(sectors, freedoms, factors.solve, yielding, held_force, np.linalg.inv(bordered_stiffness))
 
     def compliance(self, loads: csc_array) -> Real:
         """Work of each load on the displacement by each other, the reference held (n_loads, n_loads) [mm/N].
@@ -195,7 +197,7 @@ class CyclicBody:
     def displacement(self, loads: Real) -> Real:
         """Displacement of ``loads`` in balance, the reference held: (n_freedoms, k) [N] to (n_freedoms, k) [mm]."""
         n_sectors, n_loads = len(self.sectors.nodes), loads.shape[1]
-        parts = _own(loads, self.sectors, self.freedoms).reshape(-1, n_sectors * n_loads)
+        parts = _sector_components(loads, self.sectors, self.freedoms).reshape(-1, n_sectors * n_loads)
         forces = self._on_cuts(parts, np.repeat(np.arange(n_sectors), n_loads))
         by_following_sectors = self.flexibility @ forces.reshape(*forces.shape[:2], n_sectors, n_loads).sum(axis=2)
         cut = np.moveaxis(np.fft.irfft(by_following_sectors[:, :-1], n_sectors, axis=0), 0, 1)
@@ -239,11 +241,11 @@ def _dense(matrix: Real | csc_array) -> Real:
     return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
-def _own(field: Real, sectors: SectorNodes, freedoms: Index) -> Real:
+def _sector_components(field: Real, sectors: SectorNodes, freedoms: Index) -> Real:
     """A load or displacement (n_freedoms, k) by sectors, each in its own frame (2 n_own, n_sectors, k)."""
     nodal = (field[freedoms[:, 0]] + 1j * field[freedoms[:, 1]])[sectors.nodes.T]
-    framed = nodal * np.conj(_frames(len(sectors.nodes)))[:, None]
-    return np.stack([framed.real, framed.imag], axis=1).reshape(-1, *framed.shape[1:])
+    in_sector_frames = nodal * np.conj(_frames(len(sectors.nodes)))[:, None]
+    return np.stack([in_sector_frames.real, in_sector_frames.imag], axis=1).reshape(-1, *in_sector_frames.shape[1:])
 
 
 def _parts(loads: csc_array, sectors: SectorNodes, freedoms: Index) -> tuple[csc_array, Index, Index]:
@@ -262,9 +264,9 @@ def _parts(loads: csc_array, sectors: SectorNodes, freedoms: Index) -> tuple[csc
     entries = loads.tocoo()
     freedom, load = entries.coords
     sector, row = sectors.sector[node[freedom]], 2 * sectors.position[node[freedom]]
-    framed = entries.data * 1j ** axis[freedom] * np.conj(_frames(n_sectors))[sector]
+    in_sector_frames = entries.data * 1j ** axis[freedom] * np.conj(_frames(n_sectors))[sector]
     part, column = np.unique(load * n_sectors + sector, return_inverse=True)
-    values, rows = np.concatenate([framed.real, framed.imag]), np.concatenate([row, row + 1])
+    values, rows = np.concatenate([in_sector_frames.real, in_sector_frames.imag]), np.concatenate([row, row + 1])
     shape = (2 * sectors.nodes.shape[1], len(part))
     return csc_array((values, (rows, np.tile(column, 2))), shape=shape), part % n_sectors, part // n_sectors
 
@@ -278,7 +280,7 @@ def _first_sector(stiffness: csc_array, sectors: SectorNodes, freedoms: Index) -
     return csc_array(turn_blocks.T @ stiffness[numbers][:, numbers] @ turn_blocks)
 
 
-def _bordered(ends: Real, yielding: Real, reaction: Complex, held_force: Complex, phases: Complex) -> Complex:
+def _bordered_stiffness(ends: Real, yielding: Real, reaction: Complex, held_force: Complex, phases: Complex) -> Complex:
     """Stiffness of every harmonic over the freedoms of a cut, bordered by the ``reaction`` of the reference.
 
     Parameters
@@ -295,13 +297,13 @@ def _bordered(ends: Real, yielding: Real, reaction: Complex, held_force: Complex
     n_cut = len(ends) // 2
     near_cut, far_cut = slice(n_cut), slice(n_cut, None)
     factor = phases[:, None, None]
-    bordered = np.zeros((len(phases), n_cut + 1, n_cut + 1), complex)
-    bordered[:, near_cut, near_cut] = ends[near_cut, near_cut] + ends[far_cut, far_cut]
-    bordered[:, near_cut, near_cut] += factor * ends[near_cut, far_cut] + np.conj(factor) * ends[far_cut, near_cut]
-    bordered[2:, -1, -1] = 1
+    stiffness = np.zeros((len(phases), n_cut + 1, n_cut + 1), complex)
+    stiffness[:, near_cut, near_cut] = ends[near_cut, near_cut] + ends[far_cut, far_cut]
+    stiffness[:, near_cut, near_cut] += factor * ends[near_cut, far_cut] + np.conj(factor) * ends[far_cut, near_cut]
+    stiffness[2:, -1, -1] = 1
     for k, phase in enumerate(phases[:2]):
         by_cut, by_following = np.swapaxes(yielding, 1, 2) @ reaction[k, n_cut:]
         border = reaction[k, :n_cut] - by_cut - np.conj(phase) * by_following
-        bordered[k, :-1, -1], bordered[k, -1, :-1] = border, np.conj(border)
-        bordered[k, -1, -1] = -np.vdot(reaction[k, n_cut:], held_force[k]).real
-    return bordered
+        stiffness[k, :-1, -1], stiffness[k, -1, :-1] = border, np.conj(border)
+        stiffness[k, -1, -1] = -np.vdot(reaction[k, n_cut:], held_force[k]).real
+    return stiffness

@@ -37,7 +37,7 @@ def flank_nodes(profile: CycloidProfile, edges_per_lobe: int) -> Complex:
     psi = np.linspace(0, profile.lobe_pitch, ARC_SAMPLES * edges_per_lobe + 1)
     arc = arc_length(profile.flank(psi))
     lobe = profile.flank(np.interp(np.arange(edges_per_lobe) * arc[-1] / edges_per_lobe, arc, psi))
-    return _turned(lobe, profile.lobe_pitch, range(profile.lobes))
+    return _rotated_copies(lobe, profile.lobe_pitch, range(profile.lobes))
 
 
 def triangle_quality(mesh: MeshTri) -> Real:
@@ -80,7 +80,7 @@ def lobed_disk_mesh(flank: Complex, n_lobes: int, bore_radius: float, growth: fl
         The flank is not periodic or does not surround the bore, or the triangulation loses a flank edge.
     """
     _check_flank(flank, n_lobes, bore_radius)
-    size = _EdgeLength.of(flank, n_lobes, bore_radius, growth, largest_edge)
+    size = _EdgeLength.from_flank(flank, n_lobes, bore_radius, growth, largest_edge)
     innermost = np.abs(flank).min()
     band_radius = innermost - min(size.pitch * innermost, (innermost - bore_radius) / 2)
     rings = _rings(band_radius, size)
@@ -101,22 +101,24 @@ class _EdgeLength:
     at_bore: float
     bore_radius: float
     growth: float
-    largest: float
+    largest_edge: float
 
     @classmethod
-    def of(cls, flank: Complex, n_lobes: int, bore_radius: float, growth: float, largest: float) -> "_EdgeLength":
+    def from_flank(
+        cls, flank: Complex, n_lobes: int, bore_radius: float, growth: float, largest_edge: float
+    ) -> "_EdgeLength":
         polygon, pitch = ClosedPolygon.through(flank), 2 * np.pi / n_lobes
-        at_bore = largest
+        at_bore = largest_edge
         if bore_radius > 0:
-            edge = min(largest, 2 * np.pi * bore_radius / BORE_EDGES)
+            edge = min(largest_edge, 2 * np.pi * bore_radius / BORE_EDGES)
             at_bore = pitch * bore_radius / np.ceil(pitch * bore_radius / edge)
-        return cls(polygon, pitch, polygon.length / len(flank), at_bore, bore_radius, growth, largest)
+        return cls(polygon, pitch, polygon.length / len(flank), at_bore, bore_radius, growth, largest_edge)
 
     def flank_distance(self, points: Complex) -> Real:
-        return self.flank.nearest(points)[0]
+        return self.flank.distance_and_arc(points)[0]
 
     def at_depth(self, depth: Real) -> Real:
-        return np.minimum(self.at_flank + self.growth * depth, self.largest)
+        return np.minimum(self.at_flank + self.growth * depth, self.largest_edge)
 
     def __call__(self, points: Complex) -> Real:
         near_bore = self.at_bore + self.growth * np.maximum(np.abs(points) - self.bore_radius, 0)
@@ -133,7 +135,7 @@ def _lobe_band(flank: Complex, inner_radius: float, size: _EdgeLength) -> Comple
     lobe, ring = flank[: len(flank) // n_lobes], _ring(inner_radius, 0.5, size)
     inner = _rows_below(lobe, inner_radius, size)
     for _ in range(SMOOTHING_PASSES):
-        inner = _smoothed(inner, np.concatenate([lobe, ring]), size)
+        inner = _smoothed_nodes(inner, np.concatenate([lobe, ring]), size)
     return np.concatenate([inner, ring])
 
 
@@ -156,9 +158,9 @@ def _rows_below(lobe: Complex, inner_radius: float, size: _EdgeLength) -> Comple
     return np.concatenate(rows)
 
 
-def _smoothed(inner: Complex, fixed: Complex, size: _EdgeLength) -> Complex:
+def _smoothed_nodes(inner: Complex, fixed_nodes: Complex, size: _EdgeLength) -> Complex:
     """``inner`` nodes at the centroids of their patches, where these keep off the flank."""
-    points = _turned(np.concatenate([inner, fixed]), size.pitch, [0, -1, 1, -2, 2])
+    points = _rotated_copies(np.concatenate([inner, fixed_nodes]), size.pitch, [0, -1, 1, -2, 2])
     centroids = patch_centroids(points, len(inner), size)
     return np.where(size.flank_distance(centroids) > CLEARANCE * size.at_flank, centroids, inner)
 
@@ -196,8 +198,8 @@ def _with_boundaries(mesh: MeshTri, n_flank: int, n_bore: int) -> MeshTri:
     """The mesh with its boundaries named, once they are seen to be the flank's and the bore's edges and no others."""
     edge = mesh.facets[:, mesh.boundary_facets()]
     on_flank = (edge < n_flank).all(axis=0)
-    expected = np.sort([np.arange(n_flank), np.roll(np.arange(n_flank), -1)], axis=0)
-    if not np.array_equal(_sorted(expected), _sorted(edge[:, on_flank])):
+    sorted_edges = np.sort([np.arange(n_flank), np.roll(np.arange(n_flank), -1)], axis=0)
+    if not np.array_equal(_sorted_edges(sorted_edges), _sorted_edges(edge[:, on_flank])):
         raise ModelError(
             f"the mesh holds {on_flank.sum()} flank edges of {n_flank}: the flank is too coarse for its curvature; "
             "take more edges per lobe"
@@ -208,7 +210,7 @@ def _with_boundaries(mesh: MeshTri, n_flank: int, n_bore: int) -> MeshTri:
     return mesh.with_boundaries({name: facets for name, facets in boundaries.items() if len(facets)})
 
 
-def _sorted(edges: Index) -> Index:
+def _sorted_edges(edges: Index) -> Index:
     return edges[:, np.lexsort(edges)]
 
 
@@ -225,6 +227,6 @@ def _check_flank(flank: Complex, n_lobes: int, bore_radius: float) -> None:
         raise ValueError(f"bore radius {bore_radius:g} mm; must be at least 0 and below {np.abs(flank).min():g} mm")
 
 
-def _turned(points: Complex, pitch: float, turns: ArrayLike) -> Complex:
+def _rotated_copies(points: Complex, pitch: float, turns: ArrayLike) -> Complex:
     """Copies of ``points`` turned about the origin by every one of ``turns`` times the angle ``pitch`` [rad]."""
     return np.outer(np.exp(1j * pitch * np.asarray(turns)), points).ravel()

@@ -52,20 +52,20 @@ def perforated_mesh(disk: MeshTri, centres: Complex, radius: float, edge: float,
         The triangulation loses edges of a boundary: the walls about a hole are thinner than its edges.
     """
     n_around = max(HOLE_EDGES, round(2 * np.pi * radius / edge))
-    size = _EdgeLength.of(disk, centres, radius, 2 * np.pi * radius / n_around, growth)
+    size = _EdgeLength.from_disk(disk, centres, radius, 2 * np.pi * radius / n_around, growth)
     circle = radius * np.exp(2j * np.pi * np.arange(n_around) / n_around)
     holes = (centres[:, None] + circle).ravel()
     rings = _rings(size, n_around)
     flank, inner, bore = _disk_nodes(disk)
     nodes = _kept_nodes(size, inner, np.concatenate([holes, rings]))
-    free = _settled(np.concatenate([nodes, rings]), np.concatenate([flank, bore, holes]), rings, size)
-    points = np.concatenate([flank, free, holes, bore])
-    ends = np.cumsum([len(flank), len(free), *[n_around] * len(centres), len(bore)])
+    free_nodes = _relaxed_nodes(np.concatenate([nodes, rings]), np.concatenate([flank, bore, holes]), rings, size)
+    points = np.concatenate([flank, free_nodes, holes, bore])
+    ends = np.cumsum([len(flank), len(free_nodes), *[n_around] * len(centres), len(bore)])
     cuts = [np.arange(start, stop) for start, stop in zip(ends[1:-1], ends[2:], strict=True)]
     triangles = triangles_between(points, len(flank), cuts)
     names = {hole_boundary(k): corners for k, corners in enumerate(cuts[:-1])}
     loops = {"flank": np.arange(len(flank)), **names} | ({"bore": cuts[-1]} if len(bore) else {})
-    return _named(MeshTri(coordinates(points).T.copy(), triangles.T.copy()), loops)
+    return _with_boundary_names(MeshTri(coordinates(points).T.copy(), triangles.T.copy()), loops)
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class _EdgeLength:
     growth: float
 
     @classmethod
-    def of(cls, disk: MeshTri, centres: Complex, radius: float, edge: float, growth: float) -> "_EdgeLength":
+    def from_disk(cls, disk: MeshTri, centres: Complex, radius: float, edge: float, growth: float) -> "_EdgeLength":
         nodes = _vertices(disk)
         ends = disk.facets
         length = np.abs(nodes[ends[1]] - nodes[ends[0]])
@@ -97,8 +97,8 @@ class _EdgeLength:
 
     def hole_distance(self, points: Complex) -> Real:
         """Distance from the edge of the nearest hole, negative inside it."""
-        nearest, _ = KDTree(coordinates(self.centres)).query(coordinates(points))
-        return nearest - self.radius
+        distance, _ = KDTree(coordinates(self.centres)).query(coordinates(points))
+        return distance - self.radius
 
     def of_holes(self, points: Complex) -> Real:
         return self.at_hole + self.growth * np.maximum(self.hole_distance(points), 0.0)
@@ -108,8 +108,8 @@ class _EdgeLength:
 
     def inside(self, points: Complex, edge: Real) -> np.ndarray:
         """Whether points lie in the disk, no closer to a boundary than is good for edges of the length ``edge``."""
-        distance, arc = self.flank.nearest(points)
-        foot = self.flank.at(arc)[1]
+        distance, arc = self.flank.distance_and_arc(points)
+        foot = self.flank.edge_and_point(arc)[1]
         is_inside = (np.abs(points) < np.abs(foot)) & (distance > CLEARANCE * edge)
         return is_inside & (np.abs(points) > self.bore_radius + CLEARANCE * edge * (self.bore_radius > 0))
 
@@ -145,10 +145,10 @@ def _rings(size: _EdgeLength, n_around: int) -> Complex:
         if not len(points):
             break
         ring.append(points)
-    return _thinned(np.concatenate(ring), size) if ring else np.zeros(0, complex)
+    return _thin_points(np.concatenate(ring), size) if ring else np.zeros(0, complex)
 
 
-def _thinned(points: Complex, size: _EdgeLength) -> Complex:
+def _thin_points(points: Complex, size: _EdgeLength) -> Complex:
     """``points`` without those that come too close to an earlier one."""
     limit = SPACING * size.of_holes(points)
     pairs = KDTree(coordinates(points)).query_pairs(float(limit.max()), output_type="ndarray")
@@ -168,18 +168,18 @@ def _kept_nodes(size: _EdgeLength, inner: Complex, of_holes: Complex) -> Complex
     return inner[of_disk & (size.hole_distance(inner) > CLEARANCE * edge) & (distance > SPACING * edge)]
 
 
-def _settled(free: Complex, fixed: Complex, rings: Complex, size: _EdgeLength) -> Complex:
+def _relaxed_nodes(free_nodes: Complex, fixed_nodes: Complex, rings: Complex, size: _EdgeLength) -> Complex:
     """``free`` nodes about the holes moved to the centroids of their patches of triangles (as in ``meshing``)."""
     if not len(rings):
-        return free
-    near_rings = KDTree(coordinates(rings)).query(coordinates(free))[0] < SMOOTHED_LAYERS * size(free)
-    moving, fixed_points = free[near_rings], np.concatenate([free[~near_rings], fixed])
+        return free_nodes
+    near_rings = KDTree(coordinates(rings)).query(coordinates(free_nodes))[0] < SMOOTHED_LAYERS * size(free_nodes)
+    moving, fixed_points = free_nodes[near_rings], np.concatenate([free_nodes[~near_rings], fixed_nodes])
     for _ in range(SMOOTHING_PASSES):
-        moving = _smoothed(moving, fixed_points, size)
-    return np.concatenate([moving, free[~near_rings]])
+        moving = _smoothed_nodes(moving, fixed_points, size)
+    return np.concatenate([moving, free_nodes[~near_rings]])
 
 
-def _smoothed(moving: Complex, fixed_points: Complex, size: _EdgeLength) -> Complex:
+def _smoothed_nodes(moving: Complex, fixed_points: Complex, size: _EdgeLength) -> Complex:
     """``moving`` nodes at the centroids of their patches, where these keep off flank, bore and holes."""
     centroids = patch_centroids(np.concatenate([moving, fixed_points]), len(moving), size)
     edge = size(centroids)
@@ -187,7 +187,7 @@ def _smoothed(moving: Complex, fixed_points: Complex, size: _EdgeLength) -> Comp
     return np.where(good, centroids, moving)
 
 
-def _named(mesh: MeshTri, loops: dict[str, Index]) -> MeshTri:
+def _with_boundary_names(mesh: MeshTri, loops: dict[str, Index]) -> MeshTri:
     """The mesh with its boundaries named, once each is seen to be the closed polygon of its nodes and no other."""
     facets = mesh.boundary_facets()
     owner = np.full(mesh.nvertices, -1)
@@ -197,8 +197,8 @@ def _named(mesh: MeshTri, loops: dict[str, Index]) -> MeshTri:
     boundaries = {}
     for number, (name, corners) in enumerate(loops.items()):
         of_boundary = facets[(ends == number).all(axis=0)]
-        expected = np.sort([corners, np.roll(corners, -1)], axis=0)
-        if not np.array_equal(_ordered(expected), _ordered(np.sort(mesh.facets[:, of_boundary], axis=0))):
+        sorted_edges = np.sort([corners, np.roll(corners, -1)], axis=0)
+        if not np.array_equal(_sorted_edges(sorted_edges), _sorted_edges(np.sort(mesh.facets[:, of_boundary], axis=0))):
             raise ModelError(
                 f"the mesh holds {len(of_boundary)} edges of {name}, of {len(corners)}: the walls about the holes are "
                 "too thin for these edges; take a smaller patch half width or less growth"
@@ -209,5 +209,5 @@ def _named(mesh: MeshTri, loops: dict[str, Index]) -> MeshTri:
     return mesh.with_boundaries(boundaries)
 
 
-def _ordered(edges: Index) -> Index:
+def _sorted_edges(edges: Index) -> Index:
     return edges[:, np.lexsort(edges)]

@@ -54,7 +54,7 @@ class ClosedPolygon:
         """Length of the whole polygon [mm]."""
         return float(self.arc[-1])
 
-    def nearest(self, points: Complex) -> tuple[Real, Real]:
+    def distance_and_arc(self, points: Complex) -> tuple[Real, Real]:
         """Distance of ``points`` from the polygon, and the arc length at the nearest point of it [mm].
 
         Notes
@@ -72,10 +72,10 @@ class ClosedPolygon:
         second = distance[1] < distance[0]
         return np.where(second, distance[1], distance[0]), np.where(second, arc[1], arc[0])
 
-    def at(self, arc: Real) -> tuple[Index, Complex]:
+    def edge_and_point(self, arc: Real) -> tuple[Index, Complex]:
         """Edge and point at the arc length ``arc`` [mm], counted round and round."""
-        wrapped = np.mod(arc, self.length)
-        edge = np.clip(np.searchsorted(self.arc, wrapped, side="right") - 1, 0, len(self.corners) - 1)
-        share = (wrapped - self.arc[edge]) / np.diff(self.arc)[edge]
+        wrapped_arc = np.mod(arc, self.length)
+        edge = np.clip(np.searchsorted(self.arc, wrapped_arc, side="right") - 1, 0, len(self.corners) - 1)
+        share = (wrapped_arc - self.arc[edge]) / np.diff(self.arc)[edge]
         start = self.corners[edge]
         return edge, start + share * (self.corners[(edge + 1) % len(self.corners)] - start)

@@ -50,7 +50,7 @@ class Patches:
         return len(self.direction)
 
 
-def joined(*patches: Patches) -> Patches:
+def joined_patches(*patches: Patches) -> Patches:
     """All ``patches`` of one body in one, in their order."""
     return Patches(
         points=np.concatenate([p.points for p in patches]),
@@ -84,17 +84,18 @@ def boundary_patches(
     """
     contacts, normal = _vector(contacts), _unit_vector(direction)
     polygon, triangle_behind = _boundary_loop(mesh, boundary)
-    distance, arc = polygon.nearest(contacts)
+    distance, arc = polygon.distance_and_arc(contacts)
     longest_edge = np.diff(polygon.arc).max()
     if distance.max() > longest_edge:
-        worst = np.argmax(distance)
+        worst_patch = np.argmax(distance)
         raise ModelError(
-            f"contact {worst} at {contacts[worst]:.6g} mm lies {distance[worst]:.3g} mm off boundary {boundary}; "
+            f"contact {worst_patch} at {contacts[worst_patch]:.6g} mm lies {distance[worst_patch]:.3g} mm "
+            f"off boundary {boundary}; "
             f"must be within an edge's length of it, {longest_edge:.3g} mm"
         )
     abscissa, weights = _elliptical_rule()
     arc = _spread(polygon, arc, -1j * normal, half_width * abscissa)
-    edge, points = polygon.at(arc)
+    edge, points = polygon.edge_and_point(arc)
     triangles = triangle_behind[edge]
     return Patches(points, triangles, _barycentric(mesh, triangles, points), weights, normal)
 
@@ -121,16 +122,16 @@ def line_patches(
     """
     abscissa, weights = _elliptical_rule()
     points = _vector(centres)[:, None] + half_width * _unit_vector(tangent)[:, None] * abscissa
-    triangles, barycentric = _located(mesh, points)
+    triangles, barycentric = _locate_points(mesh, points)
     return Patches(points, triangles, barycentric, weights, _unit_vector(direction))
 
 
 def _spread(polygon: ClosedPolygon, arc: Real, tangent: Complex, abscissa: Real) -> Real:
     """Arc length where the tangent's coordinate from the foot at ``arc`` (n,) is ``abscissa`` (m,): (n, m) [mm]."""
-    foot = polygon.at(arc)[1][:, None]
+    foot = polygon.edge_and_point(arc)[1][:, None]
     spread = arc[:, None] + abscissa
     for _ in range(SPREADING_STEPS):
-        short = abscissa - np.real((polygon.at(spread)[1] - foot) * np.conj(tangent)[:, None])
+        short = abscissa - np.real((polygon.edge_and_point(spread)[1] - foot) * np.conj(tangent)[:, None])
         if np.abs(short).max() <= SPREADING_ERROR * np.abs(abscissa).max():
             return spread
         spread = spread + short
@@ -164,15 +165,15 @@ def _boundary_loop(mesh: MeshTri, boundary: str) -> tuple[ClosedPolygon, Index]:
     return ClosedPolygon.through(vertices[start[order]]), triangle[order]
 
 
-def _located(mesh: MeshTri, points: Complex) -> tuple[Index, Real]:
+def _locate_points(mesh: MeshTri, points: Complex) -> tuple[Index, Real]:
     """Triangle that holds each point, and the barycentric coordinates there; ``points`` of any shape."""
     vertices = _vertices(mesh)
     neighbours = min(NEAR_TRIANGLES, mesh.t.shape[1])
     candidates = KDTree(coordinates(vertices[mesh.t].mean(axis=0))).query(coordinates(points), k=neighbours)[1]
     barycentric = _barycentric(mesh, candidates, points[..., None])
-    best = np.argmax(barycentric.min(axis=-1), axis=-1)[..., None]
-    triangles = np.take_along_axis(candidates, best, axis=-1)[..., 0]
-    weights = np.take_along_axis(barycentric, best[..., None], axis=-2)[..., 0, :]
+    best_triangle = np.argmax(barycentric.min(axis=-1), axis=-1)[..., None]
+    triangles = np.take_along_axis(candidates, best_triangle, axis=-1)[..., 0]
+    weights = np.take_along_axis(barycentric, best_triangle[..., None], axis=-2)[..., 0, :]
     is_outside = weights.min(axis=-1) < -ON_TRIANGLE
     if is_outside.any():
         raise ModelError(f"patch point {points[is_outside][0]:.6g} mm lies outside the body; move or narrow its patch")

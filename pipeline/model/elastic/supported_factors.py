@@ -21,19 +21,19 @@ def _eliminate(lower, loads, rows, values, ends):
     starts, row_of, factor = lower
     starts_of_load, row_of_load, share = loads
     n, count = starts.shape[0] - 1, 0
-    eliminated = np.zeros(n)
+    row_values = np.zeros(n)
     for k in range(starts_of_load.shape[0] - 1):
         first_row = n
         for p in range(starts_of_load[k], starts_of_load[k + 1]):
-            eliminated[row_of_load[p]] = share[p]
+            row_values[row_of_load[p]] = share[p]
             first_row = min(first_row, row_of_load[p])
         for j in range(first_row, n):
-            value = eliminated[j]
+            value = row_values[j]
             if value == 0.0:
                 continue
             for p in range(starts[j], starts[j + 1]):
-                eliminated[row_of[p]] -= factor[p] * value
-            eliminated[j] = 0.0
+                row_values[row_of[p]] -= factor[p] * value
+            row_values[j] = 0.0
             if count < rows.shape[0]:
                 rows[count], values[count] = j, value
             count += 1
@@ -46,10 +46,10 @@ class SupportedFactors:
     """Factors L D L^T of a stiffness (n_freedoms, n_freedoms) [N/mm] in an order of its own, some freedoms clamped."""
 
     factors: SuperLU
-    clamped: Index
+    clamped_freedoms: Index
 
     @classmethod
-    def of(cls, stiffness: csc_array, nodes: Complex, freedoms: Index) -> "SupportedFactors":
+    def from_stiffness(cls, stiffness: csc_array, nodes: Complex, freedoms: Index) -> "SupportedFactors":
         """Clamp the two freedoms of the outermost of the ``nodes`` (n_nodes,) [mm], and of the farthest from it one.
 
         Parameters
@@ -60,19 +60,24 @@ class SupportedFactors:
         corner = int(np.argmax(np.abs(nodes)))
         second = int(np.argmax(np.abs(nodes - nodes[corner])))
         edge_normal = 1j * (nodes[second] - nodes[corner])
-        clamped = np.array([*freedoms[corner], freedoms[second, int(abs(edge_normal.imag) > abs(edge_normal.real))]])
-        free = np.ones(freedoms.size)
-        free[clamped] = 0
-        supported = csc_array(
-            diags_array(free) @ stiffness @ diags_array(free) + diags_array((1 - free) * stiffness.diagonal())
+        clamped_freedoms = np.array(
+            [*freedoms[corner], freedoms[second, int(abs(edge_normal.imag) > abs(edge_normal.real))]]
         )
-        factors = splu(supported, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-        return cls(factors, clamped)
+        free_diagonal = np.ones(freedoms.size)
+        free_diagonal[clamped_freedoms] = 0
+        supported_stiffness = csc_array(
+            diags_array(free_diagonal) @ stiffness @ diags_array(free_diagonal)
+            + diags_array((1 - free_diagonal) * stiffness.diagonal())
+        )
+        factors = splu(
+            supported_stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+        return cls(factors, clamped_freedoms)
 
     def solve(self, loads: Real) -> Real:
         """Displacement [mm] of balanced loads (n_freedoms, k) [N], in the position in which the body is clamped."""
         held_back = np.array(loads, order="F")
-        held_back[self.clamped] = 0
+        held_back[self.clamped_freedoms] = 0
         return self.factors.solve(held_back)
 
     @cached_property
@@ -101,14 +106,16 @@ class SupportedFactors:
         lower, pivots = self._lower
         entries = loads.tocoo()
         freedom, load = entries.coords
-        free = ~np.isin(freedom, self.clamped)
-        ordered = csc_array((entries.data[free], (self.factors.perm_r[freedom[free]], load[free])), shape=loads.shape)
+        is_free = ~np.isin(freedom, self.clamped_freedoms)
+        ordered_loads = csc_array(
+            (entries.data[is_free], (self.factors.perm_r[freedom[is_free]], load[is_free])), shape=loads.shape
+        )
         room, ends = 4096 * loads.shape[1], np.zeros(loads.shape[1] + 1, np.int64)
         while True:
             rows, values = np.empty(room, np.int64), np.empty(room)
             count = _eliminate(
                 (lower.indptr, lower.indices, lower.data),
-                (ordered.indptr, ordered.indices, ordered.data),
+                (ordered_loads.indptr, ordered_loads.indices, ordered_loads.data),
                 rows,
                 values,
                 ends,
@@ -116,6 +123,6 @@ class SupportedFactors:
             if count <= room:
                 break
             room = count
-        eliminated = csc_array((values[:count], rows[:count], ends), shape=loads.shape)
-        scaled = diags_array(1 / np.sqrt(pivots)) @ eliminated
-        return np.asarray((scaled.T @ scaled).toarray())
+        eliminated_loads = csc_array((values[:count], rows[:count], ends), shape=loads.shape)
+        scaled_loads = diags_array(1 / np.sqrt(pivots)) @ eliminated_loads
+        return np.asarray((scaled_loads.T @ scaled_loads).toarray())

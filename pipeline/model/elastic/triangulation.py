@@ -32,10 +32,10 @@ def triangles_between(points: Complex, n_flank: int, cuts: Sequence[Index]) -> I
     a, b, c = points[triangles.T]
     clockwise = cross(b - a, c - a) < 0
     triangles[clockwise] = triangles[clockwise][:, [0, 2, 1]]
-    smallest = np.argmin(triangles, axis=1)
-    ordered = np.take_along_axis(triangles, (smallest[:, None] + np.arange(3)) % 3, axis=1)
+    smallest_corner = np.argmin(triangles, axis=1)
+    ordered_triangles = np.take_along_axis(triangles, (smallest_corner[:, None] + np.arange(3)) % 3, axis=1)
     # Three corners of a simple polygon follow counterclockwise in their own order inside it, in reverse outside.
-    is_outside = (triangles < n_flank).all(axis=1) & (ordered[:, 1] > ordered[:, 2])
+    is_outside = (triangles < n_flank).all(axis=1) & (ordered_triangles[:, 1] > ordered_triangles[:, 2])
     cut = np.full(len(points), -1)
     for number, corners in enumerate(cuts):
         cut[corners] = number
@@ -106,17 +106,17 @@ def cyclic_triangulation(lobe: Complex, inner: Complex, n_bore: int, n_sectors: 
     turns, pitch = np.arange(n_strip) - n_strip // 2, 2 * np.pi / n_sectors
     number = _numbers(n_strip, len(lobe), len(inner))
     bore = number[:, len(nodes) - n_bore : -1].ravel()
-    points = _placed(number, nodes + shift, turns * pitch, n_bore == 0)
+    points = _rotated_nodes(number, nodes + shift, turns * pitch, n_bore == 0)
     strip = triangles_between(points, n_strip * len(lobe), [bore])
     turn, node = np.full(number.max() + 1, np.nan), np.full(number.max() + 1, len(nodes))
     turn[number[:, :-1]] = turns[:, None]
     node[number[:, :-1]] = np.arange(len(nodes))
     corner_turn, corner = turn[strip], node[strip]
-    owned = (np.nanmin(corner_turn, axis=1) == 0) & (np.nanmax(corner_turn, axis=1) <= 1)
-    sector = np.arange(n_sectors)[:, None, None] + np.nan_to_num(corner_turn[owned]).astype(int)
+    is_in_sector = (np.nanmin(corner_turn, axis=1) == 0) & (np.nanmax(corner_turn, axis=1) <= 1)
+    sector = np.arange(n_sectors)[:, None, None] + np.nan_to_num(corner_turn[is_in_sector]).astype(int)
     number = _numbers(n_sectors, len(lobe), len(inner))
-    triangles = number[sector % n_sectors, corner[owned]].reshape(-1, 3)
-    points = _placed(number, nodes, np.arange(n_sectors) * pitch, n_bore == 0)
+    triangles = number[sector % n_sectors, corner[is_in_sector]].reshape(-1, 3)
+    points = _rotated_nodes(number, nodes, np.arange(n_sectors) * pitch, n_bore == 0)
     n_boundary = n_sectors * (len(lobe) + n_bore)
     if len(triangles) != 2 * len(points) - n_boundary - 2 * (n_bore == 0):  # Euler's formula
         raise ModelError(
@@ -133,7 +133,7 @@ def _numbers(n_sectors: int, n_lobe: int, n_inner: int) -> Index:
     return np.hstack([flank, inner, np.full((n_sectors, 1), flank.size + inner.size)])
 
 
-def _placed(number: Index, nodes: Complex, angle: Real, solid: bool) -> Complex:
+def _rotated_nodes(number: Index, nodes: Complex, angle: Real, solid: bool) -> Complex:
     """The ``nodes`` of one sector turned by every ``angle`` [rad], in their numbers, and a solid disk's centre."""
     points = np.zeros(number[:, :-1].size + solid, complex)
     points[number[:, :-1]] = np.exp(1j * angle)[:, None] * nodes

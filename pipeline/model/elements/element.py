@@ -9,9 +9,9 @@ A drive is a reducer with errors in its gaps and a list of elements:
 * on the elastic parts: ``ElasticModulus``.
 
 What depends on the crank angle is an element, or a gap, of the drive at each crank angle that its crank goes through.
-What acts on the gaps changes the numbers of the drive that the gaps are computed from: ``Drive.moved`` and
-``Drive.shifted``. Study, fit, comparison of two measurements and blind units use ``Drive.elements`` by place and name
-no single class, so a new effect is one file with its element and its ``EFFECT``.
+What acts on the gaps changes the numbers of the drive that the gaps are computed from: ``Drive.with_added_errors`` and
+``Drive.with_added_gap``. Study, fit, comparison of two measurements and blind units use ``Drive.elements`` by place and
+name no single class, so a new effect is one file with its element and its ``EFFECT``.
 
 Elements in series carry the torque that friction on the output leaves to the reducer: the turning end is beyond them.
 """

@@ -36,13 +36,13 @@ def coupled_blocks(compliance: Real) -> Blocks:
     """Blocks of the contacts that a ``compliance`` (n_contacts, n_contacts) [mm/N] couples."""
     n, self_compliance = len(compliance), np.diag(compliance).copy()
     elastic = self_compliance > 0.0
-    whole = Blocks(np.arange(n), np.array([[0, n]]), np.ascontiguousarray(compliance), self_compliance)
+    one_block = Blocks(np.arange(n), np.array([[0, n]]), np.ascontiguousarray(compliance), self_compliance)
     if np.all(compliance[np.argmax(elastic), elastic]):  # most reducers have one elastic body, or none
-        return whole
+        return one_block
     component = _first_coupled(compliance != 0.0)
     of_bodies = np.unique(component[elastic])
     if len(of_bodies) < 2:
-        return whole
+        return one_block
     rank = np.where(elastic, component, n)
     order = np.argsort(rank, kind="stable")
     bounds = np.concatenate([np.searchsorted(rank[order], of_bodies), [n]])
@@ -54,14 +54,17 @@ def coupled_blocks(compliance: Real) -> Blocks:
     return Blocks(order, ranges, block_values, self_compliance[order])
 
 
-def _first_coupled(coupled: np.ndarray) -> Index:
-    """The first contact that each is ``coupled`` (n_contacts, n_contacts) to, by way of others too; itself if none."""
-    first = np.arange(len(coupled))
+def _first_coupled(is_coupled: np.ndarray) -> Index:
+    """The first contact that each is coupled to (n_contacts, n_contacts), by way of others too; itself if none."""
+    first_contact = np.arange(len(is_coupled))
     while True:
-        spread = np.minimum(np.where(coupled, first, len(first)).min(axis=1, initial=len(first)), first)
-        if np.array_equal(spread, first):
-            return first
-        first = spread
+        spread = np.minimum(
+            np.where(is_coupled, first_contact, len(first_contact)).min(axis=1, initial=len(first_contact)),
+            first_contact,
+        )
+        if np.array_equal(spread, first_contact):
+            return first_contact
+        first_contact = spread
 
 
 class Part(NamedTuple):
@@ -75,7 +78,7 @@ class Part(NamedTuple):
     bits: Index
     slack: Real
     inverse: Real
-    projected: Real
+    projection: Real
 
 
 class Deflections(NamedTuple):
@@ -106,7 +109,7 @@ def part_of(active, work, b):
             work.bits,
             work.slack,
             work.inverse,
-            work.projected,
+            work.projection,
         )
     return Part(
         work.active[b],
@@ -117,7 +120,7 @@ def part_of(active, work, b):
         work.bits[b],
         work.slack[b],
         work.inverse[b],
-        work.projected[b],
+        work.projection[b],
     )
 
 

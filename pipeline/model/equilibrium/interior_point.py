@@ -14,7 +14,7 @@ INTERIOR_END = 1e-10
 """Complementarity, in units of load times stride, at which the interior point shows which contacts are closed."""
 CENTRING = 0.1
 """Share of the complementarity that an interior-point step aims at."""
-WITHIN = 0.95
+INTERIOR_SHARE = 0.95
 """Share of the way to the nearest force or slack of zero that a step may go."""
 
 
@@ -25,11 +25,11 @@ def _loads(system, torque, gap):
     for i in range(gap.shape[0]):
         longest = max(longest, abs(system.contact_jacobian[system.output, i]))
     load = abs(torque) / longest
-    largest = load
+    largest_load = load
     for i in range(gap.shape[0]):
         if gap[i] < 0.0:
-            largest = max(largest, force_at_penetration(system, i, -gap[i]))
-    return load, largest
+            largest_load = max(largest_load, force_at_penetration(system, i, -gap[i]))
+    return load, largest_load
 
 
 @algebraic_part
@@ -59,9 +59,9 @@ def _length(system, work):
         for j in range(work.sizes[b, 0]):
             force = work.force[part.active[j]]
             if part.miss[j] < 0.0:
-                length = min(length, -WITHIN * force / part.miss[j])
+                length = min(length, -INTERIOR_SHARE * force / part.miss[j])
             if part.slope[j] < 0.0:
-                length = min(length, -WITHIN * part.slack[j] / part.slope[j])
+                length = min(length, -INTERIOR_SHARE * part.slack[j] / part.slope[j])
     return length
 
 
@@ -131,7 +131,7 @@ def start_within(system, friction, torque, gap, clearance, work):
     A disk that its bearing lets go is held where it is by a spring that vanishes with them (a proximal term: it slows
     the disk down and moves no solution).
     """
-    load, largest = _loads(system, torque, gap)
+    load, largest_load = _loads(system, torque, gap)
     stride = _stride(system, torque, load, gap)
     work.thrust[:] = 0.0
     for d in range(work.motion.shape[0]):
@@ -139,7 +139,7 @@ def start_within(system, friction, torque, gap, clearance, work):
     reset(work)
     for i in range(gap.shape[0]):
         activate(system, i, work)
-        work.force[i] = largest
+        work.force[i] = largest_load
     work.slack[:] = stride
     for _ in range(INTERIOR_STEPS):
         deflect(system, gap, work)
@@ -147,7 +147,7 @@ def start_within(system, friction, torque, gap, clearance, work):
         residuals(system, friction, torque, clearance, work)
         if system.planar:
             for k in range(clearance.shape[0]):
-                hold = np.sqrt(complementarity * largest / stride) / (stride + clearance[k])
+                hold = np.sqrt(complementarity * largest_load / stride) / (stride + clearance[k])
                 work.spring[k, 2] += hold
                 work.spring[k, 4] += hold
         if complementarity < INTERIOR_END * load * stride:

@@ -27,16 +27,16 @@ def include(system, b, work):
     """Grow the inverse of a block by the first of its active contacts that is not in it; false if not positive."""
     part = part_of(work.active, work, b)
     block_start, p = first_of(work.active, system.blocks[b]), work.sizes[b, 2]
-    inverse, held_rows, right, column = part.inverse, work.schur, part.inside, work.column
+    inverse, held_rows, right_sides, column = part.inverse, work.schur, part.inside, work.column
     active, step, jacobian = part.active, work.step, system.contact_jacobian
     i = active[p]
     row = system.compliance[i]
     for row_number in range(p):
-        right[row_number] = row[active[row_number] - block_start]
-    product(inverse, p, right, column)
+        right_sides[row_number] = row[active[row_number] - block_start]
+    product(inverse, p, right_sides, column)
     pivot = row[i - block_start] + part.slope[p]
     for row_number in range(p):
-        pivot -= right[row_number] * column[row_number]
+        pivot -= right_sides[row_number] * column[row_number]
     if not pivot > 0.0:
         return False
     share = 1.0 / pivot
@@ -45,15 +45,15 @@ def include(system, b, work):
         inverse[r, p] = 0.0
         inverse[p, r] = 0.0
     for r in range(p + 1):
-        scaled, target = share * column[r], inverse[r]
+        factor, target = share * column[r], inverse[r]
         for k in range(p + 1):
-            target[k] += scaled * column[k]
+            target[k] += factor * column[k]
     for d in range(held_rows.shape[0]):
         if not moves(work.active, system.moving[b], d):
             continue
-        pull, target = jacobian[d, i], part.projected[d]
+        pull, target = jacobian[d, i], part.projection[d]
         for row_number in range(p):
-            pull -= right[row_number] * target[row_number]
+            pull -= right_sides[row_number] * target[row_number]
         target[p] = 0.0
         step[d] = pull
         pull *= share
@@ -70,7 +70,7 @@ def include(system, b, work):
 def exclude(system, b, p, work):
     """Shrink the inverse of a block by the contact at position p of those in it; the last one takes its place."""
     part = part_of(work.active, work, b)
-    inverse, projected, held_rows, column = part.inverse, part.projected, work.schur, work.column
+    inverse, projection, held_rows, column = part.inverse, part.projection, work.schur, work.column
     last_row = work.sizes[b, 2] - 1
     share = 1.0 / inverse[p, p]
     for d in range(held_rows.shape[0]):
@@ -78,18 +78,18 @@ def exclude(system, b, p, work):
             continue
         for e in range(d + 1):
             if moves(work.active, system.moving[b], e):
-                held_rows[d, e] -= share * projected[d, p] * projected[e, p]
+                held_rows[d, e] -= share * projection[d, p] * projection[e, p]
     for r in range(last_row + 1):
         column[r] = inverse[p, r]
     for d in range(held_rows.shape[0]):
-        scaled, target = share * projected[d, p], projected[d]
+        factor, target = share * projection[d, p], projection[d]
         for r in range(last_row + 1):
-            target[r] -= scaled * column[r]
+            target[r] -= factor * column[r]
         target[p] = target[last_row]
     for r in range(last_row + 1):
-        scaled, target = share * column[r], inverse[r]
+        factor, target = share * column[r], inverse[r]
         for k in range(last_row + 1):
-            target[k] -= scaled * column[k]
+            target[k] -= factor * column[k]
         target[p] = target[last_row]
     for k in range(last_row):
         inverse[p, k] = inverse[last_row, k]

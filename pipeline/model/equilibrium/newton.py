@@ -18,13 +18,13 @@ FORCE_TOLERANCE = 1e-10
 """A step is solved when no active contact's deflection is off by more than this share of the largest one ..."""
 BALANCE_TOLERANCE = 1e-12
 """... and no rigid motion's balance by more than this share of the sum of its terms."""
-ACCEPTED = 1e-9
+ACCEPTED_RESIDUAL = 1e-9
 """A step that ends above this residual (of either kind) is a failed one."""
 STEP_LIMIT = 60
 """Newton steps from one start before it is given up."""
 ROUNDING = 30
-"""Newton steps after which ``ACCEPTED`` is enough: near no load the disk's way beyond the bearing's clearance is a
-difference whose rounding alone unbalances it."""
+"""Newton steps after which ``ACCEPTED_RESIDUAL`` is enough: near no load the disk's way beyond the bearing's clearance
+is a difference whose rounding alone unbalances it."""
 ALTERNATING = 5
 """Times that contacts or the bearing may close within a load step before such steps are halved: they may alternate."""
 HOPELESS = 10
@@ -35,7 +35,7 @@ REGULAR = 1e-9
 """Share of the mean contact stiffness that keeps a motion solvable that nothing holds at the moment."""
 LARGEST_TURN = 0.5
 """Angle [rad] around the bearing beyond which the edge of its clearance is no arc of the second order any more."""
-OPEN = 1e-13
+OPEN_DEPTH = 1e-13
 """Penetration [mm] below which an open contact is not added; rounding of positions near 1e2 mm."""
 
 
@@ -86,35 +86,35 @@ def renew(work):
 def _close_penetrated(system, work):
     """Make every penetrated open contact active, with the force that closes it alone; returns their number."""
     depth, force = work.depth, work.force
-    penetrated = 0
+    n_closed = 0
     for i in range(depth.shape[0]):
-        penetrated += (depth[i] > OPEN) & (force[i] == 0.0)
-    if penetrated == 0:
+        n_closed += (depth[i] > OPEN_DEPTH) & (force[i] == 0.0)
+    if n_closed == 0:
         return 0
     column = work.column  # judged before any of them deflects the others
     for i in range(depth.shape[0]):
         column[i] = depth[i]
     for i in range(depth.shape[0]):
-        if column[i] > OPEN and force[i] == 0.0:
+        if column[i] > OPEN_DEPTH and force[i] == 0.0:
             force[i] = force_at_penetration(system, i, column[i])
             activate(system, i, work)
             if system.self_compliance[i] > 0.0:
                 add_deflection(system, i, work)
-    return penetrated
+    return n_closed
 
 
 @algebraic_part
 def advance(system, length, work):
     """Add a share of the step to the active forces; a contact that would pull opens, and closes again if penetrated."""
-    force, opened = work.force, 0
+    force, n_opened = work.force, 0
     for b in range(count(work.active)):
         part = part_of(work.active, work, b)
         active, miss, n = part.active, part.miss, work.sizes[b, 0]
         for j in range(n):
-            stepped = max(force[active[j]] + length * miss[j], 0.0)
-            force[active[j]] = stepped
-            opened += stepped == 0.0
-    if opened == 0:
+            new_force = max(force[active[j]] + length * miss[j], 0.0)
+            force[active[j]] = new_force
+            n_opened += new_force == 0.0
+    if n_opened == 0:
         return
     for b in range(count(work.active)):
         active = part_of(work.active, work, b).active
@@ -132,21 +132,21 @@ def _condense(system, b, work):
     part = part_of(work.active, work, b)
     active, miss, slope = part.active, part.miss, part.slope
     jacobian, step, tangent = system.contact_jacobian, work.step, work.tangent
-    n, coupled = work.sizes[b, 0], work.sizes[b, 1]
-    product(part.inverse, coupled, miss, part.inside)
+    n, n_coupled = work.sizes[b, 0], work.sizes[b, 1]
+    product(part.inverse, n_coupled, miss, part.inside)
     for d in range(step.shape[0]):
         if not moves(work.active, system.moving[b], d):
             continue
-        row, pull = part.projected[d], jacobian[d]
+        row, pull = part.projection[d], jacobian[d]
         total = step[d]
-        for p in range(coupled):
+        for p in range(n_coupled):
             total += row[p] * miss[p]
-        for j in range(coupled, n):
+        for j in range(n_coupled, n):
             total += pull[active[j]] * miss[j] / slope[j]
         step[d] = total
         for e in range(d + 1):
             total = tangent[d, e]
-            for j in range(coupled, n):
+            for j in range(n_coupled, n):
                 total += pull[active[j]] * jacobian[e, active[j]] / slope[j]
             tangent[d, e] = total
 
@@ -156,18 +156,18 @@ def _expand(system, b, work):
     """Steps of the active forces of a block into ``miss``, once those of the motions are known."""
     part = part_of(work.active, work, b)
     active, miss, slope = part.active, part.miss, part.slope
-    n, coupled, right = work.sizes[b, 0], work.sizes[b, 1], part.inside
-    for p in range(coupled):
-        miss[p] = -right[p]
-    for j in range(coupled, n):
+    n, n_coupled, right_sides = work.sizes[b, 0], work.sizes[b, 1], part.inside
+    for p in range(n_coupled):
+        miss[p] = -right_sides[p]
+    for j in range(n_coupled, n):
         miss[j] = -miss[j] / slope[j]
     for d in range(work.step.shape[0]):
         if not moves(work.active, system.moving[b], d):
             continue
-        row, pull, q = part.projected[d], system.contact_jacobian[d], work.step[d]
-        for p in range(coupled):
+        row, pull, q = part.projection[d], system.contact_jacobian[d], work.step[d]
+        for p in range(n_coupled):
             miss[p] += row[p] * q
-        for j in range(coupled, n):
+        for j in range(n_coupled, n):
             miss[j] += pull[active[j]] * q / slope[j]
 
 
@@ -205,7 +205,7 @@ def newton_step(system, friction, work):
 
 
 @algebraic_part
-def _around(length, k, work):
+def _move_around_edge(length, k, work):
     """Move a disk's centre by a share of the step, around the edge of its bearing's clearance where it leans on it.
 
     A straight step along the edge would press the disk into the bearing by the square of the step.
@@ -259,7 +259,7 @@ def move(system, length, work):
             if thrust[k] > 0.0:
                 rise = spring[5] * step[2 * k] + spring[6] * step[2 * k + 1] + spring[7]
                 thrust[k] = max(thrust[k] + length * rise, 0.0)
-                _around(length, k, work)
+                _move_around_edge(length, k, work)
             else:
                 motion[2 * k] += length * step[2 * k]
                 motion[2 * k + 1] += length * step[2 * k + 1]
@@ -271,11 +271,11 @@ def move(system, length, work):
 @algebraic_part
 def include_all(system, work):
     """Bring every coupled active contact into the inverse; false if nothing holds the bodies, or not positive."""
-    sizes, holding, included = work.sizes, work.counts[1], 0
+    sizes, holding, n_included = work.sizes, work.counts[1], 0
     for b in range(sizes.shape[0]):
         holding += sizes[b, 0]
-        included += sizes[b, 2]
-    if included == 0:
+        n_included += sizes[b, 2]
+    if n_included == 0:
         work.schur[:] = 0.0
     if holding == 0:
         return False
@@ -300,11 +300,11 @@ def converge(system, friction, torque, gap, clearance, work):
         deflect(system, gap, work)
         n_closed = _close_penetrated(system, work)
         leaning = _leaning(work)
-        deviation, unbalanced = residuals(system, friction, torque, clearance, work)
-        residual = max(deviation, unbalanced)
-        if n_closed == 0 and deviation <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE:
+        deviation, imbalance = residuals(system, friction, torque, clearance, work)
+        residual = max(deviation, imbalance)
+        if n_closed == 0 and deviation <= FORCE_TOLERANCE and imbalance <= BALANCE_TOLERANCE:
             return iteration, residual
-        if n_closed == 0 and iteration >= ROUNDING and residual <= ACCEPTED:
+        if n_closed == 0 and iteration >= ROUNDING and residual <= ACCEPTED_RESIDUAL:
             return iteration, residual
         if n_closed == 0 and _worth_renewing(residual, previous):
             renew(work)
@@ -322,4 +322,4 @@ def converge(system, friction, torque, gap, clearance, work):
         move(system, length, work)
         advance(system, length, work)
     renew(work)
-    return STEP_LIMIT, max(residual, 2 * ACCEPTED)
+    return STEP_LIMIT, max(residual, 2 * ACCEPTED_RESIDUAL)

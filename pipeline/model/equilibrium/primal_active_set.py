@@ -15,10 +15,10 @@ import numpy as np
 from pipeline.model.compiled import algebraic_part
 from pipeline.model.equilibrium.blocks import count, part_of
 from pipeline.model.equilibrium.newton import (
-    ACCEPTED,
+    ACCEPTED_RESIDUAL,
     BALANCE_TOLERANCE,
     FORCE_TOLERANCE,
-    OPEN,
+    OPEN_DEPTH,
     ROUNDING,
     activate,
     advance,
@@ -43,7 +43,7 @@ STALLED = 0.5
 def _most_penetrated(work):
     """Open contact with the largest penetration, -1 if there is none."""
     depth, force = work.depth, work.force
-    deepest, contact = OPEN, -1
+    deepest, contact = OPEN_DEPTH, -1
     for i in range(depth.shape[0]):
         if force[i] == 0.0 and depth[i] > deepest:
             deepest, contact = depth[i], i
@@ -95,11 +95,11 @@ def settle(system, friction, torque, gap, clearance, work):
     residual, steps_since, before = 1.0, 0, np.inf
     for iteration in range(SETTLING_STEPS):
         deflect(system, gap, work)
-        deviation, unbalanced = residuals(system, friction, torque, clearance, work)
-        residual = max(deviation, unbalanced)
+        deviation, imbalance = residuals(system, friction, torque, clearance, work)
+        residual = max(deviation, imbalance)
         steps_since += 1
-        if (deviation <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE) or (
-            steps_since > ROUNDING and residual <= ACCEPTED
+        if (deviation <= FORCE_TOLERANCE and imbalance <= BALANCE_TOLERANCE) or (
+            steps_since > ROUNDING and residual <= ACCEPTED_RESIDUAL
         ):
             contact = _most_penetrated(work)
             if contact < 0:
@@ -125,4 +125,4 @@ def settle(system, friction, torque, gap, clearance, work):
         move(system, length, work)
         advance(system, length, work)
     renew(work)
-    return SETTLING_STEPS, max(residual, 2 * ACCEPTED)
+    return SETTLING_STEPS, max(residual, 2 * ACCEPTED_RESIDUAL)

@@ -39,7 +39,7 @@ class Friction(NamedTuple):
     stick: Real  # its slope against the slip
     grip: Real  # its slope against what presses on the slider
     trial: Real  # its resistance if it stuck
-    pressed: Real  # what presses on it
+    pressing_force: Real  # what presses on it
     slip_step: Real  # changes of its slip and of what presses on it within the step
     press_step: Real
     resisting: np.ndarray  # sliders that resist
@@ -86,7 +86,7 @@ class Workspace(NamedTuple):
     tangent: Real  # (n_motions, n_motions)
     schur: Real  # (n_motions, n_motions) jacobian^T H^-1 jacobian of the contacts in the inverse
     inverse: Real  # (n_blocks, longest, longest block) of H = law' + C over the first active contacts
-    projected: Real  # (n_blocks, n_motions, longest block) H^-1 jacobian of them
+    projection: Real  # (n_blocks, n_motions, longest block) H^-1 jacobian of them
     column: Real  # (n_contacts,)
     inside: Real  # (n_blocks, longest block) active forces, held to the laws' range, and their logarithms
     logarithm: Real
@@ -118,7 +118,7 @@ def workspace(system: System) -> Workspace:
         tangent=np.zeros(motions * 2),
         schur=np.zeros(motions * 2),
         inverse=np.zeros((*lists, longest)),
-        projected=np.zeros((*blocks, n_motions, longest)),
+        projection=np.zeros((*blocks, n_motions, longest)),
         column=np.zeros(contacts),
         inside=np.zeros(lists),
         logarithm=logarithm,
@@ -137,9 +137,9 @@ def law(system, i, force):
     deflection = inner_force * (system.linear[i] - system.logarithmic[i] * log)
     slope = system.linear[i] - system.logarithmic[i] * (1.0 + log)
     if system.power[i] > 0.0:
-        powered = system.power[i] * inner_force ** (system.exponent[i] - 1.0)
-        deflection += inner_force * powered
-        slope += system.exponent[i] * powered
+        power_part = system.power[i] * inner_force ** (system.exponent[i] - 1.0)
+        deflection += inner_force * power_part
+        slope += system.exponent[i] * power_part
     return deflection + (force - inner_force) * slope, slope
 
 
@@ -212,17 +212,17 @@ def add_deflection(system, i, work):
 def _bend(system, b, work):
     """Elastic deflection of the contacts of a block by its active ones."""
     part = part_of(work.active, work, b)
-    compliance, force, active, coupled = system.compliance, work.force, part.active, work.sizes[b, 1]
+    compliance, force, active, n_coupled = system.compliance, work.force, part.active, work.sizes[b, 1]
     elastic = deflections_of(work.active, work, system.blocks[b]).elastic
     for k in range(elastic.shape[0]):
         elastic[k] = 0.0
-    for p in range(0, coupled - 1, 2):  # two at once save half of the stores
+    for p in range(0, n_coupled - 1, 2):  # two at once save half of the stores
         row, f = compliance[active[p]], force[active[p]]
         contact, g = compliance[active[p + 1]], force[active[p + 1]]
         for k in range(elastic.shape[0]):
             elastic[k] += row[k] * f + contact[k] * g
-    if coupled % 2 == 1:
-        row, f = compliance[active[coupled - 1]], force[active[coupled - 1]]
+    if n_coupled % 2 == 1:
+        row, f = compliance[active[n_coupled - 1]], force[active[n_coupled - 1]]
         for k in range(elastic.shape[0]):
             elastic[k] += row[k] * f
 
@@ -278,27 +278,27 @@ def _misfit_of_block(system, b, work):
     for j in range(n):
         i = active[j]
         if power[i] > 0.0:
-            powered = power[i] * inner_force[j] ** (system.exponent[i] - 1.0)
-            miss[j] += inner_force[j] * powered
-            slope[j] += system.exponent[i] * powered
-    largest, worst = 1e-300, 0.0
+            power_part = power[i] * inner_force[j] ** (system.exponent[i] - 1.0)
+            miss[j] += inner_force[j] * power_part
+            slope[j] += system.exponent[i] * power_part
+    largest_deflection, largest_miss = 1e-300, 0.0
     for j in range(n):
         i = active[j]
         local = miss[j] + (force[i] - inner_force[j]) * slope[j]
         miss[j] = local - depth[i]
-        largest = max(largest, local + elastic[i])
-        worst = max(worst, abs(miss[j]))
-    return worst, largest
+        largest_deflection = max(largest_deflection, local + elastic[i])
+        largest_miss = max(largest_miss, abs(miss[j]))
+    return largest_miss, largest_deflection
 
 
 @algebraic_part
 def misfit(system, work):
     """Misfit of the deflection of every active contact, and the laws' tangents; returns the relative misfit."""
-    deviation, largest = 0.0, 1e-300
+    deviation, largest_deflection = 0.0, 1e-300
     for b in range(count(work.active)):
         missing, deflection = _misfit_of_block(system, b, work)
-        deviation, largest = max(deviation, missing), max(largest, deflection)
-    return deviation / largest
+        deviation, largest_deflection = max(deviation, missing), max(largest_deflection, deflection)
+    return deviation / largest_deflection
 
 
 @algebraic_part

@@ -9,14 +9,14 @@ Source: Simo, Hughes, Computational Inelasticity (1998), ch. 1.
 from pipeline.model.compiled import algebraic_part
 from pipeline.model.equilibrium.blocks import count, part_of
 
-BRAKED = 0.1
+BRAKING_SHARE = 0.1
 """A step ends where the power along it has fallen to this share of the one at its start."""
 BRAKING_STEPS = 12
 """Evaluations of the power along a step."""
 
 
 @algebraic_part
-def _carried(system, work):
+def _output_torque(system, work):
     """Torque that the contacts carry to the output."""
     arm, total = system.contact_jacobian[system.output], 0.0
     for b in range(count(work.active)):
@@ -33,21 +33,21 @@ def resist(system, friction, work):
     ``resisting`` lists those that resist at all.
     """
     motion = work.motion
-    carried_torque, resisting = _carried(system, work), 0
+    carried_torque, resisting = _output_torque(system, work), 0
     for s in range(friction.stiffness.shape[0]):
-        pressed = carried_torque if friction.contact[s] < 0 else work.force[friction.contact[s]]
-        limit = friction.limit[s] + friction.coefficient[s] * abs(pressed)
+        pressing_force = carried_torque if friction.contact[s] < 0 else work.force[friction.contact[s]]
+        limit = friction.limit[s] + friction.coefficient[s] * abs(pressing_force)
         if limit == 0.0:
             continue
         slip = -friction.anchor[s]
         for d in range(motion.shape[0]):
             slip += friction.direction[s, d] * motion[d]
         trial = friction.stiffness[s] * slip
-        friction.trial[s], friction.pressed[s] = trial, pressed
+        friction.trial[s], friction.pressing_force[s] = trial, pressing_force
         friction.resistance[s] = min(max(trial, -limit), limit)
         slips = abs(trial) > limit
         friction.stick[s] = 0.0 if slips else friction.stiffness[s]
-        direction_sign = 1.0 if (trial > 0.0) == (pressed >= 0.0) else -1.0
+        direction_sign = 1.0 if (trial > 0.0) == (pressing_force >= 0.0) else -1.0
         friction.grip[s] = direction_sign * friction.coefficient[s] if slips else 0.0
         friction.resisting[resisting] = s
         resisting += 1
@@ -94,7 +94,7 @@ def add_friction(system, friction, work):
             elif system.self_compliance[i] > 0.0:
                 step[d] += slip_direction * grip * part.inside[p]
                 for e in range(n_motions):
-                    tangent[d, e] += slip_direction * grip * part.projected[e, p]
+                    tangent[d, e] += slip_direction * grip * part.projection[e, p]
             else:
                 step[d] += slip_direction * grip * part.miss[p] / part.slope[p]
                 for e in range(n_motions):
@@ -107,7 +107,9 @@ def _work_rate(friction, length, work):
     rate = 0.0
     for k in range(work.counts[1]):
         s = friction.resisting[k]
-        limit = friction.limit[s] + friction.coefficient[s] * abs(friction.pressed[s] + length * friction.press_step[s])
+        limit = friction.limit[s] + friction.coefficient[s] * abs(
+            friction.pressing_force[s] + length * friction.press_step[s]
+        )
         trial = friction.trial[s] + length * friction.stiffness[s] * friction.slip_step[s]
         rate += friction.slip_step[s] * (min(max(trial, -limit), limit) - friction.resistance[s])
     return rate
@@ -147,12 +149,12 @@ def share_of_braking(system, friction, work):
             friction.slip_step[s] += friction.direction[s, d] * step[d]
     low, low_power, high = 0.0, start, 1.0
     high_power = start + slope + _work_rate(friction, 1.0, work)
-    if not (low_power < 0.0 and high_power > -BRAKED * low_power):
+    if not (low_power < 0.0 and high_power > -BRAKING_SHARE * low_power):
         return 1.0
     for _ in range(BRAKING_STEPS):
         share = low - low_power * (high - low) / (high_power - low_power)
         power = start + share * slope + _work_rate(friction, share, work)
-        if abs(power) <= -BRAKED * start:
+        if abs(power) <= -BRAKING_SHARE * start:
             return share
         if power < 0.0:
             low, low_power, high_power = share, power, 0.5 * high_power
@@ -165,11 +167,11 @@ def share_of_braking(system, friction, work):
 def follow(system, friction, work):
     """Let the anchors follow where the resistance is at its limit."""
     motion, anchor = work.motion, friction.anchor
-    carried_torque = _carried(system, work)
+    carried_torque = _output_torque(system, work)
     for s in range(friction.stiffness.shape[0]):
         slip = 0.0
         for d in range(motion.shape[0]):
             slip += friction.direction[s, d] * motion[d]
-        pressed = carried_torque if friction.contact[s] < 0 else work.force[friction.contact[s]]
-        reach = (friction.limit[s] + friction.coefficient[s] * abs(pressed)) / friction.stiffness[s]
+        pressing_force = carried_torque if friction.contact[s] < 0 else work.force[friction.contact[s]]
+        reach = (friction.limit[s] + friction.coefficient[s] * abs(pressing_force)) / friction.stiffness[s]
         anchor[s] = min(max(anchor[s], slip - reach), slip + reach)

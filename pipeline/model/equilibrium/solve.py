@@ -31,7 +31,7 @@ from pipeline.model.compiled import algebraic_part, borrowing_entry, compiled_be
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.blocks import count, coupled_blocks, part_of
-from pipeline.model.equilibrium.newton import ACCEPTED, activate, converge, reset
+from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL, activate, converge, reset
 from pipeline.model.equilibrium.residual import Friction, System, workspace
 from pipeline.model.equilibrium.restart import solved_afresh
 from pipeline.model.geometry.cycloid_profile import Index, Real
@@ -45,7 +45,7 @@ PRELOAD = 0.1
 """Share of the largest force at the output's longest arm beyond which it is no torque's but a preload's: the longest
 arm's contact carries a tenth of the torque or more."""
 
-ROUNDED = 1e-15
+ROUNDING = 1e-15
 """Share of the force that carries the torque at the longest arm below which a force is rounding: a disk that carries
 nothing touches with 1e-20 of it."""
 
@@ -85,7 +85,7 @@ class Equilibria:
     force : (n, n_torques, n_contacts) [N]
     iterations : (n, n_torques) Newton steps
     residual : (n, n_torques) the larger of the two relative residuals
-    converged : (n, n_torques) whether it met ``ACCEPTED``
+    converged : (n, n_torques) whether it met ``ACCEPTED_RESIDUAL``
     """
 
     motion: Real
@@ -95,7 +95,7 @@ class Equilibria:
     converged: np.ndarray
 
     @classmethod
-    def joined(cls, parts: Sequence["Equilibria"], axis: int) -> "Equilibria":
+    def concatenate(cls, parts: Sequence["Equilibria"], axis: int) -> "Equilibria":
         """Samples (axis 0) or torques (axis 1) of all parts, one part after the other."""
         return cls(**{name: np.concatenate([vars(part)[name] for part in parts], axis) for name in vars(parts[0])})
 
@@ -103,9 +103,9 @@ class Equilibria:
         """Some samples, and torques, as of an array (n, n_torques)."""
         return Equilibria(**{name: values[index] for name, values in vars(self).items()})
 
-    def __setitem__(self, index: Any, solved: "Equilibria") -> None:
+    def __setitem__(self, index: Any, solutions: "Equilibria") -> None:
         for name, values in vars(self).items():
-            values[index] = vars(solved)[name]
+            values[index] = vars(solutions)[name]
 
 
 @algebraic_part
@@ -218,9 +218,9 @@ def _solve_batch(system, work, torques, gap, clearance, start, progress, motion,
             torque = _torque_of(torques, t, progress[2], stations, preload)
             n_updates, residual[s, t] = converge(system, None, torque, gap[s], clearance[s], work)
             iterations[s, t] += n_updates
-            if not residual[s, t] <= ACCEPTED:
+            if not residual[s, t] <= ACCEPTED_RESIDUAL:
                 return torque
-        _keep(work, t, ROUNDED * abs(torques[t]) / system.arm[system.output], motion[s], force[s])
+        _keep(work, t, ROUNDING * abs(torques[t]) / system.arm[system.output], motion[s], force[s])
         progress[1], progress[2] = t + 1, 0
     return None
 
@@ -260,10 +260,10 @@ def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, In
     Their give is then a compliance like the bodies'. Friction resists the translations, so that it leaves them in.
     """
     reducer, bearing, compliance = elastic.reducer, elastic.bearing, elastic.compliance
-    planar, eliminated = reducer.planar, 2 * reducer.n_disks if linear else 0
+    planar, n_eliminated = reducer.planar, 2 * reducer.n_disks if linear else 0
     blocks = coupled_blocks(compliance + planar @ planar.T / bearing.stiffness if linear else compliance)
-    jacobian = np.ascontiguousarray(reducer.contact_jacobian[blocks.order, eliminated:].T)
-    ordered = elastic.laws[blocks.order]
+    jacobian = np.ascontiguousarray(reducer.contact_jacobian[blocks.order, n_eliminated:].T)
+    ordered_laws = elastic.laws[blocks.order]
     system = System(
         jacobian,
         blocks.compliance,
@@ -271,10 +271,10 @@ def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, In
         blocks.ranges,
         np.repeat(np.arange(len(blocks.ranges)), np.diff(blocks.ranges)[:, 0]),
         np.array([np.any(jacobian[:, block_start:end], axis=1) for block_start, end in blocks.ranges]),
-        *(ordered.linear, ordered.logarithmic, ordered.power, ordered.exponent, ordered.force_limit),
+        *(ordered_laws.linear, ordered_laws.logarithmic, ordered_laws.power, ordered_laws.exponent, ordered_laws.force_limit),
         np.max(np.abs(jacobian), axis=1),
-        reducer.output_motion - eliminated,
-        reducer.centred and not linear,
+        reducer.output_motion - n_eliminated,
+        reducer.is_centred and not linear,
         reducer.n_disks,
         float(bearing.stiffness),
         float(bearing.exponent),
@@ -298,7 +298,7 @@ def friction_of(sliders: Sliders, place_of_motion: Index) -> Friction:
         stick=np.zeros(n_sliders),
         grip=np.zeros(n_sliders),
         trial=np.zeros(n_sliders),
-        pressed=np.zeros(n_sliders),
+        pressing_force=np.zeros(n_sliders),
         slip_step=np.zeros(n_sliders),
         press_step=np.zeros(n_sliders),
         resisting=np.zeros(n_sliders, np.int64),
@@ -330,35 +330,35 @@ def solve(
 
     Notes
     -----
-    A step that misses ``ACCEPTED`` is reported by ``converged``; the following steps still start from it.
+    A step that misses ``ACCEPTED_RESIDUAL`` is reported by ``converged``; the following steps still start from it.
     """
     reducer, bearing = elastic.reducer, elastic.bearing
     clearance = of_each_disk(bearing_clearance, reducer.n_disks)
-    linear = reducer.centred and bearing.exponent == 1 and not np.any(clearance)
-    eliminated = 2 * reducer.n_disks if linear else 0
+    linear = reducer.is_centred and bearing.exponent == 1 and not np.any(clearance)
+    n_eliminated = 2 * reducer.n_disks if linear else 0
     n, n_contacts = gap.shape
-    shape, n_motions = (n, len(torque)), len(reducer.motions) - eliminated
+    shape, n_motions = (n, len(torque)), len(reducer.motions) - n_eliminated
     system, order = elastic.reduced_system if linear else elastic.full_system
     motion, force = np.empty((*shape, n_motions)), np.empty((*shape, n_contacts))
     iterations, residual = np.empty(shape, np.int64), np.empty(shape)
     work, steps = workspace(system), np.ascontiguousarray(torque, dtype=float)
     ordered_gap = np.ascontiguousarray(gap if len(system.blocks) == 1 else gap[:, order])
-    clearance, start = np.ascontiguousarray(clearance, dtype=float), np.ascontiguousarray(start[:, eliminated:])
-    beside = (start.copy(), np.zeros(gap.shape))
+    clearance, start = np.ascontiguousarray(clearance, dtype=float), np.ascontiguousarray(start[:, n_eliminated:])
+    neighbour_states = (start.copy(), np.zeros(gap.shape))
     if neighbours is not None:
-        beside = neighbours.motion[:, eliminated:].copy(), np.ascontiguousarray(neighbours.force[:, order])
+        neighbour_states = neighbours.motion[:, n_eliminated:].copy(), np.ascontiguousarray(neighbours.force[:, order])
     progress = np.zeros(3, np.int64)
-    inputs, rows = (steps, ordered_gap, clearance, beside), (motion, force, iterations, residual)
-    while (unsolved := _solve_batch(system, work, *inputs, progress, *rows)) is not None:
+    inputs, rows = (steps, ordered_gap, clearance, neighbour_states), (motion, force, iterations, residual)
+    while (n_unsolved := _solve_batch(system, work, *inputs, progress, *rows)) is not None:
         s, t, _ = progress
-        if t == 0 and np.any(beside[1][s]):
-            beside[0][s], beside[1][s], progress[2] = start[s], 0.0, 0
+        if t == 0 and np.any(neighbour_states[1][s]):
+            neighbour_states[0][s], neighbour_states[1][s], progress[2] = start[s], 0.0, 0
             continue
-        n_updates, residual[s, t] = solved_afresh(system, None, unsolved, ordered_gap[s], clearance[s], work)
+        n_updates, residual[s, t] = solved_afresh(system, None, n_unsolved, ordered_gap[s], clearance[s], work)
         iterations[s, t] += n_updates
     if len(system.blocks) > 1:
         force = np.take(force, np.argsort(order), axis=2)  # in C order, which an index with ... does not leave
     if linear:
         motion = np.concatenate([-force @ reducer.planar / bearing.stiffness, motion], axis=2)
     residual[~np.all(np.isfinite(gap), axis=1)] = np.inf
-    return Equilibria(motion, force, iterations, residual, residual <= ACCEPTED)
+    return Equilibria(motion, force, iterations, residual, residual <= ACCEPTED_RESIDUAL)

@@ -99,10 +99,16 @@ def after_turns(errors: Errors, lobes: int) -> Errors:
     With every turn the disk goes on by a lobe, clockwise, as its lobes are numbered: a pin meets the lobe before the
     last one, and the flank's run-out has turned with the disk.
     """
-    repeated = {name: np.repeat(values, lobes, axis=0) for name, values in vars(errors).items()}
-    rolled = {name: np.stack([np.roll(getattr(errors, name)[0], k) for k in range(lobes)]) for name in _OF_LOBES}
+    repeated_errors = {name: np.repeat(values, lobes, axis=0) for name, values in vars(errors).items()}
+    rolled_errors = {name: np.stack([np.roll(getattr(errors, name)[0], k) for k in range(lobes)]) for name in _OF_LOBES}
     turned_runout = (errors.bore_runout @ np.array([1, 1j])) * np.exp(-2j * np.pi * np.arange(lobes) / lobes)
-    return Errors(**(repeated | rolled | {"bore_runout": np.stack([turned_runout.real, turned_runout.imag], axis=1)}))
+    return Errors(
+        **(
+            repeated_errors
+            | rolled_errors
+            | {"bore_runout": np.stack([turned_runout.real, turned_runout.imag], axis=1)}
+        )
+    )
 
 
 _OF_LOBES = ("lobe", "lobe_pitch")
@@ -172,9 +178,9 @@ def _first_order_gaps(
     gap = np.empty((n, n_pins))
     for s in range(n):
         for i in range(n_pins):
-            shared = factor * min(lobe[s, lobe_before[i]], lobe[s, lobe_other[i]]) * lobe_error[i]
-            placed = shared - cosine[i] * radial[s, i] - sine[i] * tangential[s, i]
-            gap[s, i] = placed - radius[s, i] + eccentric[i] * eccentricity[s]
+            lobe_gap = factor * min(lobe[s, lobe_before[i]], lobe[s, lobe_other[i]]) * lobe_error[i]
+            pin_gap = lobe_gap - cosine[i] * radial[s, i] - sine[i] * tangential[s, i]
+            gap[s, i] = pin_gap - radius[s, i] + eccentric[i] * eccentricity[s]
     return gap
 
 

@@ -16,11 +16,11 @@ class Clocking:
 
     Attributes
     ----------
-    turned : rotation of its holes [rad] from those of the first disk.
+    hole_rotation : rotation of its holes [rad] from those of the first disk.
     lobes : whole lobes by which the first disk, turned on, has its holes there too; None where no turn does.
     """
 
-    turned: float
+    hole_rotation: float
     lobes: int | None
 
     @property

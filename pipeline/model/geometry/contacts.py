@@ -135,7 +135,7 @@ def no_contacts() -> Contacts:
     )
 
 
-def joined(lists: list[Contacts]) -> Contacts:
+def joined_contacts(lists: list[Contacts]) -> Contacts:
     """The contacts of several lists in one, in their order."""
     return Contacts(
         *(np.concatenate([getattr(part, name) for part in lists]) for name in Contacts.__dataclass_fields__)

@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.model.compiled import entry, part
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Index, Real
 from pipeline.model.geometry.drawn_flank import STEPS
-from pipeline.model.geometry.foot_points import Valleys, _turned
+from pipeline.model.geometry.foot_points import Valleys, _rotate
 
 REACH = 800
 """Points of a side, at the ends of the cubics: a quarter of a lobe over its tip."""
@@ -24,7 +24,7 @@ SECANTS = 12
 """Steps of the regula falsi; what has not settled then has a kink within its bracket, and is bisected."""
 BISECTIONS = 45
 """Halvings of an interval of the flank: below the rounding of a parameter."""
-SETTLED = 1e-12
+SETTLED_STEP = 1e-12
 """Bracket [rad] at which a minimum is found: the distance is second order in it, or first at a kink."""
 
 
@@ -64,30 +64,30 @@ def _half_slope(psi, gear, offset, cubics, sense, cx, cy):
 
 
 @part
-def _least(low, high, gear, offset, cubics, sense, cx, cy):
+def _least_distance(low, high, gear, offset, cubics, sense, cx, cy):
     """Least distance of c from the flank between psi = low and high, about a single minimum."""
     falling, near_low = _half_slope(low, gear, offset, cubics, sense, cx, cy)
     rising, near_high = _half_slope(high, gear, offset, cubics, sense, cx, cy)
-    smallest = min(near_low, near_high)
+    smallest_distance = min(near_low, near_high)
     if falling >= 0.0 or rising <= 0.0:
-        return smallest
+        return smallest_distance
     for step in range(SECANTS + BISECTIONS):
         middle = (low * rising - high * falling) / (rising - falling) if step < SECANTS else 0.5 * (low + high)
         slope, distance = _half_slope(middle, gear, offset, cubics, sense, cx, cy)
-        smallest = min(smallest, distance)
-        if slope == 0.0 or high - low <= SETTLED:
+        smallest_distance = min(smallest_distance, distance)
+        if slope == 0.0 or high - low <= SETTLED_STEP:
             break
         if slope < 0.0:
             low, falling, rising = middle, slope, 0.5 * rising
         else:
             high, rising, falling = middle, slope, 0.5 * falling
-    return smallest
+    return smallest_distance
 
 
 @part
-def _scanned(first_point, last_point, stride, points, circle, offset, cubics, sense, cx, cy, distances):
+def _scan_distances(first_point, last_point, stride, points, circle, offset, cubics, sense, cx, cy, distances):
     """Fill ``distances`` with the distance of c from points ``first_point`` to ``last_point`` of a scan; the least."""
-    steps, smallest = cubics.shape[0], np.inf
+    steps, smallest_distance = cubics.shape[0], np.inf
     for k in range(first_point, last_point + 1, stride):
         # The deviation at the end of a cubic; that of the lobe's end is its first one's of the next lobe.
         step = k if sense > 0 else steps - k
@@ -100,29 +100,34 @@ def _scanned(first_point, last_point, stride, points, circle, offset, cubics, se
         x = circle * points[1, k] - points[3, k] + deviation * points[5, k] - cx
         y = circle * points[2, k] - points[4, k] + deviation * points[6, k] - cy
         distances[k] = np.sqrt(x * x + y * y)
-        smallest = min(smallest, distances[k])
-    return smallest
+        smallest_distance = min(smallest_distance, distances[k])
+    return smallest_distance
 
 
 @part
 def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, distances):
     """Least distance of c from one side of a valley."""
     last_point, circle = points.shape[1] - 1, gear[1]
-    best = _scanned(0, last_point, COARSE, points, circle, offset, cubics, sense, cx, cy, distances)
+    smallest_distance = _scan_distances(0, last_point, COARSE, points, circle, offset, cubics, sense, cx, cy, distances)
     for block in range(chords.shape[0]):
         block_start, end = block * COARSE, (block + 1) * COARSE
-        if 0.5 * (distances[block_start] + distances[end] - chords[block]) > best:
+        if 0.5 * (distances[block_start] + distances[end] - chords[block]) > smallest_distance:
             continue
         from_k, to_k = max(block_start - 1, 0), min(end + 1, last_point)
-        best = min(best, _scanned(from_k, to_k, 1, points, circle, offset, cubics, sense, cx, cy, distances))
+        smallest_distance = min(
+            smallest_distance,
+            _scan_distances(from_k, to_k, 1, points, circle, offset, cubics, sense, cx, cy, distances),
+        )
         for k in range(block_start, end + 1):
             falls = k == 0 or distances[k] <= distances[k - 1]
             if falls and (k == last_point or distances[k] <= distances[k + 1]):
                 # On either side of the least point, apart: it may be a kink.
                 for chord in range(max(k - 1, 0), min(k, last_point - 1) + 1):
                     low, high = points[0, chord], points[0, chord + 1]
-                    best = min(best, _least(low, high, gear, offset, cubics, sense, cx, cy))
-    return best
+                    smallest_distance = min(
+                        smallest_distance, _least_distance(low, high, gear, offset, cubics, sense, cx, cy)
+                    )
+    return smallest_distance
 
 
 @entry
@@ -150,15 +155,15 @@ def _distances(
             )
             x = cx * table[8, i] + cy * table[9, i]
             y = cy * table[8, i] - cx * table[9, i]
-            nearest = np.inf
+            smallest_distance = np.inf
             for neighbour, sense in ((lobe_before[i], -1.0), (lobe_behind[i], 1.0)):
                 error = lobe[s, neighbour]
-                shifted = (pins, circle - shares[0] * error, nominal)
+                shifted_gear = (pins, circle - shares[0] * error, nominal)
                 parallel, cubics = radius + shares[1] * error, deviation[neighbour % rows]
-                px, py = _turned(x, y, -rotation[s, neighbour])
-                side = _least_of_side(points, chords, shifted, parallel, cubics, sense, px, -sense * py, distances)
-                nearest = min(nearest, side)
-            distance[s, i] = nearest
+                px, py = _rotate(x, y, -rotation[s, neighbour])
+                side = _least_of_side(points, chords, shifted_gear, parallel, cubics, sense, px, -sense * py, distances)
+                smallest_distance = min(smallest_distance, side)
+            distance[s, i] = smallest_distance
     return distance
 
 

@@ -45,9 +45,15 @@ def deviation_table(profile: CycloidProfile) -> Real:
     value = modification.rotation * arm_of_phase(drawn_profile, grid)[None, :]
     slope_after = modification.rotation * _arm_slope(drawn_profile, grid[:-1], 1)[None, :]
     slope_before = modification.rotation * _arm_slope(drawn_profile, grid[1:], -1)[None, :]
-    if modification.measured is not None:
-        measured, slope = _measured(modification.measured.phase, modification.measured.material, grid)
-        value, slope_after, slope_before = value - measured, slope_after - slope[:, :-1], slope_before - slope[:, 1:]
+    if modification.measured_flank is not None:
+        measured_material, slope = _measured_material(
+            modification.measured_flank.phase, modification.measured_flank.material, grid
+        )
+        value, slope_after, slope_before = (
+            value - measured_material,
+            slope_after - slope[:, :-1],
+            slope_before - slope[:, 1:],
+        )
     rise = np.diff(value, axis=1)
     slope_after, slope_before = width * slope_after, width * slope_before
     return np.stack(
@@ -56,7 +62,7 @@ def deviation_table(profile: CycloidProfile) -> Real:
     )
 
 
-def _measured(phase: Real, material: Real, grid: Real) -> tuple[Real, Real]:
+def _measured_material(phase: Real, material: Real, grid: Real) -> tuple[Real, Real]:
     """Measured material (n_rows, n_grid) [mm] and its slope; a lobe goes on in the next, with the last in the first."""
     from scipy.interpolate import Akima1DInterpolator  # slow to import, and few flanks are measured
 

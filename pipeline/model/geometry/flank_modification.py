@@ -26,8 +26,8 @@ class MeasuredFlank:
     def _key(self) -> tuple[bytes, bytes, tuple[int, ...]]:
         return self.phase.tobytes(), self.material.tobytes(), self.material.shape
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, MeasuredFlank) and self._key == other._key
+    def __eq__(self, other_flank: object) -> bool:
+        return isinstance(other_flank, MeasuredFlank) and self._key == other_flank._key
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -44,18 +44,18 @@ class FlankModification:
         off.
     rotation : delta [rad]: |a| delta off both flanks of every lobe, with a the arm of the normal about the disk's
         centre. It ends in 0 at root and tip, which stay as they are.
-    measured : deviation from the flank so drawn, or None.
+    measured_flank : deviation from the flank so drawn, or None.
     """
 
     equidistant: float = 0.0
     moved_distance: float = 0.0
     rotation: float = 0.0
-    measured: MeasuredFlank | None = field(default=None)
+    measured_flank: MeasuredFlank | None = field(default=None)
 
     @property
     def deviates(self) -> bool:
         """Whether the flank is no parallel of a cycloid: turned or measured."""
-        return self.rotation != 0.0 or self.measured is not None
+        return self.rotation != 0.0 or self.measured_flank is not None
 
 
 NOMINAL = FlankModification()

@@ -96,15 +96,15 @@ def _rooms(profile: CycloidProfile, phase: Real) -> tuple[Real, Real]:
     lobe_position = -phase / profile.lobes
     gap = np.abs(profile.locus(lobe_position)[:, None] - flank) - profile.pin_radius
     rotated_normal = np.abs(profile.normal(lobe_position)[:, None] - normal)
-    smallest = np.min(
+    smallest_room = np.min(
         gap / np.maximum(rotated_normal, OTHER_NORMAL), axis=1, where=rotated_normal > OTHER_NORMAL, initial=np.inf
     )
     room = np.min(gap, axis=1, where=psi * lobe_position[:, None] <= 0, initial=np.inf)
-    return np.minimum(smallest, SINGLE_FOOT * np.abs(profile.locus_radius(phase))), room
+    return np.minimum(smallest_room, SINGLE_FOOT * np.abs(profile.locus_radius(phase))), room
 
 
 @part
-def _turned(x, y, angle):
+def _rotate(x, y, angle):
     """The vector (x, y) turned by an angle up to ``SMALL_TURN``, to the last bit."""
     square = angle * angle
     cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0 - square * (1.0 / 40320.0))))
@@ -127,31 +127,31 @@ def _foot_terms(sx, sy, fx, fy, cx, cy, pins):
 
 
 @part
-def _single_distances(sx, sy, fx, fy, cx, cy, offset, allowed, pins, turn, distance):
-    """Distances from the flank of the pins that moved no farther than ``allowed``; -1 for the others.
+def _single_distances(sx, sy, fx, fy, cx, cy, offset, allowed_distance, pins, turn, distance):
+    """Distances from the flank of the pins that moved no farther than ``allowed_distance``; -1 for the others.
 
     A loop writes one array and reads few: only then does the compiler prove that none overlaps, and solves several
     pins at once.
     """
     for i in range(turn.shape[0]):
         x, y = sx[i] - fx[i] - cx[i], sy[i] - fy[i] - cy[i]
-        turn[i] = 0.0 if np.sqrt(x * x + y * y) <= allowed[i] else np.inf
+        turn[i] = 0.0 if np.sqrt(x * x + y * y) <= allowed_distance[i] else np.inf
     for _ in range(SINGLE_STEPS):
         for i in range(turn.shape[0]):
-            tx, ty = _turned(sx[i], sy[i], turn[i])
-            ux, uy = _turned(fx[i], fy[i], pins * turn[i])
+            tx, ty = _rotate(sx[i], sy[i], turn[i])
+            ux, uy = _rotate(fx[i], fy[i], pins * turn[i])
             slope, bend, _, _, _, _, _ = _foot_terms(tx, ty, ux, uy, cx[i], cy[i], pins)
             turn[i] -= slope / bend
     for i in range(turn.shape[0]):
-        tx, ty = _turned(sx[i], sy[i], turn[i])
-        ux, uy = _turned(fx[i], fy[i], pins * turn[i])
+        tx, ty = _rotate(sx[i], sy[i], turn[i])
+        ux, uy = _rotate(fx[i], fy[i], pins * turn[i])
         slope, _, length, x, y, dx, dy = _foot_terms(tx, ty, ux, uy, cx[i], cy[i], pins)
-        converged = (abs(pins * turn[i]) <= SMALL_TURN) & (abs(slope) <= FOOT_TOLERANCE * length)
-        distance[i] = offset[i] + (y * dx - x * dy) / np.sqrt(length) if converged else -1.0
+        is_converged = (abs(pins * turn[i]) <= SMALL_TURN) & (abs(slope) <= FOOT_TOLERANCE * length)
+        distance[i] = offset[i] + (y * dx - x * dy) / np.sqrt(length) if is_converged else -1.0
 
 
 @part
-def _refined(k, first_point, last_point, points, circle, offset, cx, cy, pins, squares):
+def _refined_distance(k, first_point, last_point, points, circle, offset, cx, cy, pins, squares):
     """Distance of c from the flank at the minimum next to point ``k``, which lies nearer than its neighbours."""
     base = points[0, k]
     low = points[0, max(first_point, k - 1)] - base
@@ -164,8 +164,8 @@ def _refined(k, first_point, last_point, points, circle, offset, cx, cy, pins, s
     slow_x, slow_y = circle * points[3, k], circle * points[4, k]
     for _ in range(FOOT_STEPS):
         if abs(pins * turn) <= SMALL_TURN:
-            sx, sy = _turned(slow_x, slow_y, turn)
-            fx, fy = _turned(points[1, k], points[2, k], pins * turn)
+            sx, sy = _rotate(slow_x, slow_y, turn)
+            fx, fy = _rotate(points[1, k], points[2, k], pins * turn)
         else:
             c, s = np.cos(turn), np.sin(turn)
             sx, sy = slow_x * c - slow_y * s, slow_y * c + slow_x * s
@@ -187,17 +187,20 @@ def _refined(k, first_point, last_point, points, circle, offset, cx, cy, pins, s
 
 
 @part
-def _nearest(first_point, last_point, points, circle, offset, cx, cy, pins, squares):
+def _nearest_distance(first_point, last_point, points, circle, offset, cx, cy, pins, squares):
     """Smallest distance of c from a flank, points ``first_point`` to ``last_point``; every minimum refined."""
     for k in range(first_point, last_point + 1):
         x = cx - circle * points[3, k] + points[1, k] - offset * points[5, k]
         y = cy - circle * points[4, k] + points[2, k] - offset * points[6, k]
         squares[k] = x * x + y * y
-    best = np.sqrt(min(squares[first_point], squares[last_point]))
+    smallest_distance = np.sqrt(min(squares[first_point], squares[last_point]))
     for k in range(first_point, last_point + 1):
         if (k == first_point or squares[k] <= squares[k - 1]) and (k == last_point or squares[k] <= squares[k + 1]):
-            best = min(best, _refined(k, first_point, last_point, points, circle, offset, cx, cy, pins, squares))
-    return best
+            smallest_distance = min(
+                smallest_distance,
+                _refined_distance(k, first_point, last_point, points, circle, offset, cx, cy, pins, squares),
+            )
+    return smallest_distance
 
 
 @entry
@@ -216,7 +219,7 @@ def pin_distances(
     last_point = points.shape[1] - 1
     sx, sy, cx, cy = np.empty(n_pins), np.empty(n_pins), np.empty(n_pins), np.empty(n_pins)
     ox, oy, offset = np.empty(n_pins), np.empty(n_pins), np.empty(n_pins)
-    allowed, turn = np.empty(n_pins), np.empty(n_pins)
+    allowed_distance, turn = np.empty(n_pins), np.empty(n_pins)
     squares = np.empty(last_point + 1)
     distance = np.empty((n, n_pins))
     for s in range(n):
@@ -226,25 +229,28 @@ def pin_distances(
             offset[i] = pin_radius + shares[1] * lobe[s, met_lobe[i]]
             step = (shares[0] + shares[1]) * abs(lobe[s, lobe_before[i]] - lobe[s, lobe_behind[i]])
             step += pin_circle * abs(rotation[s, lobe_before[i]] - rotation[s, lobe_behind[i]])
-            allowed[i] = min(table[10, i], 0.5 * (table[11, i] - step))
+            allowed_distance[i] = min(table[10, i], 0.5 * (table[11, i] - step))
             shift, lateral = radial[s, i], tangential[s, i]
             cx[i] = table[4, i] + table[6, i] * shift - table[7, i] * lateral - eccentricity[s] * eccentric.real
             cy[i] = table[5, i] + table[7, i] * shift + table[6, i] * lateral - eccentricity[s] * eccentric.imag
-            ox[i], oy[i] = _turned(cx[i], cy[i], -rotation[s, met_lobe[i]])
-        _single_distances(sx, sy, table[2], table[3], ox, oy, offset, allowed, pins, turn, distance[s])
+            ox[i], oy[i] = _rotate(cx[i], cy[i], -rotation[s, met_lobe[i]])
+        _single_distances(sx, sy, table[2], table[3], ox, oy, offset, allowed_distance, pins, turn, distance[s])
         for i in range(n_pins):
             if distance[s, i] >= 0.0:
                 continue
             x = cx[i] * table[8, i] + cy[i] * table[9, i]
             y = cy[i] * table[8, i] - cx[i] * table[9, i]
-            nearest = np.inf
+            smallest_distance = np.inf
             for neighbour, start, end in (
                 (lobe_before[i], last_point // 2, last_point),
                 (lobe_behind[i], 0, last_point // 2),
             ):
                 error = lobe[s, neighbour]
                 centre_radius, parallel = pin_circle - shares[0] * error, pin_radius + shares[1] * error
-                px, py = _turned(x, y, -rotation[s, neighbour])
-                nearest = min(nearest, _nearest(start, end, points, centre_radius, parallel, px, py, pins, squares))
-            distance[s, i] = nearest
+                px, py = _rotate(x, y, -rotation[s, neighbour])
+                smallest_distance = min(
+                    smallest_distance,
+                    _nearest_distance(start, end, points, centre_radius, parallel, px, py, pins, squares),
+                )
+            distance[s, i] = smallest_distance
     return distance

@@ -63,7 +63,7 @@ def exact_closing(
 def _least_gap(psi, flank_x, flank_y, axis_x, axis_y, wave_2, wave_3, values):
     """Least of |q - A| - rho over the points q of a valley (n_points,); ``values`` is room for all of them."""
     last_point = len(psi) - 1
-    best, best_point = np.inf, 0
+    smallest_gap, best_point = np.inf, 0
     for step in (STRIDE, 1):
         first_point, end = (
             (0, last_point) if step > 1 else (max(0, best_point - STRIDE), min(last_point, best_point + STRIDE))
@@ -77,15 +77,15 @@ def _least_gap(psi, flank_x, flank_y, axis_x, axis_y, wave_2, wave_3, values):
             values[k] = distance - (
                 wave_2.real * cos_2 - wave_2.imag * sin_2 + wave_3.real * cos_3 - wave_3.imag * sin_3
             )
-            if values[k] < best:
-                best, best_point = values[k], k
+            if values[k] < smallest_gap:
+                smallest_gap, best_point = values[k], k
     if not 0 < best_point < last_point:
-        return best
+        return smallest_gap
     low, high = psi[best_point] - psi[best_point - 1], psi[best_point + 1] - psi[best_point]
-    slope_before, slope_behind = values[best_point - 1] - best, values[best_point + 1] - best
+    slope_before, slope_behind = values[best_point - 1] - smallest_gap, values[best_point + 1] - smallest_gap
     bend = slope_before * high + slope_behind * low  # of the parabola through the three points, as the slope in it
     slope = slope_behind * low * low - slope_before * high * high
-    return best - slope * slope / (4.0 * low * high * (low + high) * bend) if bend > 0.0 else best
+    return smallest_gap - slope * slope / (4.0 * low * high * (low + high) * bend) if bend > 0.0 else smallest_gap
 
 
 @entry

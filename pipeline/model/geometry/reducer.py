@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pipeline.model.geometry.contacts import DISK, HOUSING, Contacts, DiskPose, joined, pin_list
+from pipeline.model.geometry.contacts import DISK, HOUSING, Contacts, DiskPose, joined_contacts, pin_list
 from pipeline.model.geometry.cycloid_profile import (
     KEPT_ANGLES,
     Complex,
@@ -55,7 +55,7 @@ class Reducer:
         all disks.
     motions : names of the free rigid motions (n_motions,), the translation of each disk first.
     contact_jacobian : d penetration / d q (n_contacts, n_motions) [-] for translations, [mm] for rotations.
-    centred : whether input bearings hold the disks' centres.
+    is_centred : whether input bearings hold the disks' centres.
     flange_ratio : rotation of the flange, the crank held to the housing, per rotation of the output: 1 where the flange
         is the output.
     rolling : rotation of the disk about the pitch point, on the pins, per rotation of the output.
@@ -69,7 +69,7 @@ class Reducer:
     contacts: Contacts
     motions: tuple[str, ...]
     contact_jacobian: Real
-    centred: bool = True
+    is_centred: bool = True
     flange_ratio: float = 1.0
     rolling: float = 0.0
     n_behind: int = 0
@@ -110,7 +110,7 @@ class Reducer:
 
         A disk has one input bearing, or where the output mechanism carries it one in each hole.
         """
-        of_a_disk = 1 if self.centred else int(self.contacts.hole.max()) + 1
+        of_a_disk = 1 if self.is_centred else int(self.contacts.hole.max()) + 1
         return np.stack(np.divmod(np.arange(self.n_disks * of_a_disk), of_a_disk), axis=1)
 
     @property
@@ -217,10 +217,10 @@ def disk_poses(profile: CycloidProfile, crank: float, count: int) -> tuple[DiskP
 def _on_pins(profile: CycloidProfile, crank: float, count: int) -> tuple[tuple[DiskPose, ...], tuple[Contacts, ...]]:
     """``disk_poses`` and the contacts of the pins with each disk; kept, since many reducers differ in their output."""
     poses = disk_poses(profile, crank, count)
-    return poses, tuple(_labelled(pin_list(pose), pose) for pose in poses)
+    return poses, tuple(_with_disk_labels(pin_list(pose), pose) for pose in poses)
 
 
-def _labelled(contacts: Contacts, disk: DiskPose) -> Contacts:
+def _with_disk_labels(contacts: Contacts, disk: DiskPose) -> Contacts:
     """The contacts of a disk, its name in their labels where it is one of several."""
     if disk.body == DISK:
         return contacts
@@ -228,15 +228,17 @@ def _labelled(contacts: Contacts, disk: DiskPose) -> Contacts:
 
 
 def nominal_reducer(
-    profile: CycloidProfile, output: OutputContacts, crank: float, fixed: str = HOUSING, disks: int = 1
+    profile: CycloidProfile, output: OutputContacts, crank: float, fixed_part: str = HOUSING, disks: int = 1
 ) -> Reducer:
     """Housing, ``disks`` disks and output at the crank angle ``crank`` [rad] against the housing.
 
-    ``fixed`` is the body that is held, ``"housing"`` or the output's ``"flange"``.
+    ``fixed_part`` is the body that is held, ``"housing"`` or the output's ``"flange"``.
     """
     poses, on_pins = _on_pins(profile, crank, disks)
     behind_disks = output.contacts_behind(poses[0])
-    contacts = joined([*on_pins, *(_labelled(output.contacts_of(pose), pose) for pose in poses), behind_disks])
+    contacts = joined_contacts(
+        [*on_pins, *(_with_disk_labels(output.contacts_of(pose), pose) for pose in poses), behind_disks]
+    )
     output_motions = dict.fromkeys(motion for pose in poses for motion in output.motions_of(pose))
     planar = [f"{pose.body}_{axis}" for pose in poses for axis in "xy"]
     motions = (*planar, *(f"{pose.body}_phi" for pose in poses), *output_motions)
@@ -247,7 +249,7 @@ def nominal_reducer(
         contacts,
         motions,
         jacobian,
-        centred=not output.carries_disks,
+        is_centred=not output.carries_disks,
         n_behind=len(behind_disks),
         displacements=output.displacements(poses, contacts),
     )
@@ -255,4 +257,4 @@ def nominal_reducer(
     for pose, rows in zip((*poses, poses[0]), (*reducer.output_rows, rows_behind), strict=True):
         for motion, coupling in output.couplings_of(pose, contacts.some(rows)).items():
             jacobian[rows, motions.index(motion)] += coupling
-    return reducer if fixed == HOUSING else with_fixed_flange(reducer, profile.lobes)
+    return reducer if fixed_part == HOUSING else with_fixed_flange(reducer, profile.lobes)

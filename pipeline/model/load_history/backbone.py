@@ -38,7 +38,7 @@ class Backbone:
         return self.states[:, [middle, middle - 1]]
 
     @property
-    def preloaded(self) -> bool:
+    def is_preloaded(self) -> bool:
         """Whether contacts carry forces at the limits of no torque in all states."""
         return bool(np.all(np.any(self.limits.force > 0, axis=2)))
 
@@ -69,17 +69,19 @@ class Backbone:
         carry, times the slope of these over the torque.
         """
         force = self.states.force
-        loaded = np.nonzero(force > 0)
+        is_loaded = np.nonzero(force > 0)
         closings = [of_drive.gap[:, None] + force @ of_drive.compliance for of_drive in (neighbour, drive)]
         for of_drive, closing in zip((neighbour, drive), closings, strict=True):
-            closing[loaded] += of_drive.laws[loaded[-1]].deflection(force[loaded])
+            closing[is_loaded] += of_drive.laws[is_loaded[-1]].deflection(force[is_loaded])
         change = np.sum(self.influence * (closings[0] - closings[1]), axis=2)
         thrust = drive.reducer.thrust(force)
         bearing_depths = [
             of_drive.bearing.depth(thrust) + of_drive.clearance_of_disks[:, None] for of_drive in (neighbour, drive)
         ]
-        twisted = neighbour.twist(self.torque) - drive.twist(self.torque)
-        return change + np.sum(self._over_torque(thrust) * (bearing_depths[0] - bearing_depths[1]), axis=2) + twisted
+        twist_change = neighbour.twist(self.torque) - drive.twist(self.torque)
+        return (
+            change + np.sum(self._over_torque(thrust) * (bearing_depths[0] - bearing_depths[1]), axis=2) + twist_change
+        )
 
 
 @lru_cache(maxsize=8)

@@ -5,7 +5,7 @@ import numpy as np
 from pipeline.model.compiled import entry, part
 from pipeline.model.geometry.cycloid_profile import Index, Real
 
-APART = 1e-6
+SMALLEST_SPACING = 1e-6
 """Share of the curve's range below which a stretch is a point."""
 
 
@@ -57,26 +57,26 @@ def _means(edges, x, y, mean, slope):
     """See ``means``."""
     area, rise = np.empty(x.shape[0]), np.empty(x.shape[0] - 1)
     _integrate(x, y, area, rise)
-    smallest_step = APART * (x[-1] - x[0])
+    smallest_step = SMALLEST_SPACING * (x[-1] - x[0])
     for cell in range(edges.shape[0]):
         mean[cell], slope[cell] = _of_cell(edges[cell], x, y, area, rise, smallest_step)
 
 
 @entry
-def _means_along(edges, leg, corners, ends, followed, mean, slope):
+def _means_along(edges, leg, corners, ends, is_wanted, mean, slope):
     """See ``means_along``."""
     longest = 1 + np.max(ends[:, 1] - ends[:, 0])
     abscissa, ordinate, area, rise = np.empty(longest), np.empty(longest), np.empty(longest), np.empty(longest)
     for number in range(ends.shape[0]):
-        first, last, sense = ends[number, 0], ends[number, 1], ends[number, 2]
-        n = last - first + 1
+        first_corner, last_corner, sense = ends[number, 0], ends[number, 1], ends[number, 2]
+        n = last_corner - first_corner + 1
         x, y = abscissa[:n], ordinate[:n]
-        for i in range(n if followed[number] else 0):
-            x[i] = corners[0, first + i if sense > 0 else last - i]
-        smallest_step = APART * (x[-1] - x[0])
-        for row in range(1, corners.shape[0] if followed[number] else 0):
+        for i in range(n if is_wanted[number] else 0):
+            x[i] = corners[0, first_corner + i if sense > 0 else last_corner - i]
+        smallest_step = SMALLEST_SPACING * (x[-1] - x[0])
+        for row in range(1, corners.shape[0] if is_wanted[number] else 0):
             for i in range(n):
-                y[i] = corners[row, first + i if sense > 0 else last - i]
+                y[i] = corners[row, first_corner + i if sense > 0 else last_corner - i]
             _integrate(x, y, area, rise)
             for cell in range(edges.shape[0]):
                 if leg[cell] == number:
@@ -94,14 +94,14 @@ def means(edges: Real, x: Real, y: Real) -> tuple[Real, Real]:
     Returns
     -------
     Mean (n_cells,) and slope (n_cells,) from the first edge to the last; exact but for rounding. A part narrower than
-    ``APART`` of the curve counts as the point in its middle.
+    ``SMALLEST_SPACING`` of the curve counts as the point in its middle.
     """
     mean, slope = np.empty(len(edges)), np.empty(len(edges))
     _means(np.ascontiguousarray(edges), np.ascontiguousarray(x), np.ascontiguousarray(y), mean, slope)
     return mean, slope
 
 
-def means_along(edges: Real, leg: Index, corners: Real, ends: Index, followed: Index, mean: Real, slope: Real) -> None:
+def means_along(edges: Real, leg: Index, corners: Real, ends: Index, is_wanted: Index, mean: Real, slope: Real) -> None:
     """Means and slopes, as ``means``, over the cells of a path that turns back: each on its own leg of it.
 
     Parameters
@@ -110,7 +110,7 @@ def means_along(edges: Real, leg: Index, corners: Real, ends: Index, followed: I
     leg : (n_cells,) leg of the path on which each cell lies.
     corners : (1 + n_values, n_corners) abscissa of the path and values along it.
     ends : (n_legs, 3) first and last corner of each leg; 1 where its abscissa rises, -1 where it falls.
-    followed : (n_legs,) whether its cells are wanted.
+    is_wanted : (n_legs,) whether its cells are wanted.
     mean, slope : (n_values, n_cells), of which the cells wanted are filled.
     """
-    _means_along(np.ascontiguousarray(edges), leg, np.ascontiguousarray(corners), ends, followed, mean, slope)
+    _means_along(np.ascontiguousarray(edges), leg, np.ascontiguousarray(corners), ends, is_wanted, mean, slope)

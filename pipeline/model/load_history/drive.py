@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.model.contact.friction_elements import Sliders
-from pipeline.model.contact.laws import ContactLaws, stiffened
+from pipeline.model.contact.laws import ContactLaws, stiffened_laws
 from pipeline.model.elements import ElasticModulus, Element, Friction, Hysteresis, Spring
 from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria, solve
 from pipeline.model.geometry.clearance import Errors, gaps
@@ -69,8 +69,8 @@ class Drive:
     @property
     def _found_gap(self) -> Real | None:
         """``gap_of_errors`` where it has been computed."""
-        found: Real | None = self.__dict__.get("gap_of_errors", self.known_gap)
-        return found
+        gap: Real | None = self.__dict__.get("gap_of_errors", self.known_gap)
+        return gap
 
     @cached_property
     def gap(self) -> Real:
@@ -84,7 +84,7 @@ class Drive:
         return backlash_change(self.profile, self.reducer, self.errors, reading, self.gap, self.bearing_clearance)
 
     @cached_property
-    def first(self) -> "Drive":
+    def first_state(self) -> "Drive":
         """The drive in its first state alone."""
         return self.some(slice(1))
 
@@ -119,7 +119,7 @@ class Drive:
         """Friction of all elements."""
         sliders = Sliders.none()
         for element in self.frictions:
-            sliders = sliders.joined(element.sliders)
+            sliders = sliders.with_others(element.sliders)
         return sliders
 
     @cached_property
@@ -145,7 +145,7 @@ class Drive:
     @cached_property
     def laws_of_states(self) -> ContactLaws:
         """Laws of the contacts with each state's modulus, (n, 1, n_contacts) each; where that is 1, the laws."""
-        return self.laws if self.modulus is None else stiffened(self.laws, self.modulus[:, None, None])
+        return self.laws if self.modulus is None else stiffened_laws(self.laws, self.modulus[:, None, None])
 
     def elastic_deflection(self, force: Real) -> Real:
         """What the elastic bodies give way at each contact (n, n_torques, n_contacts) [mm] under forces [N] there."""
@@ -184,13 +184,13 @@ class Drive:
         factor = self.stiffening(state)
         if factor == 1.0:
             return self
-        scaled = (
+        scaled_elements = (
             element.at_drawing_modulus(factor) if isinstance(element, Friction) else element
             for element in self.elements
         )
-        return replace(self, elements=tuple(scaled), known_gap=self._found_gap)
+        return replace(self, elements=tuple(scaled_elements), known_gap=self._found_gap)
 
-    def shifted(self, added_gap: Real) -> "Drive":
+    def with_added_gap(self, added_gap: Real) -> "Drive":
         """The drive with every gap larger by ``more`` (n, n_contacts) [mm]."""
         return replace(self, shift=self.shift + added_gap, known_gap=self._found_gap)
 
@@ -198,7 +198,7 @@ class Drive:
         """The drive with elements beside its own."""
         return replace(self, elements=(*self.elements, *elements), known_gap=self._found_gap)
 
-    def moved(self, **errors: Real) -> "Drive":
+    def with_added_errors(self, **errors: Real) -> "Drive":
         """The drive with errors [mm] added to its own, by their names; broadcast to the errors' shapes."""
         return self.with_errors(
             replace(self.errors, **{name: getattr(self.errors, name) + shift for name, shift in errors.items()})
@@ -230,7 +230,7 @@ class Drive:
                 replace(
                     self.elastic,
                     bearing=bearing,
-                    laws=stiffened(self.laws, np.full(len(self.laws), factor)),
+                    laws=stiffened_laws(self.laws, np.full(len(self.laws), factor)),
                     compliance=self.compliance / factor,
                 ),
                 self.gap[k : k + 1],
@@ -241,4 +241,4 @@ class Drive:
             )
             for k, (factor, bearing) in enumerate(zip(self.modulus, self.bearing_of_states, strict=True))
         ]
-        return Equilibria.joined(states, axis=0)
+        return Equilibria.concatenate(states, axis=0)

@@ -77,7 +77,7 @@ class LoadCycle:
 def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
     """Poses (n, n_motions) beyond an end of play: each rotation closes a contact that carries ``torque`` [N mm]."""
     reducer = drive.reducer
-    if not reducer.centred:
+    if not reducer.is_centred:
         return loaded_poses(drive.elastic, drive.gap, pose, torque)
     arms = np.abs(reducer.contact_jacobian[:, reducer.output_motion])
     carrier = int(np.argmax(arms))
@@ -126,7 +126,7 @@ def solve_cycle(drive: Drive, cycle: LoadCycle, neighbour: Equilibria | None = N
     """
     play = _play_to_start_from(drive)
     levels = cycle.rated_torque * cycle.fractions
-    downward = drive.reducer.centred & np.any(drive.clearance_of_disks, axis=1)
+    downward = drive.reducer.is_centred & np.any(drive.clearance_of_disks, axis=1)
     ways = sorted(set(zip(play.preloaded.tolist(), downward.tolist(), strict=True)))
     if len(ways) == 1:
         return _both_senses(drive, play.pose_plus, play.pose_minus, levels, *ways[0], neighbour)
@@ -135,7 +135,7 @@ def solve_cycle(drive: Drive, cycle: LoadCycle, neighbour: Equilibria | None = N
         _both_senses(drive.some(samples), play.pose_plus[samples], play.pose_minus[samples], levels, *way)
         for samples, way in zip(rows, ways, strict=True)
     ]
-    return Equilibria.joined(parts, axis=0)[np.argsort(np.concatenate(rows))]
+    return Equilibria.concatenate(parts, axis=0)[np.argsort(np.concatenate(rows))]
 
 
 def _both_senses(
@@ -143,39 +143,39 @@ def _both_senses(
     pose_plus: Real,
     pose_minus: Real,
     levels: Real,
-    preloaded: bool,
+    are_preloaded: bool,
     downward: bool,
     neighbour: Equilibria | None = None,
 ) -> Equilibria:
-    """As ``solve_cycle``, of samples (n,) which all are ``preloaded`` or none and start in one direction."""
+    """As ``solve_cycle``, of samples (n,) which all are ``are_preloaded`` or none and start in one direction."""
     states: list[Equilibria] = []
     for number, (torque, pose) in enumerate(((levels, pose_plus), (-levels, pose_minus))):
         limit = None
-        if preloaded and not downward and (states or neighbour is not None):
+        if are_preloaded and not downward and (states or neighbour is not None):
             limit = states[0][:, 0] if neighbour is None else neighbour[:, number]
-        states.append(_either_way(drive, pose, torque, preloaded, downward, limit))
-    return Equilibria.joined(states, axis=1)
+        states.append(_either_way(drive, pose, torque, are_preloaded, downward, limit))
+    return Equilibria.concatenate(states, axis=1)
 
 
 def _either_way(
-    drive: Drive, pose: Real, levels: Real, preloaded: bool, downward: bool, limit: Equilibria | None
+    drive: Drive, pose: Real, levels: Real, are_preloaded: bool, downward: bool, limit: Equilibria | None
 ) -> Equilibria:
-    """As ``_solved``; samples that are lost on their way are solved on the other, unless more of their states are."""
-    states = _solved(drive, pose, levels, preloaded, downward, limit)
+    """As ``_solve_direction``; samples lost on their way are solved on the other if more of their states are."""
+    states = _solve_direction(drive, pose, levels, are_preloaded, downward, limit)
     if states.converged.all():
         return states
     lost = np.flatnonzero(~np.all(states.converged, axis=1))
-    others = _solved(drive.some(lost), pose[lost], levels, preloaded, not downward)
-    improved = np.sum(others.converged, axis=1) > np.sum(states.converged[lost], axis=1)
-    states[lost[improved]] = others[improved]
+    other_states = _solve_direction(drive.some(lost), pose[lost], levels, are_preloaded, not downward)
+    is_better = np.sum(other_states.converged, axis=1) > np.sum(states.converged[lost], axis=1)
+    states[lost[is_better]] = other_states[is_better]
     return states
 
 
-def _solved(
+def _solve_direction(
     drive: Drive,
     pose: Real,
     levels: Real,
-    preloaded: bool,
+    are_preloaded: bool,
     downward: bool,
     limit: Equilibria | None = None,
 ) -> Equilibria:
@@ -184,14 +184,14 @@ def _solved(
     The first of them is sought from the ``limit`` (n,) of neighbours.
     """
     torque = levels
-    if preloaded:
+    if are_preloaded:
         torque = np.append(np.sign(levels[0]) * drive.rated_torque * np.array([LIMIT_TORQUE, SMALL_TORQUE]), levels)
     if downward:
         torque = torque[::-1]
     states = drive.softened_equilibria(first_poses(drive, pose, torque[0]), torque, limit)
     if downward:
         states = states[:, ::-1]
-    if preloaded:
+    if are_preloaded:
         return _from_limit(states)
     n = len(pose)
     end = Equilibria(
@@ -201,7 +201,7 @@ def _solved(
         residual=np.zeros((n, 1)),
         converged=np.ones((n, 1), bool),
     )
-    return Equilibria.joined((end, states), axis=1)
+    return Equilibria.concatenate((end, states), axis=1)
 
 
 def _from_limit(states: Equilibria) -> Equilibria:
@@ -209,4 +209,4 @@ def _from_limit(states: Equilibria) -> Equilibria:
     ends = states[:, :1]
     lost = ~ends.converged[:, 0]
     ends[lost] = states[lost, 1:2]
-    return Equilibria.joined((ends, states[:, 2:]), axis=1)
+    return Equilibria.concatenate((ends, states[:, 2:]), axis=1)

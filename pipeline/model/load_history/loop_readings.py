@@ -17,10 +17,10 @@ def _level(torque: Real, target: float, steps: np.ndarray) -> int:
     ValueError
         If no step has that torque.
     """
-    nearest = int(np.argmin(np.abs(torque[steps] - target)))
-    if abs(torque[steps][nearest] - target) > 1e-9 * np.max(np.abs(torque)):
-        raise ValueError(f"the curve has no point at {target:g}, the nearest is {torque[steps][nearest]:g}")
-    return int(steps[nearest])
+    nearest_step = int(np.argmin(np.abs(torque[steps] - target)))
+    if abs(torque[steps][nearest_step] - target) > 1e-9 * np.max(np.abs(torque)):
+        raise ValueError(f"the curve has no point at {target:g}, the nearest is {torque[steps][nearest_step]:g}")
+    return int(steps[nearest_step])
 
 
 def curve_readings(

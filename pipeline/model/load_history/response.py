@@ -18,7 +18,7 @@ from pipeline.model.elements import Path, polyline
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import NO_TORQUE, Drive
-from pipeline.model.load_history.friction.frictional_cycle import refined, solve_frictional_cycle
+from pipeline.model.load_history.friction.frictional_cycle import refined_cycle, solve_frictional_cycle
 from pipeline.model.load_history.load_cycle import BRANCHES, LoadCycle, solve_cycle
 
 
@@ -30,7 +30,8 @@ class CycleResponse:
     ----------
     branch : (n_steps,) branch of every step, its index in ``BRANCHES``.
     torque : (n_steps,) on the output [N mm]; 0 stands for the limit from the branch's side.
-    carried : (n_steps,), or (n, n_steps) with friction on the output: torque in the reducer and the elements in series.
+    carried_torque : (n_steps,), or (n, n_steps) with friction on the output: torque in the reducer and the elements in
+        series.
     angle : (n, n_steps) of the turning end [rad], the elements in series with the output included.
     state : (n_steps,) equilibrium that a step visits: its second index in ``equilibria``.
     equilibria : (n, n_equilibria, ...); without friction a torque has one, with friction every step has its own.
@@ -40,7 +41,7 @@ class CycleResponse:
 
     branch: np.ndarray
     torque: Real
-    carried: Real
+    carried_torque: Real
     angle: Real
     state: np.ndarray
     equilibria: Equilibria
@@ -85,37 +86,44 @@ def respond(drive: Drive, cycle: LoadCycle) -> CycleResponse:
     frictional = len(drive.sliders.acting) > 0
     if frictional and drive.modulus is not None:
         raise ValueError("friction does not change with the modulus, so states of several have no response with it")
-    levels = refined(cycle) if frictional else cycle
+    levels = refined_cycle(cycle) if frictional else cycle
     frictionless = solve_cycle(drive, levels)
     branch, state = cycle.steps
     torque = cycle.state_torque[state]
     limits = [len(levels.fractions) + 1, 0]  # 0-, 0+
     motion = drive.reducer.output_motion
-    equilibria, converged = frictionless, np.all(frictionless.converged[:, limits], axis=1)
-    carried, twist = torque, drive.twist(torque)
+    equilibria, is_converged = frictionless, np.all(frictionless.converged[:, limits], axis=1)
+    carried_torque, twist = torque, drive.twist(torque)
     if frictional:
         path = solve_frictional_cycle(drive, cycle, frictionless)
-        equilibria, carried, twist, state = path.equilibria, path.carried, path.twist, np.arange(len(state))
+        equilibria, carried_torque, twist, state = (
+            path.equilibria,
+            path.carried_torque,
+            path.twist,
+            np.arange(len(state)),
+        )
     angle = equilibria.motion[:, state, motion] + twist
     if drive.hystereses:
-        angle = angle + _remembered(drive, levels, frictionless, torque, carried)
+        angle = angle + _memory_twist(drive, levels, frictionless, torque, carried_torque)
     return CycleResponse(
         branch,
         torque,
-        carried,
+        carried_torque,
         angle,
         state,
         equilibria,
         frictionless.motion[:, limits, motion] + drive.twist(NO_TORQUE),
-        converged & np.all(equilibria.converged, axis=1),
+        is_converged & np.all(equilibria.converged, axis=1),
     )
 
 
-def _remembered(drive: Drive, levels: LoadCycle, frictionless: Equilibria, torque: Real, carried: Real) -> Real:
+def _memory_twist(
+    drive: Drive, levels: LoadCycle, frictionless: Equilibria, torque: Real, carried_torque: Real
+) -> Real:
     """Rotation (n, n_steps) [rad] of the elements with memory along the cycle."""
     nodes, order = levels.state_torque, np.lexsort((np.signbit(levels.state_torque) == 0, levels.state_torque))
     angles = frictionless.motion[:, order, drive.reducer.output_motion] + drive.twist(nodes[order])
-    paths = np.broadcast_to(carried, (len(angles), len(torque)))
+    paths = np.broadcast_to(carried_torque, (len(angles), len(torque)))
     twist = np.zeros(paths.shape)
     for k, (along, angle) in enumerate(zip(paths, angles, strict=True)):
         path = Path(np.ascontiguousarray(along), torque, None, polyline(nodes[order], angle))

@@ -43,7 +43,7 @@ class CurvesOverCrank:
     crank : (n_cranks,) ascending [rad].
     torque : (n_nodes,) ascending [N mm], none of them 0, as many of either sense.
     angle : (n_cranks, n_nodes) of the output [rad].
-    stored : (n_cranks, 2) energy without torque, at its limits from below and from above [N mm]; 0 without preload.
+    elastic_energy : (n_cranks, 2) energy without torque, at its limits from below and above [N mm]; 0 without preload.
     period : after which the curves repeat [rad]: a turn of the crank where no error belongs to a single pin, lobe or
         hole, else a turn of the output; 0 where they are known between the first and the last crank angle alone.
     held_beyond : whether the first and the last curve hold beyond their crank angles, instead of a refusal: a fit
@@ -53,12 +53,12 @@ class CurvesOverCrank:
     crank: Real
     torque: Real
     angle: Real
-    stored: Real | float = 0.0
+    elastic_energy: Real | float = 0.0
     period: float = 0.0
     held_beyond: bool = False
 
     @classmethod
-    def of(
+    def from_drives(
         cls, drives: Sequence[Drive], backbones: Sequence[Backbone], crank: Real, state: int = 0, beyond: bool = False
     ) -> "CurvesOverCrank":
         """The curves of drives in one of their states, known between crank angles (n_cranks,) [rad].
@@ -68,8 +68,8 @@ class CurvesOverCrank:
         pairs = list(zip(drives, backbones, strict=True))
         torque = drives[0].stiffening(state) * backbones[0].torque
         angles = np.array([curve.angle[state] + drive.twist(torque) for drive, curve in pairs])
-        stored = np.array([stored_energy(drive, curve, state) for drive, curve in pairs])
-        return cls(np.asarray(crank, float), torque, angles, stored, held_beyond=beyond)
+        elastic_energy = np.array([stored_energy(drive, curve, state) for drive, curve in pairs])
+        return cls(np.asarray(crank, float), torque, angles, elastic_energy, held_beyond=beyond)
 
     @cached_property
     def spline(self) -> CubicSpline:
@@ -92,7 +92,7 @@ class CurvesOverCrank:
         inside = slice(1, None, 2) if self.period else slice(1, len(self.crank) - 1, 2)
         return float(np.max(np.abs(coarse(self.crank[inside]) - self.angle[inside])))
 
-    def locked(self, start: float, ratio: float) -> "LockedCurve":
+    def locked_curve(self, start: float, ratio: float) -> "LockedCurve":
         """The curve with the output locked where the crank stands at ``start`` [rad].
 
         Parameters
@@ -104,10 +104,10 @@ class CurvesOverCrank:
         ValueError : the crank leaves the angles known, or so much varies over it that the motor's torque does not rise
             with the angle: the drive jumps.
         """
-        delta, nodes = self.spline(self._placed(np.array([start])))[0], np.arange(len(self.torque))
+        delta, nodes = self.spline(self._crank_in_range(np.array([start])))[0], np.arange(len(self.torque))
         for _ in range(STEPS):
             crank = start - ratio * delta
-            excess = self.spline(self._placed(crank))[nodes, nodes] - delta
+            excess = self.spline(self._crank_in_range(crank))[nodes, nodes] - delta
             step = excess / (1 + ratio * self._slopes(crank)[nodes, nodes])
             delta = delta + step
             if np.max(np.abs(step)) < CLOSE:
@@ -121,7 +121,7 @@ class CurvesOverCrank:
 
     def _slopes(self, crank: Real) -> Real:
         """Derivatives (n, n_nodes) of the curves at crank angles (n,), none beyond those known."""
-        placed_crank = self._placed(crank)
+        placed_crank = self._crank_in_range(crank)
         slopes = self.spline(placed_crank, 1)
         if not self.period:
             slopes[placed_crank != crank] = 0.0
@@ -129,30 +129,30 @@ class CurvesOverCrank:
 
     def _slopes_of_stored(self, crank: Real) -> Real:
         """Derivative (n_nodes,) of the energy without torque, at the crank angle of each node and on its side."""
-        if not np.any(self.stored):
+        if not np.any(self.elastic_energy):
             return np.zeros(len(crank))
         side = np.repeat([0, 1], len(crank) // 2)
-        by_side = replace(self, angle=np.broadcast_to(self.stored, (len(self.crank), 2)))
+        by_side = replace(self, angle=np.broadcast_to(self.elastic_energy, (len(self.crank), 2)))
         return by_side._slopes(crank)[np.arange(len(crank)), side]
 
     def _integrals(self, values: Real) -> Real:
         """Integral (n_nodes,) from no torque to each node of its row of values (n_nodes, n_nodes)."""
         middle = len(self.torque) // 2
         work = np.empty(len(self.torque))
-        for side, first in ((slice(None, middle), middle - 1), (slice(middle, None), middle)):
+        for side, first_node in ((slice(None, middle), middle - 1), (slice(middle, None), middle)):
             torque, rows = self.torque[side], values[side, side]
             antiderivative = PchipInterpolator(torque, rows, axis=1).antiderivative()
-            from_first = np.diagonal(antiderivative(torque)) - antiderivative(self.torque[first])
-            work[side] = from_first + values[side, first] * self.torque[first]  # from none to the first node
+            from_first = np.diagonal(antiderivative(torque)) - antiderivative(self.torque[first_node])
+            work[side] = from_first + values[side, first_node] * self.torque[first_node]  # from none to the first node
         return work
 
-    def _spline(self, chosen: slice) -> CubicSpline:
-        crank, angle = self.crank[chosen], self.angle[chosen]
+    def _spline(self, nodes: slice) -> CubicSpline:
+        crank, angle = self.crank[nodes], self.angle[nodes]
         if not self.period:
             return CubicSpline(crank, angle)
         return CubicSpline(np.append(crank, crank[0] + self.period), np.vstack([angle, angle[:1]]), bc_type="periodic")
 
-    def _placed(self, crank: Real) -> Real:
+    def _crank_in_range(self, crank: Real) -> Real:
         """Crank angles within those known.
 
         Raises
@@ -164,8 +164,8 @@ class CurvesOverCrank:
         if self.held_beyond:
             return np.clip(crank, self.crank[0], self.crank[-1])
         if np.min(crank) < self.crank[0] or np.max(crank) > self.crank[-1]:
-            known = np.degrees([np.min(crank), np.max(crank), self.crank[0], self.crank[-1]])
-            raise ValueError("the crank turns from {:.1f} to {:.1f} deg; known is {:.1f} to {:.1f}".format(*known))
+            range_deg = np.degrees([np.min(crank), np.max(crank), self.crank[0], self.crank[-1]])
+            raise ValueError("the crank turns from {:.1f} to {:.1f} deg; known is {:.1f} to {:.1f}".format(*range_deg))
         return crank
 
 
@@ -191,11 +191,11 @@ class LockedCurve:
     ----------
     torque : (n_nodes,) of the motor times i [N mm], ascending.
     angle : (n_nodes,) twist of the output against the motor's angle over i [rad].
-    carried : (n_nodes,) torque at the output [N mm].
+    carried_torque : (n_nodes,) torque at the output [N mm].
     crank : (n_nodes,) crank angle reached [rad].
     """
 
     torque: Real
     angle: Real
-    carried: Real
+    carried_torque: Real
     crank: Real

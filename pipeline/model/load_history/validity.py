@@ -53,7 +53,7 @@ def _clearance(drive: Drive, response: CycleResponse, torque: float) -> Real:
     steps = [_steps_of(response, "loading+", torque), _steps_of(response, "loading-", -torque)]
     carries = np.any(response.equilibria.force[:, response.state[steps]][:, :, of_pins] > 0, axis=1)
     largest_closing = np.max(np.abs(drive.gap[:, of_pins]), axis=1, where=carries, initial=0.0)
-    if not drive.reducer.centred:
+    if not drive.reducer.is_centred:
         return largest_closing
     return np.maximum(largest_closing, np.max(drive.clearance_of_disks, axis=1))
 
@@ -96,11 +96,11 @@ def invalid_metrics(drive: Drive, response: CycleResponse, definitions: Definiti
     that its bearing lets go).
     """
     height = float(np.ptp(np.abs(drive.profile.flank(np.linspace(0, drive.profile.lobe_pitch, 201)))))
-    largest = LARGEST_CLEARANCE * min(drive.profile.eccentricity, height)
-    displaced = _clearance(drive, response, NMM_PER_NM * definitions.lost_motion) > largest
+    largest_clearance = LARGEST_CLEARANCE * min(drive.profile.eccentricity, height)
+    is_displaced = _clearance(drive, response, NMM_PER_NM * definitions.lost_motion) > largest_clearance
     reasons = {}
     for name, metric in library().items():
-        reason = np.where(displaced, CLEARANCE, "").astype(object)
+        reason = np.where(is_displaced, CLEARANCE, "").astype(object)
         for states, text in _reason(drive, response, metric, definitions):
             reason[states & (reason == "")] = text
         reasons[name] = reason

@@ -78,11 +78,16 @@ def _one_sense(drive: Drive, compliance: Real, pose: Real, torques: Real, peak: 
     room = drive.gap - pose @ reducer.contact_jacobian.T
     angle = pose[:, [reducer.output_motion]] + drive.twist(torques)
     closing = _closing(reducer)
-    for part in np.unique(contacts.interface) if reducer.centred else [contacts.interface[0]]:
+    for part in np.unique(contacts.interface) if reducer.is_centred else [contacts.interface[0]]:
         rows = contacts.interface == part
         rows = np.flatnonzero(rows & (np.abs(closing) > ARM_FLOOR * np.max(np.abs(closing[rows]))))
-        chosen = np.ascontiguousarray(room[:, rows]), closing[rows], compliance[rows], drive.laws.pressure[rows]
-        _turn(*chosen, torques, angle, peak)
+        closed_contacts = (
+            np.ascontiguousarray(room[:, rows]),
+            closing[rows],
+            compliance[rows],
+            drive.laws.pressure[rows],
+        )
+        _turn(*closed_contacts, torques, angle, peak)
     return np.asarray(angle)
 
 
@@ -91,12 +96,12 @@ def _closing(reducer: Reducer) -> Real:
 
     Where cranks carry the disks the motions follow from the closed contacts of the output, and pins alone have one.
     """
-    if reducer.centred:
+    if reducer.is_centred:
         return -reducer.flange_ratio * reducer.contacts.arm
-    closed, output = reducer.contact_jacobian[reducer.n_pins :], reducer.output_motion
-    others = np.delete(np.arange(len(reducer.motions)), output)
+    jacobian, output = reducer.contact_jacobian[reducer.n_pins :], reducer.output_motion
+    other_motions = np.delete(np.arange(len(reducer.motions)), output)
     motion = np.eye(len(reducer.motions))[output]
-    motion[others] = np.linalg.lstsq(closed[:, others], -closed[:, output], rcond=None)[0]
+    motion[other_motions] = np.linalg.lstsq(jacobian[:, other_motions], -jacobian[:, output], rcond=None)[0]
     return np.asarray(reducer.contact_jacobian @ motion)
 
 

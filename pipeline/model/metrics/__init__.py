@@ -12,7 +12,16 @@ from pipeline.model.metrics.metric import (
     Quantity,
     library,
     measurable_metrics,
-    signed,
+    signed_number,
 )
 
-__all__ = ["Definitions", "Limited", "LoopReadings", "Metric", "Quantity", "library", "measurable_metrics", "signed"]
+__all__ = [
+    "Definitions",
+    "Limited",
+    "LoopReadings",
+    "Metric",
+    "Quantity",
+    "library",
+    "measurable_metrics",
+    "signed_number",
+]

@@ -51,10 +51,10 @@ class LoopReadings:
     load_share: Real
 
     @classmethod
-    def measured(cls, **readings: Real) -> "LoopReadings":
+    def from_bench(cls, **readings: Real) -> "LoopReadings":
         """Readings of ``n`` loops on a bench (n,), by name; what no bench reads is NaN."""
-        unknown = np.full(len(readings["zero_falling"]), np.nan)
-        return cls(**{field.name: readings.get(field.name, unknown) for field in fields(cls)})
+        missing = np.full(len(readings["zero_falling"]), np.nan)
+        return cls(**{field.name: readings.get(field.name, missing) for field in fields(cls)})
 
 
 ON_A_BENCH = frozenset(
@@ -97,7 +97,7 @@ class Quantity:
     def text(self, value: float) -> str:
         """The value without the unit: three digits, more only before the point; at most its digits after the point."""
         before_point = math.floor(math.log10(abs(value))) + 1 if math.isfinite(value) and abs(value) >= 1 else 0
-        return signed(value, min(self.decimals, max(DIGITS - before_point, 0)))
+        return signed_number(value, min(self.decimals, max(DIGITS - before_point, 0)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,7 +150,7 @@ class Metric(Limited):
     @cached_property
     def measurable(self) -> bool:
         """Whether a measured loop has all that the metric is read from."""
-        some = LoopReadings.measured(**{name: np.array([k**2 + 1.0]) for k, name in enumerate(sorted(ON_A_BENCH))})
+        some = LoopReadings.from_bench(**{name: np.array([k**2 + 1.0]) for k, name in enumerate(sorted(ON_A_BENCH))})
         return bool(np.isfinite(self.value(some, Definitions(1.0, 2.0, 4.0))[0]))
 
     @property
@@ -164,7 +164,7 @@ class Metric(Limited):
         return (lowest, highest) if self.smaller_is_worse else (highest, lowest)
 
 
-def signed(value: float, decimals: int) -> str:
+def signed_number(value: float, decimals: int) -> str:
     """A number with grouped digits and a true minus sign; what rounds to 0 has none."""
     return f"{round(value, decimals) + 0.0:,.{decimals}f}".replace("-", "\u2212")
 

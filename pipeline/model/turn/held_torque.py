@@ -46,7 +46,7 @@ def on_bearings(reducer: Reducer, force: Real) -> NDArray[np.complex128]:
     only rotates is held from aside by nothing real: what its contacts push the disk aside counts for the bearing, which
     then bears the pins alone, as it does where that body floats.
     """
-    if reducer.centred:
+    if reducer.is_centred:
         push = -reducer.contact_jacobian[:, reducer.disk_motions]
         push[_with_held_between(reducer)] = 0.0
     else:
@@ -61,8 +61,8 @@ def on_bearings(reducer: Reducer, force: Real) -> NDArray[np.complex128]:
 def _with_held_between(reducer: Reducer) -> NDArray[np.bool_]:
     """Contacts (n_contacts,) with a body between disk and output that only rotates in the model."""
     movable = {motion.rsplit("_", 1)[0] for motion in reducer.motions if motion.endswith(("_x", "_y"))}
-    fixed = np.array([*movable, HOUSING, "output"])
-    return ~(np.isin(reducer.contacts.body_a, fixed) & np.isin(reducer.contacts.body_b, fixed))
+    fixed_ends = np.array([*movable, HOUSING, "output"])
+    return ~(np.isin(reducer.contacts.body_a, fixed_ends) & np.isin(reducer.contacts.body_b, fixed_ends))
 
 
 def torque_shares(drive: Drive, response: CycleResponse, definitions: Definitions) -> Real:

@@ -30,6 +30,6 @@ def sliding_speed(profile: CycloidProfile, reducer: Reducer, crank_speed: float)
     of_disk = np.array([bodies.index(body) if body in bodies else 0 for body in contacts.body_b])
     pitch_point = profile.pins * np.array([disk.eccentric for disk in reducer.disks])[of_disk]
     at_pins = np.abs(contacts.point - pitch_point) / profile.lobes
-    slides = (contacts.hole >= 0) & reducer.centred  # else they are rollers of the bearings that carry the disk
+    slides = (contacts.hole >= 0) & reducer.is_centred  # else they are rollers of the bearings that carry the disk
     in_holes = np.where(slides, profile.eccentricity * profile.pins / profile.lobes, 0.0)
     return abs(crank_speed) * np.where(contacts.kind == PIN, at_pins, in_holes)

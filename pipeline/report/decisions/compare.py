@@ -17,7 +17,7 @@ from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Columns
 from pipeline.figures.labels import LIMITED, METRICS, parameter_title
 from pipeline.figures.samples.overlay import overlay_figure
-from pipeline.model.metrics import Quantity, signed
+from pipeline.model.metrics import Quantity, signed_number
 from pipeline.report.layout.pictures import Picture, drawn_pictures
 from pipeline.report.layout.rendering import rendered
 from pipeline.report.layout.wording import NOTHING, SHARE, counted, interval, number, percent
@@ -101,7 +101,7 @@ def yield_sentence(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> str:
     ends = interval(100 * row["ci_low"], 100 * row["ci_high"], SHARE)
     return (
         f"{percent(row['a'])} of the units of {a.label} meet every limit, {percent(row['b'])} of {b.label}: "
-        f"{_difference_word(row)}, {signed(100 * row['difference'], 1)} percentage points ({ends})."
+        f"{_difference_word(row)}, {signed_number(100 * row['difference'], 1)} percentage points ({ends})."
     )
 
 
@@ -180,7 +180,7 @@ def _drivers(table: pd.DataFrame) -> list[dict[str, str]]:
 
 
 def _index(value: float) -> str:
-    return signed(value, 2) if np.isfinite(value) else NOTHING
+    return signed_number(value, 2) if np.isfinite(value) else NOTHING
 
 
 def _pictures(a: ComparedRun, b: ComparedRun, metrics: Sequence[str], folder: Path) -> dict[str, Picture]:

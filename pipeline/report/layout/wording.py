@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from pipeline.model.metrics import Quantity, signed
+from pipeline.model.metrics import Quantity, signed_number
 
 NOTHING = "\u2013"
 """En dash: no value, or an end of an interval that the samples do not determine."""
@@ -36,7 +36,7 @@ def _percentage(share: float) -> str:
     decimals = SHARE.decimals
     while 0 < share < 1 and round(100 * share, decimals) in (0, 100) and decimals < FINEST_SHARE:
         decimals += 1
-    return SHARE.text(100 * share) if decimals == SHARE.decimals else signed(100 * share, decimals)
+    return SHARE.text(100 * share) if decimals == SHARE.decimals else signed_number(100 * share, decimals)
 
 
 def percent_interval(low: float, high: float) -> str:

@@ -10,7 +10,7 @@ import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.labels import METRICS
-from pipeline.model.metrics import signed
+from pipeline.model.metrics import signed_number
 from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.layout.wording import NOTHING, interval, number, percent, percent_interval
 from pipeline.report.results import Cell, Results
@@ -117,6 +117,6 @@ class FormResults:
         if (ALL_LIMITS, YIELD) not in of_form.index:
             return Cell(NOTHING), Cell(NOTHING)
         row = of_form.loc[(ALL_LIMITS, YIELD)]
-        ends = (signed(100 * row[f"difference_{end}"], 1) for end in ("ci_low", "ci_high"))
-        difference = Cell(signed(100 * row["difference"], 1), " to ".join(ends))
+        ends = (signed_number(100 * row[f"difference_{end}"], 1) for end in ("ci_low", "ci_high"))
+        difference = Cell(signed_number(100 * row["difference"], 1), " to ".join(ends))
         return Cell(percent(row["value"]), percent_interval(row["ci_low"], row["ci_high"])), difference

@@ -217,8 +217,8 @@ def test_both_simulators_turn_the_crank_of_a_locked_output_alike():
     loose = assembly.bearing_clearance(study.design, dimensions.bearing_clearance)
     cranks = start + np.radians(np.linspace(-4.0, 2.0, 9))
     models = [drive_of(study, crank, None, assembly.errors(dimensions), loose) for crank in np.degrees(cranks)]
-    curves = CurvesOverCrank.of(models, [backbone(model, torque_levels(24, 1.0)) for model in models], cranks)
-    locked = curves.locked(start, -gear.lobes)
+    curves = CurvesOverCrank.from_drives(models, [backbone(model, torque_levels(24, 1.0)) for model in models], cranks)
+    locked = curves.locked_curve(start, -gear.lobes)
     nodes, most = np.arange(7), 2 * NMM_PER_NM * gear.rated_torque_Nm
     motor, output = locked_torques(
         lambda crank: rigid_drive(study.design, dimensions, float(np.degrees(crank))),
@@ -228,6 +228,6 @@ def test_both_simulators_turn_the_crank_of_a_locked_output_alike():
         most,
     )
     np.testing.assert_allclose(motor, locked.torque[nodes], rtol=0.015)  # the model is linear in the pose
-    felt = (locked.torque / locked.carried)[nodes] - 1
+    felt = (locked.torque / locked.carried_torque)[nodes] - 1
     assert np.all(felt < -0.008)
     assert np.median(motor / output - 1) == pytest.approx(np.median(felt), rel=0.1)

@@ -328,6 +328,6 @@ def test_a_pattern_that_no_measured_unit_has_is_an_effect_though_its_mean_gap_is
     lobes = Model((candidates()["ovality_2"],))
     assert exact_unit.within_tolerance(lobes, [0.1, 0.0])
     assert not exact_unit.within_tolerance(lobes, [-1.7, -1.2])
-    nominal = exact_unit.nominal[0].first
+    nominal = exact_unit.nominal[0].first_state
     shifted = lobes.effects[0].apply(nominal, [-1.7, -1.2], Conditions.run_in(1)).gap - nominal.gap
     assert 1e3 * np.mean(np.abs(shifted[:, : nominal.reducer.n_pins])) < 1.5

@@ -122,7 +122,7 @@ def test_the_size_of_a_run_out_is_found_again(problem):
 def test_derivatives_of_gaps_are_those_of_readings(problem):
     """A wider circle of the pins, to first order and by another reading."""
     drives, course = problem.nominal[: len(problem.stations[0])], problem.forward.courses[0]
-    wider = tuple(drive.moved(pin_radial=np.array(1e-3)) for drive in drives)
+    wider = tuple(drive.with_added_errors(pin_radial=np.array(1e-3)) for drive in drives)
     reading, moved = (problem.forward.read(given, 0, Instrument()) for given in (drives, wider))
     change = moved.angle - reading.angle
     derived = problem.forward.change(drives, wider, 0, reading.carried)

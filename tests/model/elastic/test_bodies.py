@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
-from pipeline.model.elastic.pressure_patches import boundary_patches, joined, line_patches
+from pipeline.model.elastic.pressure_patches import boundary_patches, joined_patches, line_patches
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
 E, NU = 206e3, 0.3
@@ -45,7 +45,7 @@ def test_contact_compliance_does_not_depend_on_mesh_and_patch(disk):
 
 def test_compliance_is_symmetric_positive_and_held_at_the_bore(disk):
     inner_patches = line_patches(disk.mesh, [4.5j, 5 - 1j], [1, 1j], [1j, 1], 0.5)
-    patches = joined(pin_patches(disk.mesh, 0.2), inner_patches)
+    patches = joined_patches(pin_patches(disk.mesh, 0.2), inner_patches)
     compliance = disk.compliance(patches)
     assert compliance.asymmetry < 1e-10
     np.testing.assert_array_equal(compliance.matrix, compliance.matrix.T)

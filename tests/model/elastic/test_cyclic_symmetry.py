@@ -12,7 +12,7 @@ from pipeline import assembly, elastic
 from pipeline.config.reading import load_study
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
-from pipeline.model.elastic.pressure_patches import boundary_patches, joined, line_patches
+from pipeline.model.elastic.pressure_patches import boundary_patches, joined_patches, line_patches
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
 E, NU, THICKNESS = 206e3, 0.3, 1.7
@@ -32,7 +32,9 @@ def patches_of(body, profile, phase):
     flank = boundary_patches(body.mesh, "flank", profile.flank(psi), profile.normal(psi), 0.3)
     turn = np.exp(0.7j * phase)
     stations = np.array([4.5j, -5.5j, 4.2 - 1.2j, -6 + 1.2j]) * turn
-    return joined(flank, line_patches(body.mesh, stations, [turn, turn, 1j * turn, 1j], np.array([1j, 1, 1j, 2]), 1.2))
+    return joined_patches(
+        flank, line_patches(body.mesh, stations, [turn, turn, 1j * turn, 1j], np.array([1j, 1, 1j, 2]), 1.2)
+    )
 
 
 @pytest.mark.parametrize("stress", ["plane_stress", "plane_strain"])

@@ -6,7 +6,7 @@ from skfem import MeshTri
 
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import lobed_disk_mesh
-from pipeline.model.elastic.pressure_patches import boundary_patches, joined, line_patches
+from pipeline.model.elastic.pressure_patches import boundary_patches, joined_patches, line_patches
 
 HALF_WIDTH = 0.11
 
@@ -66,7 +66,7 @@ def test_patches_of_a_bore_press_into_the_body():
 
 def test_joined_patches_keep_their_order(square):
     boundary, line = patches_of(square, "boundary")[1], patches_of(square, "line")[1]
-    pair = square.loads(joined(boundary, line))
+    pair = square.loads(joined_patches(boundary, line))
     np.testing.assert_array_equal(pair[:, :3].toarray(), square.loads(boundary).toarray())
     np.testing.assert_array_equal(pair[:, 3:].toarray(), square.loads(line).toarray())
 

@@ -10,7 +10,7 @@ from reducers import SMALL, profile_with
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh, triangle_quality
 from pipeline.model.elastic.perforated_mesh import hole_boundary, perforated_mesh
-from pipeline.model.elastic.pressure_patches import boundary_patches, joined
+from pipeline.model.elastic.pressure_patches import boundary_patches, joined_patches
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
 E, NU = 206e3, 0.3
@@ -122,7 +122,7 @@ def test_opposite_forces_open_a_hole_as_in_an_infinite_plate(stress, width_ratio
 def wall_patches(mesh, crank, width, holes=5, radius=1.2):
     """On every hole, on the side away from the eccentric, pushed the same way: as output pins do."""
     direction = np.exp(1j * crank)
-    return joined(
+    return joined_patches(
         *(
             boundary_patches(mesh, hole_boundary(k), c - radius * direction, -direction, width)
             for k, c in enumerate(circle(holes, 5.2, 0.3))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from reducers import SMALL, laws_of, random_compliance, reducer_at
 
-from pipeline.model.equilibrium.solve import ACCEPTED, ElasticReducer, solve
+from pipeline.model.equilibrium.solve import ACCEPTED_RESIDUAL, ElasticReducer, solve
 from pipeline.model.geometry.reducer import Bearing
 
 BEARINGS = {
@@ -79,7 +79,7 @@ def random_gaps(model, n, seed, low=-1e-3, high=6e-3):
 
 def assert_equilibrium(model, solution, gap, torque, tolerance=1e-8):
     assert solution.converged.all()
-    assert solution.residual.max() <= ACCEPTED
+    assert solution.residual.max() <= ACCEPTED_RESIDUAL
     assert solution.force.min() >= 0
     assert model.unbalanced(solution, torque) < tolerance
     closing_values, opening = model.misfit(solution, gap)

@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 
 from pipeline.config.mechanisms.carrier import Carrier, FirstStage
 from pipeline.config.mechanisms.mechanism import LawInputs
-from pipeline.model.contact.laws import LineContact, concatenated
+from pipeline.model.contact.laws import LineContact, concatenated_laws
 from pipeline.model.contact.line_laws import library
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.contacts import OUTPUT
@@ -41,7 +41,7 @@ def carrier(cranks=2, backlash=0.0, rollers=16):
 def laws_of(mechanism, reducer, exponent=1.0):
     inputs = LawInputs(library()["hertz"], {}, STEEL, 15.0, 1.5, Bearing(K, exponent), 0.5)
     pins = LineContact(1 / (1 / 4.0 + reducer.pins.flank_curvature), 15.0, STEEL, STEEL)
-    return concatenated([inputs.law.on_mesh(pins, 4.0, 0.5), mechanism.laws(inputs), mechanism.laws_behind()])
+    return concatenated_laws([inputs.law.on_mesh(pins, 4.0, 0.5), mechanism.laws(inputs), mechanism.laws_behind()])
 
 
 @pytest.mark.parametrize("cranks", [2, 3])

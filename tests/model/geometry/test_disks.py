@@ -7,7 +7,7 @@ import pytest
 from drives import LINEAR, RATED, drive_with
 from reducers import PAPER, SMALL, STEEL, errors_of, pins_in_holes, random_compliance
 
-from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
+from pipeline.model.contact.laws import LineContact, concatenated_laws, cylinder_share, meshed_share
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.contacts import OUTPUT, PIN
@@ -210,7 +210,7 @@ def laws_of_disks(profile, reducer):
     on_flank = LineContact(1 / (1 / profile.pin_radius + reducer.pins.flank_curvature), 2.0, STEEL, STEEL)
     in_hole = LineContact(np.full(n_out, 1.5), 2.0, STEEL, STEEL)
     shares = [[cylinder_share(line, STEEL, 1.0), meshed_share(line, STEEL, 0.15)] for line in (on_flank, in_hole)]
-    return concatenated([hertz_laws(on_flank, shares[0], 1.0), hertz_laws(in_hole, shares[1], 1.0)])
+    return concatenated_laws([hertz_laws(on_flank, shares[0], 1.0), hertz_laws(in_hole, shares[1], 1.0)])
 
 
 def loaded(profile, reducer, torques, gap=0.0):

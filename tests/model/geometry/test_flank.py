@@ -40,8 +40,8 @@ def written_flank(profile, lobe, beta):
     k = e * n / circle
     s = np.sqrt(1 + k * k - 2 * k * np.cos(beta))
     offset = profile.pin_radius + m.equidistant + m.rotation * e * (n - 1) * np.abs(np.sin(beta)) / s
-    if m.measured is not None:
-        offset = offset - wave(beta, lobe if len(m.measured.material) > 1 else 0)
+    if m.measured_flank is not None:
+        offset = offset - wave(beta, lobe if len(m.measured_flank.material) > 1 else 0)
     inward = (k * np.exp(1j * n * psi) - np.exp(1j * psi)) / s
     return circle * np.exp(1j * psi) - e * np.exp(1j * n * psi) + offset * inward
 

@@ -13,7 +13,7 @@ from pipeline.config import load_study
 from pipeline.config.distributions import library
 from pipeline.config.mechanisms.pin_in_hole import Bush
 from pipeline.config.studies.cases import Case
-from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
+from pipeline.model.contact.laws import LineContact, concatenated_laws, cylinder_share, meshed_share
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.geometry.clearance import exact_gaps, gaps
 from pipeline.model.geometry.contacts import OUTPUT
@@ -147,7 +147,7 @@ def test_output_pins_balance_the_torque_and_their_resultant_loads_the_bearing_al
     in_holes = LineContact(
         np.full(pins, 1 / (1 / 0.6 - 1 / mechanism.hole_radius(SMALL.eccentricity))), 2.0, STEEL, STEEL
     )
-    laws = concatenated(
+    laws = concatenated_laws(
         [
             hertz_laws(c, [cylinder_share(c, STEEL, r), meshed_share(c, STEEL, width)], r)
             for c, r in ((on_flank, 1.0), (in_holes, 0.6))

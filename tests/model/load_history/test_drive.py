@@ -82,12 +82,12 @@ PRELOADED = {f"preloaded_by_{depth}_um": {"play": -2 * depth * MICROMETRE} for d
 
 def both_ways(monkeypatch, drive):
     """The curve of the drive, and that with each sample solved in the other direction first."""
-    curve, way = backbone(drive, SHARES), load_cycle._solved
+    curve, way = backbone(drive, SHARES), load_cycle._solve_direction
 
     def reversed_way(drive, pose, levels, preloaded, downward, limit=None):
         return way(drive, pose, levels, preloaded, not downward, limit)
 
-    monkeypatch.setattr(load_cycle, "_solved", reversed_way)
+    monkeypatch.setattr(load_cycle, "_solve_direction", reversed_way)
     return curve, backbone(drive, SHARES)
 
 
@@ -95,7 +95,7 @@ def both_ways(monkeypatch, drive):
 def test_curve_is_the_same_upwards_and_downwards(name, monkeypatch):
     options = {**LOOSE, **PRELOADED}[name]
     drive = small_drive(6, clearance=30 * MICROMETRE if name in LOOSE else 0.0, **options)
-    drive = drive.shifted(np.random.default_rng(3).uniform(-5, 5, drive.gap.shape) * MICROMETRE)
+    drive = drive.with_added_gap(np.random.default_rng(3).uniform(-5, 5, drive.gap.shape) * MICROMETRE)
     curve, reverse = both_ways(monkeypatch, drive)
     assert np.all(curve.states.converged)
     assert np.all(reverse.states.converged)
@@ -106,7 +106,7 @@ def test_curve_is_the_same_upwards_and_downwards(name, monkeypatch):
 @pytest.mark.parametrize("name", ["loose", "preloaded_by_10_um"])
 def test_samples_that_are_lost_on_their_way_are_solved_on_the_other(name, monkeypatch):
     drive = small_drive(6, **{**LOOSE, **PRELOADED}[name])
-    expected, way, solves = backbone(drive, SHARES), load_cycle._solved, []
+    expected, way, solves = backbone(drive, SHARES), load_cycle._solve_direction, []
 
     def losing(drive, pose, levels, preloaded, downward, limit=None):
         states = way(drive, pose, levels, preloaded, downward, limit)
@@ -115,7 +115,7 @@ def test_samples_that_are_lost_on_their_way_are_solved_on_the_other(name, monkey
         solves.append((downward, len(pose)))
         return states
 
-    monkeypatch.setattr(load_cycle, "_solved", losing)
+    monkeypatch.setattr(load_cycle, "_solve_direction", losing)
     curve = backbone(drive, SHARES)
     assert solves == 2 * [(False, 6), (True, 1)]  # of either sense, and no other sample
     assert np.all(curve.states.converged)
@@ -146,7 +146,7 @@ def test_preloaded_drive_has_no_play_and_carries_force_without_torque():
 def test_preload_that_is_sought_from_a_neighbour_is_that_of_the_drive_alone(distance):
     drive = small_drive(6, **PRELOADED["preloaded_by_10_um"])
     change = np.random.default_rng(3).uniform(-distance, distance, drive.gap.shape) * MICROMETRE
-    neighbour = backbone(drive.shifted(change), SHARES)
+    neighbour = backbone(drive.with_added_gap(change), SHARES)
     alone, beside = backbone(drive, SHARES), backbone(drive, SHARES, neighbour)
     assert np.all(beside.states.converged)
     np.testing.assert_allclose(beside.angle, alone.angle, rtol=0, atol=1e-9 * np.ptp(alone.angle))
@@ -159,15 +159,17 @@ def test_shifted_drive_has_the_gaps_of_one_whose_shift_was_replaced():
     drive = small_drive(3, seed=4)
     gap_before, rng = drive.gap.copy(), np.random.default_rng(1)
     single_change, double_change = (rng.uniform(-5, 5, drive.gap.shape) * MICROMETRE for _ in range(2))
-    variant = drive.shifted(single_change).shifted(double_change)
+    variant = drive.with_added_gap(single_change).with_added_gap(double_change)
     rebuilt = replace(drive, shift=drive.shift + single_change + double_change)
     np.testing.assert_allclose(variant.shift, rebuilt.shift, atol=1e-16)
     np.testing.assert_allclose(variant.gap, rebuilt.gap, atol=1e-15)
     np.testing.assert_array_equal(drive.gap, gap_before)
     assert not np.any(drive.shift)
     error = {"eccentricity": np.array(3 * MICROMETRE)}  # the gaps of a change after it are found anew
-    np.testing.assert_allclose(variant.moved(**error).gap, rebuilt.moved(**error).gap, atol=1e-15)
-    assert np.max(np.abs(variant.moved(**error).gap - variant.gap)) > MICROMETRE
+    np.testing.assert_allclose(
+        variant.with_added_errors(**error).gap, rebuilt.with_added_errors(**error).gap, atol=1e-15
+    )
+    assert np.max(np.abs(variant.with_added_errors(**error).gap - variant.gap)) > MICROMETRE
 
 
 def test_first_is_the_drive_of_its_first_state():
@@ -176,8 +178,8 @@ def test_first_is_the_drive_of_its_first_state():
         bearing_clearance=np.array([2.0, 0.0, 5.0, 1.0]) * MICROMETRE,
         elements=(LinearSpring(1e-8),),
     )
-    drive = drive.shifted(np.random.default_rng(2).uniform(0, 3, drive.gap.shape) * MICROMETRE)
-    first_drive = drive.first
+    drive = drive.with_added_gap(np.random.default_rng(2).uniform(0, 3, drive.gap.shape) * MICROMETRE)
+    first_drive = drive.first_state
     np.testing.assert_allclose(first_drive.gap, drive.gap[:1], atol=1e-15)
     np.testing.assert_array_equal(first_drive.bearing_clearance, [2 * MICROMETRE])
     np.testing.assert_array_equal(first_drive.shift, drive.shift[:1])

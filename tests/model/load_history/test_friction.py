@@ -208,7 +208,7 @@ def test_loop_of_load_friction_dissipates_with_the_square_of_the_torque():
 
 
 def test_constant_friction_adds_to_that_of_the_load():
-    pair = load_share(STIFF).joined(slider(LIMIT, LIMIT / STIFF))
+    pair = load_share(STIFF).with_others(slider(LIMIT, LIMIT / STIFF))
     torques = history(0, RATED, -RATED, RATED, steps=400)
     angle, carried_torque = on_line(torques, pair)
     for part, sense in ((slice(550, 801), -1), (slice(950, 1201), 1)):

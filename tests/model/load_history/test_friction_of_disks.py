@@ -8,7 +8,7 @@ from drives import LINEAR, drive_with
 from reducers import SMALL, STEEL, pins_in_holes, random_compliance
 
 from pipeline.model.contact.friction_elements import pin_sliders
-from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
+from pipeline.model.contact.laws import LineContact, concatenated_laws, cylinder_share, meshed_share
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.elements import Friction
 from pipeline.model.geometry.reducer import nominal_reducer
@@ -37,7 +37,7 @@ def loop(disks, coefficient, torque=RATED, scatter=0.0):
     reducer = nominal_reducer(SMALL, OUTPUT, 0.3, disks=disks)
     on_flank = LineContact(1 / (1 / SMALL.pin_radius + reducer.pins.flank_curvature), 2.0, STEEL, STEEL)
     in_hole = LineContact(np.full(6 * disks, 1.5), 2.0, STEEL, STEEL)
-    laws = concatenated(
+    laws = concatenated_laws(
         [
             hertz_laws(line, [cylinder_share(line, STEEL, 1.0), meshed_share(line, STEEL, 0.15)], 1.0)
             for line in (on_flank, in_hole)

@@ -63,7 +63,7 @@ ON_THE_OUTPUT = {
     "constant": constant,
     "load": lambda reducer: load_slider(reducer, 0.2, RATED, 1e-5),
     "large_load": lambda reducer: load_slider(reducer, 0.5, RATED, 1e-4),
-    "both": lambda reducer: load_slider(reducer, 0.2, RATED, 1e-5).joined(constant(reducer)),
+    "both": lambda reducer: load_slider(reducer, 0.2, RATED, 1e-5).with_others(constant(reducer)),
 }
 
 
@@ -155,7 +155,7 @@ def test_loop_of_rubbing_pins_dissipates_what_the_sliders_do(play):
 
 def test_forces_and_friction_balance_at_every_step():
     drive = small_drive(seed=1, floats=True)
-    sliders = rubbing(drive, 0.15).joined(output_sliders(drive.reducer, np.array([190.0]), np.array([1e-5])))
+    sliders = rubbing(drive, 0.15).with_others(output_sliders(drive.reducer, np.array([190.0]), np.array([1e-5])))
     motion, force = followed(drive, PATH, sliders)
     resistance, _ = resistances(drive, sliders, motion, force)
     total = force @ drive.reducer.contact_jacobian + resistance @ sliders.direction

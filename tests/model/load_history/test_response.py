@@ -27,7 +27,7 @@ FRICTION = {
     "coulomb": lambda drive: output_sliders(drive.reducer, np.array([150.0]), np.array([1e-6])),
     "load": lambda drive: load_slider(drive.reducer, 0.1, RATED, 1e-6),
     "pins": lambda drive: pin_sliders(drive.reducer, drive.laws, 0.1, RATED),
-    "pins_and_coulomb": lambda drive: pin_sliders(drive.reducer, drive.laws, 0.05, RATED).joined(
+    "pins_and_coulomb": lambda drive: pin_sliders(drive.reducer, drive.laws, 0.05, RATED).with_others(
         output_sliders(drive.reducer, np.array([100.0]), np.array([1e-6]))
     ),
 }

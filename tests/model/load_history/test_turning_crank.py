@@ -26,7 +26,7 @@ def curves(error=0.0, softer=0.0, order=1.0, period=2 * np.pi, count=48, play=0.
 
 def test_a_sinusoidal_angle_error_alone_has_a_closed_form_with_its_factor_of_the_torque():
     start, error = 0.8, 0.008
-    locked = curves(error).locked(start, RATIO)
+    locked = curves(error).locked_curve(start, RATIO)
     crank = start - RATIO * locked.angle
     np.testing.assert_allclose(locked.crank, crank, atol=1e-12)
     strain = SOFT * TORQUE + 0.005 * np.sign(TORQUE)
@@ -39,7 +39,7 @@ def test_a_sinusoidal_angle_error_alone_has_a_closed_form_with_its_factor_of_the
 def test_the_torque_of_the_motor_is_the_derivative_of_the_energy():
     """V(a) of a spring whose compliance varies: a^2 / (2 c(phi)), without play."""
     start, softer = 2.1, 0.2
-    locked = curves(softer=softer, play=0.0).locked(start, RATIO)
+    locked = curves(softer=softer, play=0.0).locked_curve(start, RATIO)
 
     def energy(twist):
         return twist**2 / (2 * SOFT * (1 + softer * np.cos(start - RATIO * twist)))
@@ -51,7 +51,7 @@ def test_the_torque_of_the_motor_is_the_derivative_of_the_energy():
 
 
 def test_where_nothing_depends_on_the_crank_the_loop_is_that_of_the_crank_that_is_held():
-    locked = curves().locked(0.3, RATIO)
+    locked = curves().locked_curve(0.3, RATIO)
     held = curves().angle[0]
     np.testing.assert_allclose(locked.torque, TORQUE, rtol=1e-13)
     np.testing.assert_allclose(locked.angle, held, atol=1e-13)
@@ -68,8 +68,10 @@ def test_a_whole_turn_changes_nothing_and_one_of_the_crank_only_what_belongs_to_
     pin_circle = curves(0.006)
     lobe = curves(0.006, order=14 / 13, period=2 * np.pi * 13, count=400)
     for case, turn in ((pin_circle, 2 * np.pi), (lobe, 2 * np.pi * 13)):
-        np.testing.assert_allclose(case.locked(0.4 + turn, RATIO).angle, case.locked(0.4, RATIO).angle, atol=1e-12)
-    changed = lobe.locked(0.4 + 2 * np.pi, RATIO).angle - lobe.locked(0.4, RATIO).angle
+        np.testing.assert_allclose(
+            case.locked_curve(0.4 + turn, RATIO).angle, case.locked_curve(0.4, RATIO).angle, atol=1e-12
+        )
+    changed = lobe.locked_curve(0.4 + 2 * np.pi, RATIO).angle - lobe.locked_curve(0.4, RATIO).angle
     assert np.max(np.abs(changed)) > 1e-3
 
 
@@ -89,10 +91,10 @@ def test_the_error_of_interpolation_is_stated_and_falls_sixteenfold():
 
 def test_a_jump_and_an_unknown_crank_angle_are_refused():
     with pytest.raises(ValueError, match="jumps"):
-        curves(0.006, order=14.0, count=400).locked(0.0, RATIO)
+        curves(0.006, order=14.0, count=400).locked_curve(0.0, RATIO)
     window = CurvesOverCrank(curves().crank[:10], TORQUE, curves().angle[:10])
     with pytest.raises(ValueError, match="the crank turns from"):
-        window.locked(0.3, RATIO)
+        window.locked_curve(0.3, RATIO)
 
 
 def test_a_reducer_reaches_the_gaps_of_the_crank_angle_that_it_turns_to():
@@ -100,12 +102,12 @@ def test_a_reducer_reaches_the_gaps_of_the_crank_angle_that_it_turns_to():
     cranks = 0.4 + np.linspace(-0.2, 0.2, 9)
     shares = torque_levels(8, 1.0)
     drives = [small_drive(crank=crank, seed=3) for crank in cranks]
-    case = CurvesOverCrank.of(drives, [backbone(drive, shares) for drive in drives], cranks)
-    locked = case.locked(0.4, -9.0)
+    case = CurvesOverCrank.from_drives(drives, [backbone(drive, shares) for drive in drives], cranks)
+    locked = case.locked_curve(0.4, -9.0)
     last = backbone(small_drive(crank=float(locked.crank[-1]), seed=3), shares)
     assert abs(locked.crank[-1] - 0.4) > 1e-3
     assert last.angle[0, -1] == pytest.approx(locked.angle[-1], abs=2 * case.error + 1e-10)
-    assert locked.carried[-1] == pytest.approx(RATED)
+    assert locked.carried_torque[-1] == pytest.approx(RATED)
 
 
 def test_the_motor_of_a_preloaded_drive_feels_its_energy_over_the_crank_angle():
@@ -113,14 +115,14 @@ def test_the_motor_of_a_preloaded_drive_feels_its_energy_over_the_crank_angle():
     cranks, shares = 0.4 + np.linspace(-0.25, 0.25, 21), torque_levels(12, 1.0)
     drives = [small_drive(crank=crank, seed=3, play=-4e-3) for crank in cranks]
     solved = [backbone(drive, shares) for drive in drives]
-    case = CurvesOverCrank.of(drives, solved, cranks)
-    assert np.ptp(case.stored) > 1e-3 * np.mean(case.stored) > 0
+    case = CurvesOverCrank.from_drives(drives, solved, cranks)
+    assert np.ptp(case.elastic_energy) > 1e-3 * np.mean(case.elastic_energy) > 0
     node = len(case.torque) // 2 + 8
-    stored = [case.stored[k, 1] + stored_with(solved[k], node) for k in range(len(cranks))]
+    stored = [case.elastic_energy[k, 1] + stored_with(solved[k], node) for k in range(len(cranks))]
     angle = CubicSpline(cranks, case.angle[:, node])
     work = CubicSpline(cranks, stored)(0.4, 1) - case.torque[node] * angle(0.4, 1)  # dV/dphi at the angle that is held
     start = 0.4 - 9.0 * angle(0.4)
-    locked = case.locked(float(start), -9.0)
+    locked = case.locked_curve(float(start), -9.0)
     assert locked.crank[node] == pytest.approx(0.4, abs=1e-9)
     assert locked.torque[node] == pytest.approx(case.torque[node] + 9.0 * work, rel=5e-4)
     assert abs(locked.torque[node] / case.torque[node] - 1) > 0.004

@@ -47,7 +47,7 @@ def preload(study: Study, shared: hysteresis.Shared) -> Iterator[Result]:
 def with_preload_and_with_play(drive: Drive) -> tuple[Drive, Drive]:
     """Those states of a drive that smaller gaps preload while larger ones leave them play, with either gaps."""
     added_gap = np.full(drive.gap.shape, MM_PER_UM * NARROWED)
-    tight, loose = drive.shifted(-added_gap), drive.shifted(added_gap)
+    tight, loose = drive.with_added_gap(-added_gap), drive.with_added_gap(added_gap)
     preloaded, still_preloaded = (
         rigid_play(variant.reducer, variant.gap, variant.bearing_clearance).preloaded for variant in (tight, loose)
     )

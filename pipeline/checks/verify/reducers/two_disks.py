@@ -51,7 +51,7 @@ def joined_blocks(reducer: Reducer, blocks: Sequence[Real]) -> Real:
 def second_mesh(study: Study, as_one_part: Real, limit: float) -> Finding:
     """The second disk meshed with holes of its own, in the frame of its lobes."""
     clocking, reducer = assembly.clockings(study.design)[1], assembly.reducer(study.design, CRANK_DEG)
-    body = elastic.elastic_disk(study, clocking.turned)
+    body = elastic.elastic_disk(study, clocking.hole_rotation)
     own_mesh = body.compliance(elastic.disk_patches(study, body, reducer, 1)).matrix
     quantity = "compliance of the second disk on a mesh of its own, over the largest"
     return largest_difference(quantity, own_mesh, as_one_part, limit, np.max(own_mesh))

@@ -42,20 +42,26 @@ def hertz_laws(contact: LineContact, shares: list[tuple[Real, Real]], smallest_r
 
 
 def _on_mesh(contact: LineContact, radius: float, patch_half_width: float) -> ContactLaws:
-    shares = [cylinder_share(contact, contact.first, radius), meshed_share(contact, contact.second, patch_half_width)]
+    shares = [
+        cylinder_share(contact, contact.first_material, radius),
+        meshed_share(contact, contact.second_material, patch_half_width),
+    ]
     return hertz_laws(contact, shares, radius)
 
 
 def _on_solid(contact: LineContact, radius: float) -> ContactLaws:
-    shares = [cylinder_share(contact, contact.first, radius), flat_share(contact, contact.second, radius)]
+    shares = [
+        cylinder_share(contact, contact.first_material, radius),
+        flat_share(contact, contact.second_material, radius),
+    ]
     return hertz_laws(contact, shares, radius)
 
 
 def _between_flats(sides: tuple[LineContact, LineContact], radius: float, depth: float) -> ContactLaws:
     shares = []
     for side in sides:
-        shares.append(cylinder_share(side, side.first, radius))
-        shares.append(flat_share(side, side.second, depth))
+        shares.append(cylinder_share(side, side.first_material, radius))
+        shares.append(flat_share(side, side.second_material, depth))
     return hertz_laws(sides[0], shares, radius)
 
 

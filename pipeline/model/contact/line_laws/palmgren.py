@@ -49,7 +49,7 @@ def palmgren_laws(contact: LineContact, interfaces: int, held_by_mesh: float) ->
 
 
 def _on_mesh(contact: LineContact, radius: float, patch_half_width: float) -> ContactLaws:
-    return palmgren_laws(contact, 1, mesh_compliance(contact.second, contact.length, radius, patch_half_width))
+    return palmgren_laws(contact, 1, mesh_compliance(contact.second_material, contact.length, radius, patch_half_width))
 
 
 LAW = ContactLaw(

@@ -13,7 +13,7 @@ def ovality(order: int, word: str, period: str, confusable: str) -> Effect:
 
     def apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
         angle = order * drive.profile.pin_angle()
-        return drive.moved(pin_radial=1e-3 * (values[0] * np.cos(angle) + values[1] * np.sin(angle)))
+        return drive.with_added_errors(pin_radial=1e-3 * (values[0] * np.cos(angle) + values[1] * np.sin(angle)))
 
     def bounds(drive: Drive) -> tuple[tuple[float, float], ...]:
         reach = 2e3 * LARGEST_INTERFERENCE * drive.profile.eccentricity

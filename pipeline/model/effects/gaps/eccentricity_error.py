@@ -9,7 +9,7 @@ from pipeline.model.load_history.drive import Drive
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    return drive.moved(eccentricity=np.array(1e-3 * values[0]))
+    return drive.with_added_errors(eccentricity=np.array(1e-3 * values[0]))
 
 
 def _symmetric(drive: Drive) -> tuple[float, float]:

@@ -12,7 +12,7 @@ def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Dri
     opening, arm = np.zeros_like(drive.shift), drive.reducer.pins.arm
     worn = np.flatnonzero(arm < 0 if values[0] > 0 else arm > 0)
     opening[:, worn] = 1e-3 * abs(values[0])
-    return drive.shifted(opening)
+    return drive.with_added_gap(opening)
 
 
 EFFECT = Effect(

@@ -8,7 +8,7 @@ from pipeline.model.load_history.drive import Drive
 
 def _moved(drive: Drive, x: float, y: float) -> Drive:
     cosine, sine = np.cos(drive.profile.pin_angle()), np.sin(drive.profile.pin_angle())
-    return drive.moved(pin_radial=x * cosine + y * sine, pin_tangential=y * cosine - x * sine)
+    return drive.with_added_errors(pin_radial=x * cosine + y * sine, pin_tangential=y * cosine - x * sine)
 
 
 EFFECT = runout(

@@ -11,7 +11,7 @@ from pipeline.model.load_history.drive import Drive
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     closing = np.zeros_like(drive.shift)
     closing[:, : drive.reducer.n_pins] = -1e-3 * values[0]
-    return drive.shifted(closing)
+    return drive.with_added_gap(closing)
 
 
 EFFECT = Effect(

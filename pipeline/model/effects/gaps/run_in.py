@@ -12,7 +12,7 @@ def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Dri
     worn = 1e-3 * values[0] * -np.expm1(-conditions.cycle / values[1])
     opening = np.zeros_like(drive.shift)
     opening[:, : drive.reducer.n_pins] = worn[:, None]
-    return drive.shifted(opening)
+    return drive.with_added_gap(opening)
 
 
 EFFECT = Effect(

@@ -8,7 +8,7 @@ from pipeline.model.load_history.drive import Drive
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     growth = 1e-6 * values[0] * drive.profile.pin_circle_radius
-    return drive.moved(pin_radial=growth * conditions.temperature_rise[:, None])
+    return drive.with_added_errors(pin_radial=growth * conditions.temperature_rise[:, None])
 
 
 EFFECT = Effect(

@@ -336,7 +336,7 @@ def rigid_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidPla
 
     ``bearing_clearance`` [mm] as ``general_play``; of reducers without input bearings it is not asked for.
     """
-    if not reducer.centred:
+    if not reducer.is_centred:
         return coupled_play(reducer, gap, np.zeros((len(gap), 0)))
     bearing_clearance = of_each_disk(bearing_clearance, reducer.n_disks)
     loose = np.any(bearing_clearance > 0, axis=1)

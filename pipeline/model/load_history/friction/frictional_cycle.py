@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.model.equilibrium.solve import ACCEPTED, Equilibria
+from pipeline.model.equilibrium.solve import ACCEPTED_RESIDUAL, Equilibria
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.backbone import NO_LOAD, torque_levels
 from pipeline.model.load_history.drive import Drive
@@ -26,12 +26,12 @@ class FrictionalPath(NamedTuple):
     Attributes
     ----------
     equilibria : (n, n_steps, ...)
-    carried : torque in the reducer (n, n_steps) [N mm]: that on the output less the friction of the output.
+    carried_torque : torque in the reducer (n, n_steps) [N mm]: that on the output less the friction of the output.
     twist : of the springs in series under the torque that they carry (n, n_steps) [rad].
     """
 
     equilibria: Equilibria
-    carried: Real
+    carried_torque: Real
     twist: Real
 
 
@@ -48,20 +48,20 @@ def _with_output_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) 
     end = levels[first_positive]
     in_play = np.abs(carried_torque) < end  # stuck within the play
     motion, force = np.empty((len(torque), motions.shape[1])), np.empty((len(torque), forces.shape[1]))
-    worst = 0.0
+    largest_residual = 0.0
     for sense, start in ((1.0, first_positive), (-1.0, first_positive - 1)):
         loads, rows = np.unique(carried_torque[~in_play & (sense * carried_torque > 0)], return_inverse=True)
         outwards = slice(None, None, int(sense))
         equilibria = drive.some(slice(state, state + 1)).equilibria(motions[start : start + 1], loads[outwards])
         steps = np.flatnonzero(~in_play & (sense * carried_torque > 0))
         motion[steps], force[steps] = equilibria.motion[0, outwards][rows], equilibria.force[0, outwards][rows]
-        worst = max(worst, np.max(equilibria.residual, initial=0.0))
+        largest_residual = max(largest_residual, np.max(equilibria.residual, initial=0.0))
     share, twist = ((carried_torque + end) / (2 * end))[in_play], drive.twist(carried_torque)
     for values, of_nodes in ((motion.T, motions.T), (force.T, forces.T), (twist, twist_of_nodes)):
         values[..., in_play] = (1 - share) * of_nodes[..., first_positive - 1, None] + share * of_nodes[
             ..., first_positive, None
         ]
-    return motion, force, worst, carried_torque, twist
+    return motion, force, largest_residual, carried_torque, twist
 
 
 def _with_contact_friction(
@@ -71,7 +71,7 @@ def _with_contact_friction(
     return *solve_path(drive, state, torque, nodes), torque, drive.twist(torque)
 
 
-def refined(cycle: LoadCycle) -> LoadCycle:
+def refined_cycle(cycle: LoadCycle) -> LoadCycle:
     """The cycle with at least ``LEVELS`` torques on a branch, among them ``NO_LOAD``."""
     return replace(cycle, fractions=np.union1d(torque_levels(LEVELS, float(cycle.fractions[-1])), cycle.fractions))
 
@@ -81,14 +81,14 @@ def solve_frictional_cycle(drive: Drive, cycle: LoadCycle, frictionless: Equilib
 
     Parameters
     ----------
-    frictionless : states of the ``refined`` cycle without friction.
+    frictionless : states of the ``refined_cycle`` cycle without friction.
 
     Notes
     -----
     The cycle is followed from rest. Rows at zero torque are solved at +-``NO_LOAD`` of the rated torque on the branch's
     side. Residual and convergence are those of the whole path, the same at all its steps.
     """
-    fine = refined(cycle)
+    fine = refined_cycle(cycle)
     order = np.argsort(fine.state_torque, kind="stable")
     order = order[fine.state_torque[order] != 0]
     _, state = fine.steps
@@ -99,12 +99,14 @@ def solve_frictional_cycle(drive: Drive, cycle: LoadCycle, frictionless: Equilib
     n, steps = len(drive.gap), int(of_cycle.sum())
     motion = np.empty((n, steps, frictionless.motion.shape[2]))
     force = np.empty((n, steps, frictionless.force.shape[2]))
-    worst, carried, twist = np.empty(n), np.empty((n, steps)), np.empty((n, steps))
+    largest_residuals, carried_torques, twist = np.empty(n), np.empty((n, steps)), np.empty((n, steps))
     follow = _with_contact_friction if drive.sliders.at_contacts else _with_output_friction
     for k in range(n):
         nodes = fine.state_torque[order], frictionless.motion[k, order], frictionless.force[k, order]
-        *along, worst[k], carried_torque, twisted = follow(drive, k, path, nodes)
-        motion[k], force[k], carried[k], twist[k] = (values[of_cycle] for values in (*along, carried_torque, twisted))
-    residual = np.repeat(worst[:, None], steps, axis=1)
-    equilibria = Equilibria(motion, force, np.zeros((n, steps), np.int64), residual, residual <= ACCEPTED)
-    return FrictionalPath(equilibria, carried, twist)
+        *along, largest_residuals[k], carried_torque, path_twist = follow(drive, k, path, nodes)
+        motion[k], force[k], carried_torques[k], twist[k] = (
+            values[of_cycle] for values in (*along, carried_torque, path_twist)
+        )
+    residual = np.repeat(largest_residuals[:, None], steps, axis=1)
+    equilibria = Equilibria(motion, force, np.zeros((n, steps), np.int64), residual, residual <= ACCEPTED_RESIDUAL)
+    return FrictionalPath(equilibria, carried_torques, twist)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.model.compiled import algebraic_part, borrowing_entry
-from pipeline.model.equilibrium.newton import ACCEPTED, activate, converge, reset
+from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL, activate, converge, reset
 from pipeline.model.equilibrium.residual import workspace
 from pipeline.model.equilibrium.restart import solved_afresh
 from pipeline.model.equilibrium.return_mapping import follow
@@ -60,13 +60,13 @@ def _save(work, states, s, torque):
 
 
 @algebraic_part
-def _nearest(states, torque):
+def _nearest_state(states, torque):
     """The state whose torque is nearest."""
-    nearest = 0
+    nearest_index = 0
     for s in range(1, states.torque.shape[0]):
-        if abs(states.torque[s] - torque) < abs(states.torque[nearest] - torque):
-            nearest = s
-    return nearest
+        if abs(states.torque[s] - torque) < abs(states.torque[nearest_index] - torque):
+            nearest_index = s
+    return nearest_index
 
 
 @algebraic_part
@@ -76,11 +76,11 @@ def _attempt(system, friction, goal, gap, clearance, seeds, solution_reached, wo
     residual = np.inf
     for attempt in range(2):
         if crosses_zero == (attempt == 0):
-            _restore(system, seeds, _nearest(seeds, goal), work)
+            _restore(system, seeds, _nearest_state(seeds, goal), work)
         elif attempt == 1:
             _restore(system, solution_reached, 0, work)
         _, residual = converge(system, friction, goal, gap, clearance, work)
-        if residual <= ACCEPTED:
+        if residual <= ACCEPTED_RESIDUAL:
             break
     return residual
 
@@ -91,7 +91,7 @@ class Progress(NamedTuple):
     step: np.ndarray  # which is being solved
     halvings: np.ndarray  # of it
     share: Real  # of the way to its torque that is tried
-    worst: Real  # residual so far
+    largest_residual: Real  # residual so far
     afresh: Real  # residual of what is tried, where it was solved from no start; NaN where it was not
 
 
@@ -110,7 +110,7 @@ def _follow(system, friction, work, torques, gap, clearance, seeds, solution_rea
         residual = progress.afresh[0]
         if np.isnan(residual):
             residual = _attempt(system, friction, goal, gap, clearance, seeds, solution_reached, work)
-            if not residual <= ACCEPTED:
+            if not residual <= ACCEPTED_RESIDUAL:
                 if progress.halvings[0] == HALVINGS:
                     return goal
                 progress.share[0] *= 0.5
@@ -119,11 +119,11 @@ def _follow(system, friction, work, torques, gap, clearance, seeds, solution_rea
                 continue
         progress.afresh[0] = np.nan
         if not residual <= LOST:
-            path.motion[t:], path.force[t:], progress.worst[0] = np.nan, np.nan, np.inf
+            path.motion[t:], path.force[t:], progress.largest_residual[0] = np.nan, np.nan, np.inf
             return None
         follow(system, friction, work)
         _save(work, solution_reached, 0, goal)
-        progress.worst[0] = max(progress.worst[0], residual)
+        progress.largest_residual[0] = max(progress.largest_residual[0], residual)
         if progress.share[0] < 1.0:
             progress.share[0] = min(1.0, 2.0 * progress.share[0])
             continue
@@ -132,11 +132,11 @@ def _follow(system, friction, work, torques, gap, clearance, seeds, solution_rea
     return None
 
 
-def _off_zero(torques: Real, smallest: float) -> Real:
-    """The torques, those of less than ``smallest`` after a larger one at ``smallest`` on its side."""
-    latest = np.maximum.accumulate(np.where(np.abs(torques) >= smallest, np.arange(len(torques)), -1))
-    small = (np.abs(torques) < smallest) & (latest >= 0)
-    return np.where(small, np.copysign(smallest, torques[np.maximum(latest, 0)]), torques)
+def _off_zero(torques: Real, smallest_torque: float) -> Real:
+    """The torques, those of less than ``smallest_torque`` after a larger one at ``smallest_torque`` on its side."""
+    latest = np.maximum.accumulate(np.where(np.abs(torques) >= smallest_torque, np.arange(len(torques)), -1))
+    small = (np.abs(torques) < smallest_torque) & (latest >= 0)
+    return np.where(small, np.copysign(smallest_torque, torques[np.maximum(latest, 0)]), torques)
 
 
 def _states(torque: Real, motion: Real, force: Real, thrust: Real) -> States:
@@ -161,8 +161,8 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
 
     Notes
     -----
-    A step that does not converge is halved. A residual above ``ACCEPTED`` says that some step did not; beyond ``LOST``
-    it is infinite, and what follows NaN.
+    A step that does not converge is halved. A residual above ``ACCEPTED_RESIDUAL`` says that some step did not; beyond
+    ``LOST`` it is infinite, and what follows NaN.
     """
     if drive.lean:
         raise ValueError("friction that differs between drive and backdrive is not followed with friction at contacts")
@@ -176,7 +176,7 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
     path = _states(
         steps, np.empty((len(steps), n_motions)), np.empty((len(steps), n_contacts)), np.empty((len(steps), n_disks))
     )
-    unloaded = _states(np.zeros(1), np.zeros((1, n_motions)), np.zeros((1, n_contacts)), np.zeros((1, n_disks)))
+    unloaded_states = _states(np.zeros(1), np.zeros((1, n_motions)), np.zeros((1, n_contacts)), np.zeros((1, n_disks)))
     work, gap = workspace(system), np.ascontiguousarray(drive.gap[state, order])
     clearance = np.ascontiguousarray(drive.clearance_of_disks[state], dtype=float)
     nodes = _states(
@@ -184,7 +184,7 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
     )
     progress = Progress(np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1), np.zeros(1), np.full(1, np.nan))
     while (
-        unsolved := _follow(system, friction, work, steps, gap, clearance, nodes, unloaded, path, progress)
+        n_unsolved := _follow(system, friction, work, steps, gap, clearance, nodes, unloaded_states, path, progress)
     ) is not None:
-        _, progress.afresh[0] = solved_afresh(system, friction, unsolved, gap, clearance, work)
-    return path.motion, path.force[:, position_of_contact], float(progress.worst[0])
+        _, progress.afresh[0] = solved_afresh(system, friction, n_unsolved, gap, clearance, work)
+    return path.motion, path.force[:, position_of_contact], float(progress.largest_residual[0])

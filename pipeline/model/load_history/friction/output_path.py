@@ -20,11 +20,11 @@ WAVE = 32
 """Corners of a ripple's period: between two of them a chord is off by 0.5 % of the amplitude at most."""
 JUMP_WAVE = 8
 """Pieces of a ripple's period while the output is thrown back, where no corner stands."""
-STARTED = 1e-9
+START_SHARE = 1e-9
 """Share of a slider's reach, and of a segment of the backbone, nearer than which a bend is passed already."""
 MOST_STEPS = 1_000_000
 """Steps after which a path is given up: a backbone that was not solved may be of any length."""
-FAR = 3
+FARTHEST_STEP = 3
 """Lengths of the backbone's end segments beyond its ends after which no balance is looked for."""
 ROOT_STEPS = 60
 """Steps of a root within a piece of a ripple at most: more than its digits."""
@@ -77,13 +77,13 @@ def _sine(angle, ripple):
 
 
 @part
-def _resistance(angle, carried_torque, slides, rippled, anchor):
-    """Torque of the sliders, and of the ripple as it is ``rippled`` there."""
+def _resistance(angle, carried_torque, slides, ripple_torque, anchor):
+    """Torque of the sliders, and of the ripple as it is ``ripple_torque`` there."""
     stiffness, limit, coefficient = slides
-    resistance = rippled
+    resistance = ripple_torque
     for s in range(stiffness.shape[0]):
-        largest = limit[s] + coefficient[s] * abs(carried_torque)
-        resistance += min(max(stiffness[s] * (angle - anchor[s]), -largest), largest)
+        largest_torque = limit[s] + coefficient[s] * abs(carried_torque)
+        resistance += min(max(stiffness[s] * (angle - anchor[s]), -largest_torque), largest_torque)
     return resistance
 
 
@@ -102,15 +102,15 @@ def _to_bend(sense, angle, carried_torque, width, height, slides, stride, anchor
     stiffness, limit, coefficient = slides
     bend = stride
     to_zero = -sense * carried_torque * width / height
-    unloads = to_zero > STARTED * width
+    unloads = to_zero > START_SHARE * width
     for s in range(stiffness.shape[0]):
         growth = coefficient[s] * height / width * (-1.0 if unloads else 1.0)
-        largest = limit[s] + coefficient[s] * abs(carried_torque)
-        stretched = sense * stiffness[s] * (angle - anchor[s])
+        largest_torque = limit[s] + coefficient[s] * abs(carried_torque)
+        stretch = sense * stiffness[s] * (angle - anchor[s])
         if unloads and growth != 0.0:
             bend = min(bend, to_zero)
-        to_slip = (largest - stretched) / max(stiffness[s] - growth, 1e-300)
-        if to_slip > STARTED * max(largest / stiffness[s], width):
+        to_slip = (largest_torque - stretch) / max(stiffness[s] - growth, 1e-300)
+        if to_slip > START_SHARE * max(largest_torque / stiffness[s], width):
             bend = min(bend, to_slip)
     return bend
 
@@ -136,22 +136,22 @@ def _stretch(sense, j, x, angle, carried_torque, curve, slides, stride, anchor):
 
 
 @part
-def _share_to_peak(sense, angle, turned, gained, rise, ripple):
+def _share_to_peak(sense, angle, turn, gain, rise, ripple):
     """Share of a piece at which a ripple, its sine rising by ``rise``, throws the output back; 1 if it does not."""
     amplitude, waves, phase = ripple
-    steepest, phase_turned = amplitude * waves * abs(turned), waves * abs(turned)
-    if abs(gained) > steepest * phase_turned:  # larger than what the slope varies by
+    steepest, phase_turned = amplitude * waves * abs(turn), waves * abs(turn)
+    if abs(gain) > steepest * phase_turned:  # larger than what the slope varies by
         return 1.0
-    steady = gained - sense * amplitude * rise
+    steady = gain - sense * amplitude * rise
     if steepest <= abs(steady):
         return 1.0
     ahead = np.mod(np.arccos(-steady / steepest) - sense * (waves * angle + phase), 2.0 * np.pi)
     share = ahead / phase_turned
-    return share if STARTED < share < 1.0 else 1.0
+    return share if START_SHARE < share < 1.0 else 1.0
 
 
 @part
-def _share_to_goal(goal, low, high, sense, angle, turned, rise, ripple):
+def _share_to_goal(goal, low, high, sense, angle, turn, rise, ripple):
     """Share of a piece, from ``low`` below to ``high`` above the goal, at which the torque is the goal's.
 
     The ripple's sine rises by ``rise`` on it.
@@ -161,26 +161,26 @@ def _share_to_goal(goal, low, high, sense, angle, turned, rise, ripple):
     if amplitude == 0.0:
         return share
     steady = high - low - sense * amplitude * rise
-    start, steepest = waves * angle + phase, amplitude * waves * abs(turned)
+    start, steepest = waves * angle + phase, amplitude * waves * abs(turn)
     begin = low - sense * amplitude * np.sin(start) - goal
-    first, last, small = 0.0, 1.0, ROOT_SHARE * (abs(low) + abs(high) + amplitude)
+    lower_share, upper_share, small = 0.0, 1.0, ROOT_SHARE * (abs(low) + abs(high) + amplitude)
     for _ in range(ROOT_STEPS):
-        turned_phase = start + share * waves * turned
+        turned_phase = start + share * waves * turn
         excess = begin + share * steady + sense * amplitude * np.sin(turned_phase)
         if abs(excess) <= small:
             break
         if excess < 0.0:
-            first = share
+            lower_share = share
         else:
-            last = share
+            upper_share = share
         share -= excess / (steady + steepest * np.cos(turned_phase))
-        if not first < share < last:
-            share = 0.5 * (first + last)
+        if not lower_share < share < upper_share:
+            share = 0.5 * (lower_share + upper_share)
     return share
 
 
 @entry
-def _traced(turns, curve, slides, ripple, corners, corner_of_turn):
+def _trace_path(turns, curve, slides, ripple, corners, corner_of_turn):
     """Corners (torque, angle, carried) of the path from turn to turn, and that of each turn; -1 if there is no room."""
     nodes, angles = curve
     anchor, wave = np.empty(slides[0].shape[0]), 2.0 * np.pi / ripple[1] if ripple[0] != 0.0 else np.inf
@@ -194,7 +194,7 @@ def _traced(turns, curve, slides, ripple, corners, corner_of_turn):
     for t in range(turns.shape[0]):
         sense = 1.0 if turns[t] >= total else -1.0
         largest_torque, goal = sense * total, sense * turns[t]
-        while sense * total < goal and -FAR < x < 1 + FAR:
+        while sense * total < goal and -FARTHEST_STEP < x < 1 + FARTHEST_STEP:
             stride = wave / (WAVE if sense * total >= largest_torque else JUMP_WAVE)
             j, x, end = _stretch(sense, j, x, angle, carried_torque, curve, slides, stride, anchor)
             point, first_sine = (angle, carried_torque), sine
@@ -233,7 +233,7 @@ def _traced(turns, curve, slides, ripple, corners, corner_of_turn):
     return count
 
 
-def _unknown(n_turns: int) -> OutputPath:
+def _unknown_path(n_turns: int) -> OutputPath:
     return OutputPath(np.full((3, n_turns), np.nan), np.arange(n_turns))
 
 
@@ -263,13 +263,13 @@ def output_path(turns: Real, nodes: Real, angles: Real, sliders: Sliders, ripple
     sliders, turns = sliders.acting, np.asarray(turns, float)
     rising = np.maximum.accumulate(angles)
     if not np.isfinite(rising[-1]):
-        return _unknown(len(turns))
+        return _unknown_path(len(turns))
     waves = WAVE * (rising[-1] - rising[0]) * ripple.waves / (2 * np.pi) if ripple.amplitude else 0.0
     room = int(min(len(turns) * (2 * len(nodes) + 4 * len(sliders) + 2 * waves + 8), MOST_STEPS))
     corner_of_turn = np.empty(len(turns), np.int64)
     while room <= MOST_STEPS:
         corners = np.empty((3, room))
-        count = _traced(
+        count = _trace_path(
             turns,
             (nodes, rising),
             (sliders.stiffness, sliders.limit, sliders.coefficient),
@@ -280,4 +280,4 @@ def output_path(turns: Real, nodes: Real, angles: Real, sliders: Sliders, ripple
         if count >= 0:
             return OutputPath(corners[:, :count], corner_of_turn)
         room *= 2
-    return _unknown(len(turns))
+    return _unknown_path(len(turns))

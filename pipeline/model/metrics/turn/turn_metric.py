@@ -81,18 +81,18 @@ class TurnReadings:
     free_even: NDArray[np.bool_]
 
     @property
-    def balanced(self) -> NDArray[np.bool_]:
+    def is_balanced(self) -> NDArray[np.bool_]:
         """(n,) whether the forces on the bearings balance the torque on the output."""
         return np.all(np.abs(np.mean(self.input_share, axis=2) - 1) <= LARGEST_IMBALANCE, axis=1)
 
-    def thinned(self, stride: int) -> "TurnReadings":
+    def with_stride(self, stride: int) -> "TurnReadings":
         """The readings at every so many of the even angles."""
         loaded_angles = np.flatnonzero(self.loaded_even)[::stride]
-        free = np.flatnonzero(self.free_even)[::stride]
+        free_angles = np.flatnonzero(self.free_even)[::stride]
         return replace(
             self,
             loaded_angle=self.loaded_angle[..., loaded_angles],
-            free_angle=self.free_angle[..., free],
+            free_angle=self.free_angle[..., free_angles],
             bearing_force=self.bearing_force[:, :, loaded_angles],
             input_share=self.input_share[..., loaded_angles],
             pressure_speed=self.pressure_speed[:, loaded_angles],
@@ -100,7 +100,7 @@ class TurnReadings:
             shear_depth=self.shear_depth[:, loaded_angles],
             friction_power=self.friction_power[..., loaded_angles],
             loaded_even=self.loaded_even[loaded_angles],
-            free_even=self.free_even[free],
+            free_even=self.free_even[free_angles],
         )
 
 
@@ -119,13 +119,13 @@ class TurnMetric(Limited):
     of_play: bool = False
     needs: tuple[str, ...] = ()
 
-    def of(self, readings: TurnReadings) -> Real:
+    def metric_values(self, readings: TurnReadings) -> Real:
         """The metric (n,) of readings, missing where a unit has not what it needs."""
         even_angles = readings.free_even if self.of_play else readings.loaded_even
         if TURN in self.needs and np.count_nonzero(even_angles) < FEWEST_ANGLES:
             return np.full(len(readings.loaded_angle), np.nan)
         if BALANCE in self.needs:
-            return np.where(readings.balanced, self.value(readings), np.nan)
+            return np.where(readings.is_balanced, self.value(readings), np.nan)
         return self.value(readings)
 
 
