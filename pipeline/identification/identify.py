@@ -62,8 +62,8 @@ class Identification:
     folds : predictions of held-out cells.
     errors : of these, by stage: declared, recalibrated, after.
     baselines : errors on the same cells of predictions that ask no reducer, by title.
-    described : error of the model that describes best, where it is not the one that is claimed.
-    carried : of the same with what of its training residual is expected to come again; None where nothing structured is
+    description_error : error of the model that describes best, where it is not the one that is claimed.
+    carried_error : of the same with the systematic part of its training residual; None where nothing structured is
         left.
     between_cranks : where the crank turns within the loops, what leaving out every second of the crank angles that the
         model was condensed at changes the angle by [arcmin]; None where it is held.
@@ -84,8 +84,8 @@ class Identification:
     baselines: Mapping[str, AngleError]
     remainder: Remainder
     discrepancy: Discrepancy | None
-    described: AngleError | None
-    carried: AngleError | None
+    description_error: AngleError | None
+    carried_error: AngleError | None
     could_hide: tuple[DetectionLimit, ...]
     between_cranks: float | None
 
@@ -95,18 +95,18 @@ class Identification:
         return {stage: curve for stage, (curve, _) in self.folds.curves(bool(self.verdict.named)).items()}
 
 
-def identify(unit: UnitFile, condensed: Condensed) -> Identification | FaultyUnit:
+def identify(unit: UnitFile, condense: Condensed) -> Identification | FaultyUnit:
     """From a unit's files to its verdict; see ``identify_measured``."""
-    return identify_measured(read_measurement(unit), condensed)
+    return identify_measured(read_measurement(unit), condense)
 
 
 @threadpool_limits.wrap(limits=1)  # matrices are small: threads would wait for each other, and move last digits
-def identify_measured(measurement: Measurement, condensed: Condensed) -> Identification | FaultyUnit:
+def identify_measured(measurement: Measurement, condense: Condensed) -> Identification | FaultyUnit:
     """From a measurement to the verdict on its unit.
 
     Parameters
     ----------
-    condensed : compliances of the unit's design at its crank angles.
+    condense : compliances of the unit's design at its crank angles.
 
     Raises
     ------
@@ -116,33 +116,33 @@ def identify_measured(measurement: Measurement, condensed: Condensed) -> Identif
     if measurement.fatal:
         return FaultyUnit(measurement, Verdict(FAULT), fault_statement(measurement.fatal))
     cranks = measurement.rows.cranks
-    trained = measurement.training_cells if unit.settings.held_out.train else np.ones(len(measurement.cells), bool)
-    compliances = condensed(unit.study, stations_of(measurement).cranks.tolist())
-    fitter = Fitter(build_problem(measurement, compliances, trained))
+    is_training = measurement.training_cells if unit.settings.held_out.train else np.ones(len(measurement.cells), bool)
+    compliances = condense(unit.study, stations_of(measurement).cranks.tolist())
+    fitter = Fitter(build_problem(measurement, compliances, is_training))
     data = fitter.problem.data
-    selector = Selector(fitter, trained)
-    selection = selector.select(trained)
-    baseline_curves = _baseline_curves(measurement, fitter, trained)
-    selection, verdict, folds = _tested_on_unused_data(selector, selection, trained, baseline_curves)
-    refitted = angle_error(data, cranks, *folds.curves(False)["recalibrated"], folds.cells)
-    best = angle_error(data, cranks, folds.best, folds.open_best, folds.cells)
+    selector = Selector(fitter, is_training)
+    selection = selector.select(is_training)
+    baseline_curves = _baseline_curves(measurement, fitter, is_training)
+    selection, verdict, folds = _tested_on_unused_data(selector, selection, is_training, baseline_curves)
+    recalibration_error = angle_error(data, cranks, *folds.curves(False)["recalibrated"], folds.cells)
+    best_error = angle_error(data, cranks, folds.best, folds.open_best, folds.cells)
     turns = isinstance(data, TurningData)
-    untraced = verdict.verdict == UNEXPLAINED and not turns
+    is_untraced = verdict.verdict == UNEXPLAINED and not turns
     curves = folds.curves(bool(verdict.named))
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
-    described = angle_error(data, cranks, folds.described, folds.open_described, folds.cells)
-    carried = angle_error(data, cranks, folds.carried, folds.open_carried, folds.cells)
-    structure_left = remainder(data, folds.best, folds.cells, best.to_noise, refitted.to_noise)
+    description_error = angle_error(data, cranks, folds.described, folds.open_described, folds.cells)
+    carried_error = angle_error(data, cranks, folds.carried, folds.open_carried, folds.cells)
+    structure_left = remainder(data, folds.best, folds.cells, best_error.to_noise, recalibration_error.to_noise)
     limits = () if verdict.named or folds.in_sample else detection_limits(fitter, selection.base, selector.testable)
     effects = selection.description.fit.model.effects
     in_sample = ("turn" if turns else "loop") if folds.in_sample else ""
-    shown = folds.best - folds.recalibrated if verdict.named else data.angle - folds.recalibrated
-    where = place_of_largest(data, shown, folds.cells)
-    reasons = {name: fitter.problem.why_not(effect, trained) for name, effect in candidates().items()}
+    shown_curve = folds.best - folds.recalibrated if verdict.named else data.angle - folds.recalibrated
+    where = place_of_largest(data, shown_curve, folds.cells)
+    reasons = {name: fitter.problem.why_not(effect, is_training) for name, effect in candidates().items()}
     return Identification(
         measurement,
         verdict,
-        stated(verdict, selection, refitted, best, structure_left, in_sample, where),
+        stated(verdict, selection, recalibration_error, best_error, structure_left, in_sample, where),
         fitter.problem,
         selection,
         {name: reason for name, reason in reasons.items() if reason},
@@ -153,9 +153,9 @@ def identify_measured(measurement: Measurement, condensed: Condensed) -> Identif
             for title, curve in baseline_curves.items()
         },
         structure_left,
-        discrepancy_of(fitter, selection.answer.fit, measurement.cells.direction, trained) if untraced else None,
-        None if verdict.named and selection.description is selection.answer or not effects else described,
-        carried if np.any(np.isfinite(folds.carried)) and not folds.in_sample else None,
+        discrepancy_of(fitter, selection.answer.fit, measurement.cells.direction, is_training) if is_untraced else None,
+        None if verdict.named and selection.description is selection.answer or not effects else description_error,
+        carried_error if np.any(np.isfinite(folds.carried)) and not folds.in_sample else None,
         limits,
         _between_cranks(fitter, selection),
     )
@@ -170,27 +170,27 @@ def _between_cranks(fitter: Fitter, selection: Selection) -> float | None:
 
 
 def _tested_on_unused_data(
-    selector: Selector, selection: Selection, trained: Truth, baseline_curves: Mapping[str, Real]
+    selector: Selector, selection: Selection, is_training: Truth, baseline_curves: Mapping[str, Real]
 ) -> tuple[Selection, Verdict, Folds]:
     """Verdict and folds of a selection; names and ``adequate`` are withdrawn where unused data are missed."""
     data, turns = selector.problem.data, isinstance(selector.problem.data, TurningData)
-    verdict = judge(selector.fitter, selection, trained)
-    folds = predicted_folds(selector, selection, trained, verdict.verdict == UNEXPLAINED and not turns)
+    verdict = judge(selector.fitter, selection, is_training)
+    folds = predicted_folds(selector, selection, is_training, verdict.verdict == UNEXPLAINED and not turns)
     if not (verdict.named or verdict.verdict == ADEQUATE):
         return selection, verdict, folds
     reason = failed_test(data, folds, baseline_curves, selection.limit, bool(verdict.named))
     if reason and verdict.named:
         selection = unnamed(selection, reason)
-        verdict = judge(selector.fitter, selection, trained)
-        folds = predicted_folds(selector, selection, trained, not turns)
+        verdict = judge(selector.fitter, selection, is_training)
+        folds = predicted_folds(selector, selection, is_training, not turns)
     elif reason:
         verdict = untested(verdict, reason, testable=not folds.in_sample)
     return selection, verdict, folds
 
 
-def _baseline_curves(measurement: Measurement, fitter: Fitter, trained: Truth) -> Mapping[str, Real]:
+def _baseline_curves(measurement: Measurement, fitter: Fitter, is_training: Truth) -> Mapping[str, Real]:
     """Predictions (n_cells,) [arcmin] without a reducer, by title, at the cells that judge."""
     data, cells = fitter.problem.data, measurement.cells
     cycles = Cycles(cells.direction, measurement.branches.kind[cells.block])
     methods = TURN_METHODS if isinstance(data, TurningData) else METHODS
-    return baselines(data, cycles, splits_of(data, trained), fitter.offsets, methods)
+    return baselines(data, cycles, splits_of(data, is_training), fitter.offsets, methods)

@@ -145,5 +145,5 @@ def with_angles(problem: Problem, angle: np.ndarray) -> Problem:
 def exactly_known(problem: Problem) -> Problem:
     """The problem with nothing uncertain but its calibrated numbers; dimensions and force laws are as declared."""
     ranges = problem.scale_range.copy()
-    ranges[:, len(problem.calibrated) :] *= 1e-4
+    ranges[:, len(problem.calibrated_keys) :] *= 1e-4
     return replace(problem, scale_range=ranges, modes=tuple(mode[:0] for mode in problem.modes))

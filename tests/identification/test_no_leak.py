@@ -47,7 +47,7 @@ def test_every_fitted_number_is_the_same_to_the_last_digit_whatever_held_out_row
     (measured, problem, selection, verdict, visible), (_, variant, repeat, trial_result, _) = two_runs
     assert problem.data.noise == variant.data.noise
     np.testing.assert_array_equal(problem.data.sigma[visible], variant.data.sigma[visible])
-    assert problem.offered == variant.offered
+    assert problem.met_needs == variant.met_needs
     assert (problem.span, problem.hours, problem.record) == (variant.span, variant.hours, variant.record)
     for pair in zip(problem.modes, variant.modes, strict=True):
         np.testing.assert_array_equal(*pair)
@@ -126,7 +126,7 @@ def test_filters_limits_and_courses_of_training_rows_know_nothing_of_the_others(
             np.testing.assert_array_equal(getattr(repeat.forward.courses[position], name), values, name)
     for pair in zip(problem.modes, repeat.modes, strict=True):
         np.testing.assert_array_equal(*pair)
-    assert (repeat.span, repeat.hours, repeat.record, repeat.offered) == (
+    assert (repeat.span, repeat.hours, repeat.record, repeat.met_needs) == (
         *(problem.span, problem.hours),
-        *(problem.record, problem.offered),
+        *(problem.record, problem.met_needs),
     )

@@ -33,7 +33,7 @@ def test_the_fit_is_in_sample_and_says_so(answer):
     result, folder = answer
     assert result.folds.in_sample
     assert result.folds.cells.all()
-    np.testing.assert_array_equal(result.curves["recalibrated"], result.selection.base.fit.predicted)
+    np.testing.assert_array_equal(result.curves["recalibrated"], result.selection.base.fit.predicted_angle)
     page = re.sub(r"<[^>]*>", "", (folder / "report.html").read_text())
     for text in (result.statement.sentence, page):
         assert "in sample" in text

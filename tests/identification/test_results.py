@@ -165,7 +165,7 @@ def test_a_study_of_angles_evenly_over_the_turn_is_written_with_those_of_the_uni
     assert study.cycle.loaded_angles is not None
     unit = SimpleNamespace(name="u", settings=SimpleNamespace(title="U"), dimensions=None, study=study)
     measurement = SimpleNamespace(unit=unit, drive_cranks=np.array([0.0, 65.4545, 425.4545]))
-    problem = SimpleNamespace(calibrated=("a",), usual=None, modes_of_errors=lambda modes: SimpleNamespace())
+    problem = SimpleNamespace(calibrated_keys=("a",), mean_unit=None, modes_of_errors=lambda modes: SimpleNamespace())
     identification = SimpleNamespace(measurement=measurement, problem=problem)
     trial = SimpleNamespace(fit=SimpleNamespace(unknowns=SimpleNamespace(scales=np.zeros(3), modes=np.zeros(0))))
     written = tomllib.loads(corrected_design._study_text(identification, trial, corrected_design.BEST))
@@ -280,8 +280,8 @@ def test_the_page_says_which_prediction_is_ahead() -> None:
     identification = SimpleNamespace(
         baselines=errors,
         errors={"after": AngleError(5.0, 9.0, {}, 5.0, 1.0, 10)},
-        carried=AngleError(2.0, 3.0, {}, 2.0, 1.0, 10),
-        described=None,
+        carried_error=AngleError(2.0, 3.0, {}, 2.0, 1.0, 10),
+        description_error=None,
         folds=SimpleNamespace(common_share=0.5),
         selection=SimpleNamespace(description=SimpleNamespace(fit=SimpleNamespace(model=SimpleNamespace(name="")))),
     )
@@ -290,9 +290,9 @@ def test_the_page_says_which_prediction_is_ahead() -> None:
     assert "with the predicted systematic residual is ahead of it by 2.00" in sentence
     (title, error), *others = other_errors(identification).items()
     assert "50 % of its variance common" in title
-    assert error is identification.carried
+    assert error is identification.carried_error
     assert dict(others) == errors
-    identification.carried = None
+    identification.carried_error = None
     assert comparison_sentence(identification).endswith("by a factor of 1.25 in multiples of the noise.")
     assert other_errors(identification) == errors
 

@@ -205,7 +205,7 @@ def predicted_states(measurements: Mapping[str, Measurement], again: Mapping[str
         state, trained = loops[name], measurement.training_cells
         before = fitted_together([state.some(trained)])
         refitted = fitted_together([state.some(trained)], SOFT_TERMS)
-        curves = {"before": before.predicted[0], "refitted": refitted.predicted[0]}
+        curves = {"before": before.predicted_angles[0], "refitted": refitted.predicted_angles[0]}
         held = shared_numbers([loops[other] for other in loops if _beside(name, other)])
         curves |= with_effect(state.some(trained), held)
         curves |= replays(measurement, trained)
@@ -237,8 +237,8 @@ def left_out(measurement: Measurement, state: CrankLoops, held: Mapping[str, flo
     for position in np.unique(state.position):
         cells = state.position == position
         rest = [state.some(~cells)]
-        curves["left_out"][cells] = fitted_together(rest, SOFT_TERMS).predicted[0][cells]
-        curves["left_out_effect"][cells] = fitted_together(rest, terms, held=[held]).predicted[0][cells]
+        curves["left_out"][cells] = fitted_together(rest, SOFT_TERMS).predicted_angles[0][cells]
+        curves["left_out_effect"][cells] = fitted_together(rest, terms, held=[held]).predicted_angles[0][cells]
         curves["left_out_replay"][cells] = replays(measurement, ~cells)["replay"][cells]
     return {name: rms(state, curve, np.ones(len(curve), bool)) for name, curve in curves.items()}
 

@@ -26,9 +26,9 @@ LEVELS = 22
 """Nodes of the backbone in each sense of the torque."""
 PATH_LEVELS = 11
 """The same where friction at the contacts is followed step by step, which costs a hundred times as much."""
-REPEATED = 0.01
+REPEATED_SHARE = 0.01
 """Share of the range of torque within which two turns are the same: friction then repeats its last loop."""
-UNSOUND = 1e-3
+LARGEST_RESIDUAL = 1e-3
 """Relative residual of an equilibrium that is none."""
 
 
@@ -64,13 +64,13 @@ class LoadPath:
     ----------
     angle : (n_cells,) of the output [rad].
     slope : (n_cells,) d angle / d torque [rad/(N mm)].
-    carried : (n_cells,) torque behind friction [N mm]: that of the elastic curve's nodes.
+    carried_torque : (n_cells,) torque behind friction [N mm]: that of the elastic curve's nodes.
     at_turns : (n_turns,) the same at the turns.
     """
 
     angle: Real
     slope: Real
-    carried: Real
+    carried_torque: Real
     at_turns: Real
 
 
@@ -81,16 +81,16 @@ class ElasticCurve(NamedTuple):
     ----------
     torque : (n_nodes,) ascending, as the bench reads it without friction [N mm].
     angle : (n_nodes,) of the turning end [rad].
-    carried : (n_nodes,) torque in the reducer [N mm]; the same, but where the motor is read and its crank turns.
+    carried_torque : (n_nodes,) torque in the reducer [N mm]; the same, but where the motor is read and its crank turns.
     """
 
     torque: Real
     angle: Real
-    carried: Real
+    carried_torque: Real
 
     def torque_carried(self, torque: Real) -> Real:
         """Torque in the reducer [N mm] at torques of any shape behind friction, within the curve."""
-        return torque if self.carried is self.torque else np.interp(torque, self.torque, self.carried)
+        return torque if self.carried_torque is self.torque else np.interp(torque, self.torque, self.carried_torque)
 
 
 class Elastic:
@@ -99,7 +99,7 @@ class Elastic:
     def __init__(self, drive: Drive, curve: Backbone):
         self.drive, self.curve = drive, curve
 
-    def at(self, state: int) -> ElasticCurve:
+    def curve_of_state(self, state: int) -> ElasticCurve:
         """The curve of a state."""
         nodes = self.drive.stiffening(state) * self.curve.torque
         return ElasticCurve(nodes, self.curve.angle[state] + self.drive.twist(nodes), nodes)
@@ -113,7 +113,7 @@ def load_path(
         return _slid(drive, course, curve, *torques), True
     if len(drive.sliders.acting) or ripple.amplitude:
         return _along(drive, course, curve, elastic, ripple, torques)
-    return _unhindered(course, elastic, torques), True
+    return _frictionless_path(course, elastic, torques), True
 
 
 def _along(
@@ -134,30 +134,30 @@ def _along(
         stiffer = drive.stiffening(state)
         if drive.sliders.at_contacts:
             seeds = (nodes, curve.states.motion[state], curve.states.force[state])
-            motions, _, worst = solve_path(drive.at_drawing_modulus(state), state, steps / stiffer, seeds)
+            motions, _, largest_residual = solve_path(drive.at_drawing_modulus(state), state, steps / stiffer, seeds)
             output_angle = motions[:, drive.reducer.output_motion] + drive.twist(steps)
-            corners, sound = np.array([steps, output_angle, steps]), sound and worst <= UNSOUND
+            corners, sound = np.array([steps, output_angle, steps]), sound and largest_residual <= LARGEST_RESIDUAL
         else:
-            leaning, of_state = 1 + drive.lean, elastic.at(state)
+            leaning, of_state = 1 + drive.lean, elastic.curve_of_state(state)
             sliders = drive.sliders.of_scaled_load(leaning)
             corners, turns = output_path(torque, leaning * of_state.torque, of_state.angle, sliders, ripple)
             corners[2] /= leaning
-        followed = course.state == state
+        in_state = course.state == state
         ends = np.column_stack([turns[repeated_torque], turns[repeated_torque + 1], course.sense])
-        at_turns[1:][followed] = corners[2, ends[followed, 1]]
-        at_turns[:-1][followed] = corners[2, ends[followed, 0]]
-        means_along(edges, course.leg, corners, ends, followed, mean, slope)
+        at_turns[1:][in_state] = corners[2, ends[in_state, 1]]
+        at_turns[:-1][in_state] = corners[2, ends[in_state, 0]]
+        means_along(edges, course.leg, corners, ends, in_state, mean, slope)
     return path, sound
 
 
-def _unhindered(course: Course, elastic: Elastic, torques: Torques) -> LoadPath:
+def _frictionless_path(course: Course, elastic: Elastic, torques: Torques) -> LoadPath:
     """The way without friction: the elastic curve, wherever it is."""
     torque, edges = torques
     angle, slope = np.empty(len(edges)), np.empty(len(edges))
     state_of = course.state[course.leg]
     for state in course.states:
         cells = state_of == state if len(course.states) > 1 else slice(None)
-        of_state = elastic.at(state)
+        of_state = elastic.curve_of_state(state)
         angle[cells], slope[cells] = means(edges[cells], of_state.torque, of_state.angle)
     return LoadPath(angle, slope, mean_torque(edges), torque)
 
@@ -167,7 +167,7 @@ def mean_torque(edges: Real) -> Real:
     return np.asarray((0.5 * (edges[:, 1:] + edges[:, :-1])).mean(axis=1))
 
 
-def remembered(drive: Drive, course: Course, elastic: ElasticCurve, path: LoadPath, torques: Torques) -> Real:
+def memory_twist(drive: Drive, course: Course, elastic: ElasticCurve, path: LoadPath, torques: Torques) -> Real:
     """Rotation (n_cells,) [rad] of the elements with memory, along cells and the turns between them.
 
     Each element goes along all of the position; ``elastic`` is the curve of the first state.
@@ -175,10 +175,10 @@ def remembered(drive: Drive, course: Course, elastic: ElasticCurve, path: LoadPa
     torque, edges = torques
     along, points = merged_path(
         (elastic.torque_carried(path.at_turns), torque),
-        (elastic.torque_carried(path.carried), mean_torque(edges)),
+        (elastic.torque_carried(path.carried_torque), mean_torque(edges)),
         course.leg,
         course.time,
-        polyline(elastic.carried, elastic.angle),
+        polyline(elastic.carried_torque, elastic.angle),
     )
     return np.asarray(sum(element.twist(along) for element in drive.hystereses))[points]
 
@@ -212,12 +212,12 @@ def _steps(torque: Real, nodes: Real) -> tuple[Real, Whole]:
 
 def _repeats(torque: Real) -> Whole:
     """For each leg the earlier one that it repeats, turns before it included, or itself (n_legs,)."""
-    close = REPEATED * np.ptp(torque)
+    close = REPEATED_SHARE * np.ptp(torque)
     repeated_torque = np.arange(len(torque) - 1)
     for leg in range(3, len(repeated_torque)):
-        repeated = np.all(np.abs(torque[leg - 1 : leg + 1] - torque[leg - 3 : leg - 1]) <= close)
+        is_repeated = np.all(np.abs(torque[leg - 1 : leg + 1] - torque[leg - 3 : leg - 1]) <= close)
         ends = np.sign(torque[leg + 1] - torque[leg]) * (torque[leg + 1] - torque[leg - 1])
-        if repeated and ends <= close:
+        if is_repeated and ends <= close:
             repeated_torque[leg] = repeated_torque[leg - 2]
         else:
             repeated_torque[: leg + 1] = np.arange(leg + 1)  # its history must be followed

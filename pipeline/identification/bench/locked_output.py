@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.bench.course import Course
-from pipeline.identification.bench.load_path import Elastic, ElasticCurve, LoadPath, Torques, load_path, remembered
+from pipeline.identification.bench.load_path import Elastic, ElasticCurve, LoadPath, Torques, load_path, memory_twist
 from pipeline.model.load_history.backbone import Backbone
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.output_path import Ripple
@@ -21,7 +21,7 @@ from pipeline.model.load_history.turning_crank import CurvesOverCrank
 
 Real = NDArray[np.float64]
 
-ROUNDS, PLACED = 12, 1e-9
+ROUNDS, PLACE_TOLERANCE = 12, 1e-9
 """Rounds to the crank angle at which the output is locked at most, and the change of it [rad] that ends them."""
 
 
@@ -38,15 +38,15 @@ class ElasticOverCrank(Elastic):
             for state in {0, *course.states}
         }
 
-    def at(self, state: int) -> ElasticCurve:
+    def curve_of_state(self, state: int) -> ElasticCurve:
         """The curve of a state."""
         return self.from_start(state, self.start)
 
     def from_start(self, state: int, start: float) -> ElasticCurve:
         """The curve of a state from another crank angle without twist [rad]."""
-        locked = self.by_state[state].locked_curve(start, self.motion.ratio)
-        torque = locked.torque if self.motion.at_input else locked.carried_torque
-        return ElasticCurve(torque, locked.angle, locked.carried_torque)
+        locked_curve = self.by_state[state].locked_curve(start, self.motion.ratio)
+        torque = locked_curve.torque if self.motion.at_input else locked_curve.carried_torque
+        return ElasticCurve(torque, locked_curve.angle, locked_curve.carried_torque)
 
     def turned_by_memory(self, torque: Real, twist: Real) -> Real:
         """What the angle (n_cells,) [rad] changes by, at torques behind friction, as a twist turns the crank on.
@@ -63,7 +63,7 @@ class ElasticOverCrank(Elastic):
                 np.interp(torque[cells], curve.torque, curve.angle)
                 for curve in (
                     *(self.from_start(int(number), self.start - self.motion.ratio * m) for m in reach),
-                    self.at(int(number)),
+                    self.curve_of_state(int(number)),
                 )
             )
             x = share[cells]
@@ -92,12 +92,12 @@ def locked_path(
 
     Returns
     -------
-    The way, its ``carried`` the torque in the reducer; the angle (n_cells,) with what elements with memory add [rad];
+    The way, its ``carried_torque`` that in the reducer; the angle (n_cells,) with what elements with memory add [rad];
     the crank angle without twist [rad]; and whether all is sound: equilibria found, no jump, and the crank between
     the stations.
     """
-    unknown = np.full(len(course.leg), np.nan)
-    nothing = LoadPath(unknown, unknown, unknown, np.full(len(course.torque), np.nan))
+    missing = np.full(len(course.leg), np.nan)
+    missing_path = LoadPath(missing, missing, missing, np.full(len(course.torque), np.nan))
     try:
         elastic = ElasticOverCrank(drives, course, curves)
         motion, place = elastic.motion, float(np.mean(elastic.motion.cells))
@@ -106,14 +106,19 @@ def locked_path(
             path, sound = load_path(drives[0], course, curves[0], elastic, ripple, torques)
             angle = path.angle
             if drives[0].hystereses and sound:
-                twist = remembered(drives[0], course, elastic.at(0), path, torques)
-                angle = angle + twist + elastic.turned_by_memory(path.carried, twist)
-            before, elastic.start = elastic.start, place + motion.ratio * float(np.mean(angle))
-            if not abs(elastic.start - before) > PLACED:
+                twist = memory_twist(drives[0], course, elastic.curve_of_state(0), path, torques)
+                angle = angle + twist + elastic.turned_by_memory(path.carried_torque, twist)
+            former_start, elastic.start = elastic.start, place + motion.ratio * float(np.mean(angle))
+            if not abs(elastic.start - former_start) > PLACE_TOLERANCE:
                 break
     except ValueError:
-        return nothing, nothing.angle, 0.0, False
+        return missing_path, missing_path.angle, 0.0, False
     crank = elastic.start - motion.ratio * angle
-    known = motion.stations[0] <= np.min(crank) and np.max(crank) <= motion.stations[-1]
-    carried = elastic.at(0).torque_carried(path.carried)
-    return LoadPath(path.angle, path.slope, carried, path.at_turns), angle, elastic.start, bool(sound and known)
+    is_in_range = motion.stations[0] <= np.min(crank) and np.max(crank) <= motion.stations[-1]
+    carried_torque = elastic.curve_of_state(0).torque_carried(path.carried_torque)
+    return (
+        LoadPath(path.angle, path.slope, carried_torque, path.at_turns),
+        angle,
+        elastic.start,
+        bool(sound and is_in_range),
+    )

@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.bench.course import Course
-from pipeline.identification.bench.load_path import LEVELS, UNSOUND, Elastic, Instrument, load_path, remembered
+from pipeline.identification.bench.load_path import (
+    LARGEST_RESIDUAL,
+    LEVELS,
+    Elastic,
+    Instrument,
+    load_path,
+    memory_twist,
+)
 from pipeline.identification.bench.locked_output import interpolation_error, locked_path
 from pipeline.model.elements import Spring, same
 from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
@@ -44,30 +51,34 @@ class Reading:
     ----------
     angle : (n_cells,) [arcmin]
     slope : (n_cells,) d angle / d torque [arcmin/(N m)].
-    carried : (n_cells,) torque in the reducer [N mm].
+    carried_torque : (n_cells,) torque in the reducer [N mm].
     sound : whether nearly every equilibrium was found.
     """
 
     angle: Real
     slope: Real
-    carried: Real
+    carried_torque: Real
     sound: bool
 
 
 class Forward:
     """Predictions of drives on the courses of a unit; keeps the backbones of the drives that it has seen."""
 
-    def __init__(self, courses: list[Course], rated_torque: float, largest: float | None = None):
-        """``largest`` torque [N m] that the curves are solved for, in place of that of the courses."""
+    def __init__(self, courses: list[Course], rated_torque: float, largest_torque: float | None = None):
+        """``largest_torque`` torque [N m] that the curves are solved for, in place of that of the courses."""
         self.courses = courses
-        top = max(float(np.max(np.abs(course.torque))) for course in courses) if largest is None else largest
+        top = (
+            max(float(np.max(np.abs(course.torque))) for course in courses)
+            if largest_torque is None
+            else largest_torque
+        )
         beyond = BEYOND_TURNING if any(course.crank for course in courses) else BEYOND
         self.shares = torque_levels(LEVELS, beyond * top * NMM_PER_NM / rated_torque)
         stations = sum(len(course.crank.stations) if course.crank else 1 for course in courses)
         self._most_kept = KEPT_CURVES * stations
-        self._kept: dict[tuple, tuple[Drive, Backbone]] = {}
+        self._kept_drives: dict[tuple, tuple[Drive, Backbone]] = {}
         self._latest: tuple[Drive | None, Backbone | None] = None, None
-        self._preloaded: dict[tuple, Backbone] = {}
+        self._preloaded_backbones: dict[tuple, Backbone] = {}
 
     def backbone(self, drive: Drive) -> Backbone:
         """The frictionless curve of a drive, without its torsion.
@@ -86,19 +97,19 @@ class Forward:
             id(drive.compliance),
             drive.bearing,
         )
-        if key not in self._kept:
-            if len(self._kept) > self._most_kept:
-                self._kept.clear()
-            self._kept[key] = drive, self._solved(drive)
-        self._latest = drive, self._kept[key][1]
-        return self._kept[key][1]
+        if key not in self._kept_drives:
+            if len(self._kept_drives) > self._most_kept:
+                self._kept_drives.clear()
+            self._kept_drives[key] = drive, self._solve_backbone(drive)
+        self._latest = drive, self._kept_drives[key][1]
+        return self._kept_drives[key][1]
 
-    def _solved(self, drive: Drive) -> Backbone:
+    def _solve_backbone(self, drive: Drive) -> Backbone:
         """The curve of a drive that is not kept; preload is sought from the latest at its crank angle."""
-        alike = drive.reducer.crank, drive.gap.shape
-        curve = backbone(drive.without_elements, self.shares, self._preloaded.get(alike))
+        kind = drive.reducer.crank, drive.gap.shape
+        curve = backbone(drive.without_elements, self.shares, self._preloaded_backbones.get(kind))
         if curve.is_preloaded:
-            self._preloaded[alike] = curve
+            self._preloaded_backbones[kind] = curve
         return curve
 
     def read(self, drives: Drive | Drives, position: int, instrument: Instrument) -> Reading:
@@ -107,23 +118,23 @@ class Forward:
         stations = drives if isinstance(drives, tuple) else (drives,)
         curves = [self.backbone(drive) for drive in stations]
         sound = all(
-            np.count_nonzero(curve.states.residual > UNSOUND) <= UNSOUND_SHARE * curve.states.residual.size
+            np.count_nonzero(curve.states.residual > LARGEST_RESIDUAL) <= UNSOUND_SHARE * curve.states.residual.size
             for curve in curves
         )
         torques = instrument.true_torque(course.torque), instrument.true_torque(course.cell_torques)
         if course.crank is not None:
-            path, angle, place, followed = locked_path(stations, course, curves, instrument.ripple, torques)
+            path, angle, place, is_followed = locked_path(stations, course, curves, instrument.ripple, torques)
         else:
             elastic = Elastic(stations[0], curves[0])
-            path, followed = load_path(stations[0], course, curves[0], elastic, instrument.ripple, torques)
+            path, is_followed = load_path(stations[0], course, curves[0], elastic, instrument.ripple, torques)
             angle, place = path.angle, course.encoder_place
             if stations[0].hystereses:
-                angle = angle + remembered(stations[0], course, elastic.at(0), path, torques)
+                angle = angle + memory_twist(stations[0], course, elastic.curve_of_state(0), path, torques)
         read = ARCMIN * angle + instrument.drift * course.time / SECONDS_AN_HOUR
         if any(instrument.encoder):
             turns = course.encoder_turns * angle + place
             read += instrument.encoder[0] * np.cos(turns) + instrument.encoder[1] * np.sin(turns)
-        return Reading(read, ARCMIN * NMM_PER_NM * path.slope, path.carried, sound and followed)
+        return Reading(read, ARCMIN * NMM_PER_NM * path.slope, path.carried_torque, sound and is_followed)
 
     def interpolation_error(self, drives: Drives, position: int) -> float:
         """Error [arcmin] of the angle between the crank angles of a position, as ``CurvesOverCrank.error`` has it."""
@@ -146,13 +157,13 @@ class Forward:
 
         None where the two differ in more.
         """
-        before = drives if isinstance(drives, tuple) else (drives,)
-        after = neighbours if isinstance(neighbours, tuple) else (neighbours,)
-        pairs = list(zip(before, after, strict=True))
+        drives_before = drives if isinstance(drives, tuple) else (drives,)
+        drives_after = neighbours if isinstance(neighbours, tuple) else (neighbours,)
+        pairs = list(zip(drives_before, drives_after, strict=True))
         if not all(_alike_but_for_springs(*pair) for pair in pairs):
             return None
         values = [self.backbone(drive).change(drive, neighbour)[..., None] for drive, neighbour in pairs]
-        return self._at_cells(before, position, carried_torque, values)[:, 0]
+        return self._at_cells(drives_before, position, carried_torque, values)[:, 0]
 
     def _at_cells(self, stations: Drives, position: int, carried_torque: Real, values: Sequence[Real]) -> Real:
         """Values of each station's backbone (n, n_nodes, k) [rad] at ``carried_torque`` (n_cells,), as the angle reads.
@@ -178,8 +189,8 @@ class Forward:
             ]
         )
         slope = np.sum(motion.shares * np.gradient(held, motion.stations, axis=1), axis=1)
-        joined = np.einsum("cs,sck->ck", motion.shares, np.array(at_stations))
-        return np.asarray(joined / (1 + motion.ratio * slope)[:, None])
+        change_of_cells = np.einsum("cs,sck->ck", motion.shares, np.array(at_stations))
+        return np.asarray(change_of_cells / (1 + motion.ratio * slope)[:, None])
 
     def _at_torques(self, drive: Drive, position: int, carried_torque: Real, values: Real) -> Real:
         """Values (n, n_nodes, k) [rad] of a backbone at ``carried_torque`` (n_cells,): (n_cells, k) [arcmin]."""
@@ -195,5 +206,5 @@ class Forward:
 
 def _alike_but_for_springs(drive: Drive, neighbour: Drive) -> bool:
     """Whether two drives have the same contacts and the same elements but for springs without memory."""
-    others = (tuple(e for e in d.elements if not isinstance(e, Spring)) for d in (drive, neighbour))
-    return same(*others) and np.array_equal(drive.reducer.contact_jacobian, neighbour.reducer.contact_jacobian)
+    other_elements = (tuple(e for e in d.elements if not isinstance(e, Spring)) for d in (drive, neighbour))
+    return same(*other_elements) and np.array_equal(drive.reducer.contact_jacobian, neighbour.reducer.contact_jacobian)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.identification.fitting.cell_torques import followed_torques
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.data import Data
-from pipeline.identification.generic.play_and_friction import TERMS, PlayAndFriction, TorqueCells, fitted
+from pipeline.identification.generic.play_and_friction import TERMS, PlayAndFriction, TorqueCells, fit_play_and_friction
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
 from pipeline.identification.selection.criteria import FEWEST_BLOCKS, LEFT
@@ -174,7 +174,7 @@ def _verdict(errors: Mapping[str, AngleError], claims: bool) -> str:
 
 def _fit(data: Data, torque: Real, training: Truth, terms: frozenset[str]) -> PlayAndFriction:
     cells = TorqueCells(data.position, data.group, torque, data.angle, data.sigma, float(np.max(np.abs(data.torque))))
-    return fitted(cells, training, terms)
+    return fit_play_and_friction(cells, training, terms)
 
 
 def _predicted(measurement: Measurement, data: Data, splits: list[tuple[Truth, Truth]], terms: frozenset[str]) -> Real:

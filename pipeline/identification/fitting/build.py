@@ -17,7 +17,7 @@ from pipeline.identification.bench.course import Course, CrankMotion
 from pipeline.identification.bench.simulator import BEYOND, Forward
 from pipeline.identification.fitting.cell_torques import within_cells
 from pipeline.identification.fitting.cells_in_noise import data_of
-from pipeline.identification.fitting.offered import offered
+from pipeline.identification.fitting.offered import met_needs
 from pipeline.identification.fitting.problem import PriorModes, Problem, first_states
 from pipeline.identification.fitting.scaled_drives import drives_of
 from pipeline.identification.fitting.stations import Stations, stations_of
@@ -34,7 +34,7 @@ from pipeline.sampling import draw, draw_as_measured, usual_beside
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
-MESHED = ("cycloid.", "disk.bore_radius_mm", "housing.")
+MESHED_SECTIONS = ("cycloid.", "disk.bore_radius_mm", "housing.")
 """Calibrated numbers that a fit leaves alone: each value would need its own mesh."""
 MEASURED_UM = 0.3
 """Standard uncertainty of a measured dimension, its part common to all pins and its own part alike."""
@@ -46,13 +46,13 @@ RESOLUTION = 0.2
 """Share of the noise floor below which a mode of the tolerances is left out."""
 
 
-def refitted(design: Design) -> tuple[str, ...]:
+def refittable_keys(design: Design) -> tuple[str, ...]:
     """Keys of the calibrated numbers that can be refitted without a new mesh."""
     return tuple(
         sorted(
             key
             for key, provenance in design.provenance.items()
-            if provenance.status == "calibrated" and not key.startswith(MESHED)
+            if provenance.status == "calibrated" and not key.startswith(MESHED_SECTIONS)
         )
     )
 
@@ -82,25 +82,25 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     stations = stations_of(measurement)
     courses = [_course(measurement, states, stations, position, visible_cells) for position in range(len(rows.cranks))]
     at_stations = [conditions[p] for p, numbers in enumerate(stations.of_position) for _ in numbers]
-    keys = refitted(study.design)
-    measured, population_errors = unit.dimensions, _population(study, unit.dimensions)
-    usual = None if measured is None else one_unit(study, usual_beside(study, measured))
-    sampled = _usual(population_errors) if usual is None else draw(usual, 0, 1)
-    drives = drives_of(study, keys, sampled, stations.cranks, compliances, at_stations)
-    rated = study.design.cycloid.rated_torque_Nm
-    nmm = assembly.NMM_PER_NM * rated
+    keys = refittable_keys(study.design)
+    case, population_errors = unit.dimensions, _population(study, unit.dimensions)
+    mean_study = None if case is None else one_unit(study, usual_beside(study, case))
+    sampled_errors = _mean_unit(population_errors) if mean_study is None else draw(mean_study, 0, 1)
+    drives = drives_of(study, keys, sampled_errors, stations.cranks, compliances, at_stations)
+    rated_torque = study.design.cycloid.rated_torque_Nm
+    nmm = assembly.NMM_PER_NM * rated_torque
     reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))
     stateless = Forward([course.without_states() for course in courses], nmm, reach)
     ranges = np.array([plausible_range(study.design, key).log for key in keys] + [LAWS.log] * 2).T
     by_state = Forward(courses, nmm, reach)
     nominal = first_states([drives((1.0,) * ranges.shape[1], station) for station in range(len(stations.cranks))])
     errors = assembly.errors(population_errors)
-    errors = _measured(errors) if measured else errors
+    errors = _indistinguishable_errors(errors) if case else errors
     population = [drive.with_errors(errors).gap for drive in nominal]
     curves = [stateless.backbone(drive) for drive in nominal]
     nodes = _asked_nodes(measurement, curves[0].torque)
     influences = tuple(curve.influence[0][nodes] for curve in curves)
-    components = PriorModes.of(population, influences)
+    components = PriorModes.from_population(population, influences)
 
     def trained_on(training: Truth) -> Problem:
         data = data_of(measurement, training)
@@ -114,22 +114,22 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
             forward_by_state=by_state,
             stations=stations.of_position,
             drives=drives,
-            calibrated=keys,
+            calibrated_keys=keys,
             scale_range=ranges,
             modes=modes,
             influences=influences,
             compliances=tuple(compliances),
             conditions=tuple(at_stations),
-            offered=offered(measurement, training),
-            rated_torque=rated,
-            usual=sampled,
-            modes_of_errors=lambda amounts: _combined(errors, amounts @ weights),
+            met_needs=met_needs(measurement, training),
+            rated_torque=rated_torque,
+            mean_unit=sampled_errors,
+            modes_of_errors=lambda amounts: _combined_errors(errors, amounts @ weights),
         )
 
     return trained_on(visible_cells)
 
 
-def _combined(population: Errors, amounts: Real) -> Errors:
+def _combined_errors(population: Errors, amounts: Real) -> Errors:
     """Deviations [mm] of a combination of units, with so much (n_units,) of each, from their mean."""
     return Errors(**{name: np.tensordot(amounts, v - v.mean(axis=0), axes=1) for name, v in vars(population).items()})
 
@@ -176,20 +176,20 @@ def _states(measurement: Measurement) -> tuple[list[NDArray[np.int64]], list[Con
     return states, conditions
 
 
-def _rise(cells: Cells, cycles: NDArray[np.int64], chosen: Truth, drawing_C: float) -> Real:
+def _rise(cells: Cells, cycles: NDArray[np.int64], is_chosen: Truth, drawing_C: float) -> Real:
     """Temperature over that of the drawing (n_cycles,) [K], mean of the chosen cells; 0 where it was not measured."""
     rise = np.zeros(len(cycles))
     for number, cycle in enumerate(cycles):
-        temperature = cells.temperature_mean[chosen & (cells.cycle == cycle)]
+        temperature = cells.temperature_mean[is_chosen & (cells.cycle == cycle)]
         if np.any(np.isfinite(temperature)):
             rise[number] = np.nanmean(temperature) - drawing_C
     return rise
 
 
-def _reach(courses: Sequence[Course], trained: NDArray[np.int64]) -> float:
+def _reach(courses: Sequence[Course], training_positions: NDArray[np.int64]) -> float:
     """Largest torque [N m] that the curves are solved for: that of trained positions, unless others go far beyond."""
     tops = np.array([np.max(np.abs(course.torque)) for course in courses])
-    top = float(np.max(tops[trained]))
+    top = float(np.max(tops[training_positions]))
     return top if np.max(tops) <= BEYOND * top else float(np.max(tops))
 
 
@@ -199,9 +199,11 @@ def _course(
     unit, cells, turns = measurement.unit, measurement.cells, measurement.history
     of_position = cells.position == position
     crank, lobes = np.radians(measurement.drive_cranks[position]), unit.study.design.cycloid.lobes
-    timed = bool(np.all(np.isfinite(cells.time_mean)))
+    has_times = bool(np.all(np.isfinite(cells.time_mean)))
     time = (
-        cells.time_mean[of_position] - np.min(cells.time_mean[visible]) if timed else np.zeros(int(of_position.sum()))
+        cells.time_mean[of_position] - np.min(cells.time_mean[visible])
+        if has_times
+        else np.zeros(int(of_position.sum()))
     )
     at_input = unit.settings.locked == "output"
     return Course(
@@ -226,12 +228,12 @@ def _crank_motion(measurement: Measurement, stations: Stations, position: int) -
     return CrankMotion(
         stations=np.radians(stations.cranks[numbers.start : numbers.stop]),
         ratio=float(settings.ratio or 0.0),
-        cells=stations.measured[measurement.cells.position == position],
+        cells=stations.measured_crank[measurement.cells.position == position],
         at_input=settings.torque_at == "input",
     )
 
 
-def _measured(errors: Errors) -> Errors:
+def _indistinguishable_errors(errors: Errors) -> Errors:
     """Units (POPULATION) that measuring the dimensions cannot tell from these."""
     rng = np.random.default_rng(POPULATION)
     unit = assembly.MM_PER_UM * MEASURED_UM
@@ -243,15 +245,15 @@ def _measured(errors: Errors) -> Errors:
     return Errors(**{name: spread(values) for name, values in vars(errors).items()})
 
 
-def _population(study: Study, measured: Case | None = None) -> SampledErrors:
+def _population(study: Study, case: Case | None = None) -> SampledErrors:
     """Errors [um] of units as the study's tolerances make them; with the dimensions that were measured of one."""
     samples = study.samples.model_copy(
         update={"experiment": "monte_carlo", "count": POPULATION, "nominal_first": False}
     )
-    drawn = study.model_copy(update={"samples": samples, "cases": ()})
-    return draw(drawn, 0, POPULATION) if measured is None else draw_as_measured(drawn, measured, 0, POPULATION)
+    drawn_study = study.model_copy(update={"samples": samples, "cases": ()})
+    return draw(drawn_study, 0, POPULATION) if case is None else draw_as_measured(drawn_study, case, 0, POPULATION)
 
 
-def _usual(population: SampledErrors) -> SampledErrors:
+def _mean_unit(population: SampledErrors) -> SampledErrors:
     """The mean unit, about which the modes of the tolerances stand: one-sided tolerances move it from the nominal."""
     return SampledErrors(**{name: values.mean(axis=0, keepdims=True) for name, values in vars(population).items()})

@@ -28,9 +28,9 @@ def within_cells(measurement: Measurement, numbers: NDArray[np.intp]) -> Real:
         first_row, cells.count[numbers], ends.min(axis=1), ends.max(axis=1), strict=True
     ):
         torque = np.sort(rows.torque[usable[start : start + count]])
-        before, first_place = _end(torque[1] - torque[0], torque[0] - lowest)
-        after, final_place = _end(torque[-1] - torque[-2], highest - torque[-1])
-        known_torque = np.concatenate([[torque[0] - before], torque, [torque[-1] + after]])
+        torque_before, first_place = _end(torque[1] - torque[0], torque[0] - lowest)
+        torque_after, final_place = _end(torque[-1] - torque[-2], highest - torque[-1])
+        known_torque = np.concatenate([[torque[0] - torque_before], torque, [torque[-1] + torque_after]])
         inner_places = np.arange(1, count - 1) + 0.5
         places = np.concatenate([[0.0, first_place], inner_places, [count - final_place, count]]) / count
         edges.append(np.interp(shares, places, known_torque))

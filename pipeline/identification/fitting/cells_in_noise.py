@@ -106,16 +106,16 @@ def _of_turns(measurement: TurningMeasurement, training: Truth) -> TurningData:
 
 def _slopes(cells: Cells) -> tuple[Real, Real]:
     """Largest slope [arcmin/(N m)] and distance [N m] of each cell to its neighbours, each (n_cells,)."""
-    linked = _linked(cells)
-    step = np.where(linked, np.abs(np.diff(cells.torque_mean)), 0.0)
-    interval = np.where(linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
+    is_linked = _is_linked(cells)
+    step = np.where(is_linked, np.abs(np.diff(cells.torque_mean)), 0.0)
+    interval = np.where(is_linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
     return _larger_beside(interval), _larger_beside(step)
 
 
-def _linked(cells: Cells) -> Truth:
+def _is_linked(cells: Cells) -> Truth:
     """Whether the torque goes on in its sense from each cell to the next (n_cells - 1,), through the end of a cycle."""
-    alike = (np.diff(cells.position) == 0) & (np.diff(cells.direction) == 0)
-    return np.array(alike & (np.diff(cells.torque_mean) * cells.direction[1:] > 0))
+    is_same_branch = (np.diff(cells.position) == 0) & (np.diff(cells.direction) == 0)
+    return np.array(is_same_branch & (np.diff(cells.torque_mean) * cells.direction[1:] > 0))
 
 
 def _larger_beside(of_links: Real) -> Real:
@@ -145,8 +145,8 @@ def jump_errors(cells: Cells, branch: Whole, training: Truth) -> Real:
     The mean tells where in the cell the angle jumped: to half a row, and as surely as the repeats of the jump scatter.
     Where a jump is no way through the play, or nothing repeats it, the scatter within the cell is its error.
     """
-    usual = np.median(cells.angle_spread[training & np.isfinite(cells.angle_spread)])
-    exceeding = np.sqrt(np.maximum(np.nan_to_num(cells.angle_spread) ** 2 - (JUMP * usual) ** 2, 0.0))
+    usual_spread = np.median(cells.angle_spread[training & np.isfinite(cells.angle_spread)])
+    exceeding = np.sqrt(np.maximum(np.nan_to_num(cells.angle_spread) ** 2 - (JUMP * usual_spread) ** 2, 0.0))
     height = exceeding / STEP_SCATTER
     top = np.zeros(len(cells))
     for position in np.unique(cells.position):
@@ -174,12 +174,12 @@ def place_errors(cells: Cells, jumps_within: Truth, torque_noise: float) -> Real
     cells reach to the middle of the two: ``PLACE`` of a row of each, and as many rows as the noise of the torque hides.
     Where a record ends or begins there, a jump of another branch tells the height.
     """
-    linked, step = _linked(cells), np.abs(np.diff(cells.torque_mean))
-    slope = np.where(linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
+    is_linked, step = _is_linked(cells), np.abs(np.diff(cells.torque_mean))
+    slope = np.where(is_linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
     usual_slope = np.maximum(np.append(slope[1:], 0.0), np.append(0.0, slope[:-1]))
-    apart = linked & (usual_slope > 0) & ~(jumps_within[:-1] | jumps_within[1:])
-    height = np.where(apart, (slope - usual_slope) * step, 0.0)
-    is_end = ~(np.append(linked, False) & np.append(False, linked))
+    is_smooth = is_linked & (usual_slope > 0) & ~(jumps_within[:-1] | jumps_within[1:])
+    height = np.where(is_smooth, (slope - usual_slope) * step, 0.0)
+    is_end = ~(np.append(is_linked, False) & np.append(False, is_linked))
     errors = np.zeros(len(cells))
     for position in np.unique(cells.position):
         at_position = cells.position == position
@@ -187,11 +187,11 @@ def place_errors(cells: Cells, jumps_within: Truth, torque_noise: float) -> Real
         for number in np.flatnonzero(at_position[:-1] & (height > PLAY_SHARE * top)):
             pair = slice(number, number + 2)
             distance = np.abs(cells.torque_mean - cells.torque_mean[pair].mean())
-            beside = at_position & (distance <= np.where(is_end, 1.5, 0.5) * step[number])
-            beside[pair] = True
+            is_beside = at_position & (distance <= np.where(is_end, 1.5, 0.5) * step[number])
+            is_beside[pair] = True
             hidden_rows = torque_noise * cells.count[pair].mean() / step[number]
-            error = height[number] * np.hypot(PLACE, hidden_rows) / cells.count[beside]
-            errors[beside] = np.maximum(errors[beside], np.minimum(error, height[number]))
+            error = height[number] * np.hypot(PLACE, hidden_rows) / cells.count[is_beside]
+            errors[is_beside] = np.maximum(errors[is_beside], np.minimum(error, height[number]))
     return errors
 
 
@@ -202,9 +202,9 @@ def _repeated_jumps(cells: Cells, branch: Whole, training: Truth, height: Real) 
         blocks = [np.flatnonzero(in_branch & (cells.block == block)) for block in np.unique(cells.block[in_branch])]
         for block_before, second in zip(blocks[:-1], blocks[1:], strict=True):
             interval = np.abs(cells.torque_mean[second] - cells.torque_mean[block_before][:, None])
-            nearest = np.argmin(interval, axis=1)
-            distance = cells.angle_mean[second][nearest] - cells.angle_mean[block_before]
+            nearest_jump = np.argmin(interval, axis=1)
+            distance = cells.angle_mean[second][nearest_jump] - cells.angle_mean[block_before]
             distance -= np.median(distance)
             step = np.median(np.abs(np.diff(cells.torque_mean[block_before]))) if len(block_before) > 1 else np.inf
-            paired = (height[block_before] > 0) & (interval.min(axis=1) < step)
-            yield from (distance[paired] / height[block_before][paired]).tolist()
+            is_paired = (height[block_before] > 0) & (interval.min(axis=1) < step)
+            yield from (distance[is_paired] / height[block_before][is_paired]).tolist()

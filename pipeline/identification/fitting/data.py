@@ -118,11 +118,11 @@ class Data:
         """Why an effect cannot be tested, by what it needs and the data lack."""
         return SHORTFALLS
 
-    def offsets(self, angle: Real, fitted: NDArray[np.bool_], sigma: Real) -> Real:
+    def offsets(self, angle: Real, is_fitted: NDArray[np.bool_], sigma: Real) -> Real:
         """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
         offsets, weight = np.zeros(len(self)), 1 / sigma**2
         for in_group in self.groups:
-            use = in_group & fitted if np.any(in_group & fitted) else in_group
+            use = in_group & is_fitted if np.any(in_group & is_fitted) else in_group
             use = use & np.isfinite(angle)
             if np.any(use):
                 offsets[in_group] = np.sum(weight[use] * (self.angle - angle)[use]) / np.sum(weight[use])

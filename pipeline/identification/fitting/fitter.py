@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Drives, Forward
 from pipeline.identification.fitting.least_squares import Descent
-from pipeline.identification.fitting.parameters import Fit, Prediction, Vector, mapped
+from pipeline.identification.fitting.parameters import Fit, Prediction, Vector, values_at_shares
 from pipeline.identification.fitting.problem import Model, Problem, first_states
 
 Real = NDArray[np.float64]
@@ -57,13 +57,17 @@ class Fitter:
         problem, scales = self.problem, tuple(np.exp(unknowns.scales))
         numbers = self.positions if positions is None else positions
         stations = [station for position in numbers for station in problem.stations[position]]
-        declared = [problem.drives(scales, station) for station in stations]
-        shifted = [
+        declared_drives = [problem.drives(scales, station) for station in stations]
+        shifted_drives = [
             drive.with_added_gap(unknowns.modes @ problem.modes[station]) if problem.n_modes else drive
-            for station, drive in zip(stations, declared if model.by_state else first_states(declared), strict=True)
+            for station, drive in zip(
+                stations, declared_drives if model.by_state else first_states(declared_drives), strict=True
+            )
         ]
         conditions = [problem.conditions[station] for station in stations]
-        put, instrument = model.put(shifted, conditions, mapped(self.bounds(model), unknowns.shares).tolist())
+        put, instrument = model.put(
+            shifted_drives, conditions, values_at_shares(self.bounds(model), unknowns.shares).tolist()
+        )
         by_station = dict(zip(stations, put, strict=True))
         return {number: tuple(by_station[k] for k in problem.stations[number]) for number in numbers}, instrument
 
@@ -80,12 +84,12 @@ class Fitter:
         for position in self.positions if positions is None else positions:
             of_position = data.position == position
             reading = forward.read(drives[position], position, instrument)
-            angle[of_position], carried_torque[of_position] = reading.angle, reading.carried
+            angle[of_position], carried_torque[of_position] = reading.angle, reading.carried_torque
             sound = sound and reading.sound and bool(np.all(np.isfinite(reading.angle)))
             if modes and problem.n_modes:
                 modes_of_stations = tuple(problem.modes[station] for station in problem.stations[position])
                 influence[of_position] = forward.influence(
-                    drives[position], position, reading.carried, modes_of_stations
+                    drives[position], position, reading.carried_torque, modes_of_stations
                 )
         return Prediction(angle, influence, carried_torque, sound)
 
@@ -114,50 +118,50 @@ class Fitter:
             angle_change = None
             if instrument == moved_instrument and not instrument.ripple.amplitude:
                 angle_change = self.forward(model).change(
-                    drives[position], moved_drives[position], position, prediction.carried[of_position]
+                    drives[position], moved_drives[position], position, prediction.carried_torque[of_position]
                 )
             if angle_change is None:
                 return self.predict(model, moved_unknowns, positions).angle - prediction.angle
             change[of_position] = angle_change
         return change
 
-    def centred(self, values: Real, weight: Real) -> Real:
+    def centred_values(self, values: Real, weight: Real) -> Real:
         """Values (n, ...) less their weighted mean over the cells that share an offset."""
         centred_values = values - 0.0
         for group in self.problem.data.spans:
-            weighted = weight[group] > 0
-            if np.any(weighted):
-                group_weight = weight[group][weighted]
-                centred_values[group] -= group_weight @ values[group][weighted] / group_weight.sum()
+            has_weight = weight[group] > 0
+            if np.any(has_weight):
+                group_weight = weight[group][has_weight]
+                centred_values[group] -= group_weight @ values[group][has_weight] / group_weight.sum()
         return centred_values
 
-    def offsets(self, angle: Real, fitted: Truth, sigma: Real) -> Real:
+    def offsets(self, angle: Real, is_fitted: Truth, sigma: Real) -> Real:
         """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
-        return self.problem.data.offsets(angle, fitted, sigma)
+        return self.problem.data.offsets(angle, is_fitted, sigma)
 
     def fit(
         self,
         model: Model,
-        fitted: Truth,
+        is_fitted: Truth,
         start: Vector,
         iterations: int = ITERATIONS,
         base_fit: Fit | None = None,
     ) -> Fit:
-        """Least squares over the cells ``fitted`` (n_cells,) by Levenberg and Marquardt, from ``start``.
+        """Least squares over the cells ``is_fitted`` (n_cells,) by Levenberg and Marquardt, from ``start``.
 
         Derivatives by the scales are taken over from ``base_fit`` and from step to step while scales hardly move.
         """
-        descent = Descent(self, model, fitted, start, base_fit)
+        descent = Descent(self, model, is_fitted, start, base_fit)
         descent.run(iterations)
-        unknowns = descent.now
-        predicted, _, _, sound = self.predict(model, unknowns)
+        unknowns = descent.unknowns
+        predicted_angle, _, _, sound = self.predict(model, unknowns)
         if not np.isfinite(descent.cost):
-            predicted, sound = np.full(len(predicted), np.nan), False
+            predicted_angle, sound = np.full(len(predicted_angle), np.nan), False
         return Fit(
             model,
             unknowns,
-            mapped(self.bounds(model), unknowns.shares),
-            predicted + self.offsets(predicted, fitted, descent.sigma),
+            values_at_shares(self.bounds(model), unknowns.shares),
+            predicted_angle + self.offsets(predicted_angle, is_fitted, descent.sigma),
             descent.in_noise if np.isfinite(descent.cost) else np.inf,
             descent.jacobian,
             descent.sigma,
@@ -208,5 +212,5 @@ class Fitter:
             flat[k] += step
             columns.append(self._change(model, base, unknowns.like(flat), prediction, positions) / step)
         raw = np.column_stack([*columns, prediction.influence]) if columns else prediction.influence
-        jacobian = self.centred(np.nan_to_num(raw), weight)
+        jacobian = self.centred_values(np.nan_to_num(raw), weight)
         return jacobian, (unknowns.scales if usable is None else usable[0], jacobian)

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
-SETTLED = 0.02
+SETTLED_CHANGE = 0.02
 """Fall of the sum of squares, in mean squares of a cell, at which a fit has settled: 0.14 standard deviations."""
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-6
 """Levenberg's damping at the start and at least, relative to the diagonal."""
-EASED, STIFFENED = 5.0, 8.0
+DAMPING_DECREASE, DAMPING_INCREASE = 5.0, 8.0
 """Factors of the damping after a step that falls, and after one that does not."""
-TRUSTED = 0.25
+TRUSTED_RATIO = 0.25
 """Share of the fall that derivatives promise from which the damping is eased (Fletcher, AERE report R 6799, 1971).
 Where contacts open and close, derivatives hold for short steps alone, and a longer one would be tried in vain."""
 SMALL = 1e-6
@@ -39,24 +39,24 @@ class Descent:
 
     Attributes
     ----------
-    now : unknowns.
-    at : prediction there.
+    unknowns : unknowns.
+    prediction : prediction there.
     sigma : (n_cells,) [arcmin] of the noise, and of what the form of the model misses.
     misfit : (n_fitted,) residuals of the cells fitted, offsets removed, in sigmas.
     jacobian : (n_cells, n_unknowns) [arcmin], offsets removed within the cells fitted.
     penalty, centre : (n_unknowns,) inverse standard deviations by which the unknowns are held, and where.
     """
 
-    def __init__(self, fitter: Fitter, model: Model, fitted: Truth, start: Vector, base_fit: Fit | None):
-        self.fitter, self.model, self.fitted = fitter, model, fitted
+    def __init__(self, fitter: Fitter, model: Model, is_fitted: Truth, start: Vector, base_fit: Fit | None):
+        self.fitter, self.model, self.is_fitted = fitter, model, is_fitted
         data = fitter.problem.data
-        self.positions = np.unique(data.position[fitted]).tolist()
+        self.positions = np.unique(data.position[is_fitted]).tolist()
         self.penalty, self.centre = fitter.penalty(start), fitter.centre(model, start)
-        self.repeats = _repeats(data, fitted)
+        self.repeats = _repeats(data, is_fitted)
         self.damping = FIRST_DAMPING
-        self.known = None if base_fit is None else (base_fit.unknowns.scales, base_fit.jacobian)
-        self.at = self._predicted(start)
-        self.now = start
+        self.base_slopes = None if base_fit is None else (base_fit.unknowns.scales, base_fit.jacobian)
+        self.prediction = self._predict(start)
+        self.unknowns = start
         self._weigh(data.sigma)
         self.jacobian = np.zeros((len(data), len(start.flat)))
         if np.isfinite(self.cost):
@@ -68,7 +68,7 @@ class Descent:
             self._weigh(self._with_form())
             fall = self._step()
             if fall < self.little and self.stale:
-                self.known = None
+                self.base_slopes = None
                 self._derive()
                 fall = self._step()
             if fall > 0.0:
@@ -79,7 +79,7 @@ class Descent:
     @property
     def little(self) -> float:
         """Fall of the sum of squares that is none."""
-        return SETTLED * max(self.cost / max(len(self.misfit), 1), SMALL)
+        return SETTLED_CHANGE * max(self.cost / max(len(self.misfit), 1), SMALL)
 
     def _with_form(self) -> Real:
         """Standard deviation of every cell with what the form of the model misses, alike over the rows of the cells.
@@ -89,9 +89,9 @@ class Descent:
         as one.
         """
         data = self.fitter.problem.data
-        noise = data.sigma[self.fitted] ** 2
-        square = (self.misfit * self.sigma[self.fitted]) ** 2
-        spread = (np.mean(data.count) / data.count)[self.fitted]
+        noise = data.sigma[self.is_fitted] ** 2
+        square = (self.misfit * self.sigma[self.is_fitted]) ** 2
+        spread = (np.mean(data.count) / data.count)[self.is_fitted]
         low, high = 0.0, float(np.mean(square / spread))
         if np.mean(square / noise) <= 1.0:
             return data.sigma
@@ -106,80 +106,82 @@ class Descent:
     def _weigh(self, sigma: Real) -> None:
         """Give the cells their weights."""
         self.sigma = sigma
-        self.weight = np.where(self.fitted, 1 / sigma**2, 0.0)
-        self.root = np.sqrt(self.weight[self.fitted])
-        self.misfit = self._misfit(self.at.angle)
-        self.cost = self._cost(self.misfit, self.now)
+        self.weight = np.where(self.is_fitted, 1 / sigma**2, 0.0)
+        self.root = np.sqrt(self.weight[self.is_fitted])
+        self.misfit = self._misfit(self.prediction.angle)
+        self.cost = self._cost(self.misfit, self.unknowns)
 
     @property
     def in_noise(self) -> float:
         """Sum of squares in sigmas of the noise alone, and of the priors: it compares models."""
-        misfit = self.misfit * (self.sigma / self.fitter.problem.data.sigma)[self.fitted]
-        return self._cost(misfit, self.now)
+        misfit = self.misfit * (self.sigma / self.fitter.problem.data.sigma)[self.is_fitted]
+        return self._cost(misfit, self.unknowns)
 
     def _step(self) -> float:
         """Fall of the sum of squares by the first damped step that falls; 0 where none does."""
-        rows = self.fitter.centred(self.jacobian, self.weight)[self.fitted] * self.root[:, None]
+        rows = self.fitter.centred_values(self.jacobian, self.weight)[self.is_fitted] * self.root[:, None]
         hessian = rows.T @ rows + np.diag(self.penalty**2)
-        gradient = rows.T @ self.misfit - self.penalty**2 * (self.now.flat - self.centre)
-        free = self.now.free(gradient)
+        gradient = rows.T @ self.misfit - self.penalty**2 * (self.unknowns.flat - self.centre)
+        is_free = self.unknowns.is_free(gradient)
         for _ in range(TRIES):
-            step = damped_step(hessian, gradient, free, self.damping, self.now.room)
+            step = damped_step(hessian, gradient, is_free, self.damping, self.unknowns.room)
             expected_fall = step @ (2 * gradient - hessian @ step)
             if expected_fall < self.little:
                 return 0.0
-            trial = self.now.like(self.now.flat + step)
-            trial_prediction = self._predicted(trial)
+            trial = self.unknowns.like(self.unknowns.flat + step)
+            trial_prediction = self._predict(trial)
             misfit = self._misfit(trial_prediction.angle)
             cost = self._cost(misfit, trial)
             if np.isfinite(cost) and cost < self.cost:
                 fall = self.cost - cost
-                self.now, self.at, self.misfit, self.cost = trial, trial_prediction, misfit, cost
-                if fall > TRUSTED * expected_fall:
-                    self.damping = max(self.damping / EASED, LEAST_DAMPING)
+                self.unknowns, self.prediction, self.misfit, self.cost = trial, trial_prediction, misfit, cost
+                if fall > TRUSTED_RATIO * expected_fall:
+                    self.damping = max(self.damping / DAMPING_DECREASE, LEAST_DAMPING)
                 return fall
-            self.damping *= STIFFENED
+            self.damping *= DAMPING_INCREASE
         return 0.0
 
-    def _predicted(self, unknowns: Vector) -> Prediction:
+    def _predict(self, unknowns: Vector) -> Prediction:
         return self.fitter.predict(self.model, unknowns, self.positions, modes=True)
 
     def _misfit(self, angle: Real) -> Real:
-        return self.fitter.centred(self.fitter.problem.data.angle - angle, self.weight)[self.fitted] * self.root
+        return (
+            self.fitter.centred_values(self.fitter.problem.data.angle - angle, self.weight)[self.is_fitted] * self.root
+        )
 
     def _cost(self, misfit: Real, unknowns: Vector) -> float:
         with np.errstate(over="ignore", invalid="ignore"):  # an equilibrium that was not found
             return float(misfit @ misfit + np.sum((self.penalty * (unknowns.flat - self.centre)) ** 2))
 
     def _derive(self) -> None:
-        known_before = self.known
-        self.jacobian, self.known = self.fitter.jacobian(
-            self.model, self.now, self.at, self.positions, self.weight, known_before
+        known_before = self.base_slopes
+        self.jacobian, self.base_slopes = self.fitter.jacobian(
+            self.model, self.unknowns, self.prediction, self.positions, self.weight, known_before
         )
-        self.stale = known_before is not None and self.known[0] is known_before[0]
+        self.stale = known_before is not None and self.base_slopes[0] is known_before[0]
 
 
-def _repeats(data: Data, fitted: Truth) -> Real:
+def _repeats(data: Data, is_fitted: Truth) -> Real:
     """Cycles in which the branch of each cell (n_cells,) was fitted, at least one."""
-    pairs = np.unique(np.column_stack([data.branch, data.block])[fitted], axis=0)
+    pairs = np.unique(np.column_stack([data.branch, data.block])[is_fitted], axis=0)
     return np.maximum(np.bincount(pairs[:, 0], minlength=int(data.branch.max()) + 1)[data.branch], 1.0)
 
 
-def damped_step(hessian: Real, gradient: Real, free: Truth, damping: float, room: tuple[Real, Real]) -> Real:
-    """Levenberg and Marquardt's step (n_unknowns,) of the ``free`` unknowns; the others stay.
+def damped_step(hessian: Real, gradient: Real, is_free: Truth, damping: float, room: tuple[Real, Real]) -> Real:
+    """Levenberg and Marquardt's step (n_unknowns,) of the ``is_free`` unknowns; the others stay.
 
     An unknown that would leave its ``room`` (least and largest step, each (n_unknowns,)) stops there, and the others
     step on with it.
     """
-    step, free = np.zeros_like(gradient), free.copy()
-    scaled = hessian + damping * np.diag(np.maximum(np.diag(hessian), 1e-12))
-    while np.any(free):
-        right = gradient[free] - scaled[np.ix_(free, ~free)] @ step[~free]
-        step[free] = np.linalg.solve(scaled[np.ix_(free, free)], right)
-        clipped = np.clip(step, *room)
-        at_bound = free & (clipped != step)
-        step = clipped
+    step, is_free = np.zeros_like(gradient), is_free.copy()
+    damped_hessian = hessian + damping * np.diag(np.maximum(np.diag(hessian), 1e-12))
+    while np.any(is_free):
+        right_side = gradient[is_free] - damped_hessian[np.ix_(is_free, ~is_free)] @ step[~is_free]
+        step[is_free] = np.linalg.solve(damped_hessian[np.ix_(is_free, is_free)], right_side)
+        clipped_step = np.clip(step, *room)
+        at_bound = is_free & (clipped_step != step)
+        step = clipped_step
         if not np.any(at_bound):
             break
-        free &= ~at_bound
+        is_free &= ~at_bound
     return step

@@ -30,23 +30,23 @@ def crank_loops(measurement: Measurement, largest_torque: float = np.inf) -> Cra
     unit, cells, rows = measurement.unit, measurement.cells, measurement.rows
     settings = unit.settings.crank
     torque = followed_torques(measurement)
-    known = np.radians(rows.cranks[cells.position]) if measurement.known_cranks else np.zeros(len(cells))
-    first = np.array([np.flatnonzero(rows.position == p)[0] for p in range(len(rows.cranks))])
-    turned, crank = 0.0, known
+    known_crank = np.radians(rows.cranks[cells.position]) if measurement.known_cranks else np.zeros(len(cells))
+    first_rows = np.array([np.flatnonzero(rows.position == p)[0] for p in range(len(rows.cranks))])
+    crank_per_output, crank = 0.0, known_crank
     if settings.moves == "follows_angle":
         assert settings.ratio is not None
-        turned = -settings.ratio * 2 * np.pi / REVOLUTION
+        crank_per_output = -settings.ratio * 2 * np.pi / REVOLUTION
     elif settings.moves == "column":
         column = _column(measurement, str(settings.column))
-        crank = known + np.radians(measurement.over_cells(column) - column[first][cells.position])
+        crank = known_crank + np.radians(measurement.over_cells(column) - column[first_rows][cells.position])
     return CrankLoops(
         position=cells.position,
         torque=torque,
         angle=cells.angle_mean,
         weight=cells.count / np.mean(cells.count) * (np.max(np.abs(torque), axis=1) <= largest_torque),
         crank=crank,
-        start=rows.angle[first][cells.position],
-        turned=turned,
+        start=rows.angle[first_rows][cells.position],
+        crank_per_output=crank_per_output,
         at_input=settings.torque_at == "input",
         ratio=settings.ratio or np.inf,
         behind_disk=1 - settings.twist_before_disk,

@@ -22,7 +22,7 @@ DWELL = 0.2
 """Time in which the torque stands still, over that of a usual branch, from which it is a dwell."""
 
 
-def offered(measurement: Measurement, training: Truth) -> frozenset[str]:
+def met_needs(measurement: Measurement, training: Truth) -> frozenset[str]:
     """What the training cells (n_cells,) have of what effects need."""
     if isinstance(measurement, TurningMeasurement):
         present = _of_turns(measurement, training)
@@ -70,8 +70,12 @@ def rate_changes(measurement: Measurement, training: Truth) -> bool:
     cells, history = measurement.cells, measurement.history
     rates, durations, extra = [], [], []
     for position in np.unique(cells.position[training]):
-        chosen = np.flatnonzero(training & (cells.position == position) & np.isfinite(cells.time_mean))
-        time, torque, leg = cells.time_mean[chosen], cells.torque_mean[chosen], history.leg[cells.block[chosen]]
+        cells_chosen = np.flatnonzero(training & (cells.position == position) & np.isfinite(cells.time_mean))
+        time, torque, leg = (
+            cells.time_mean[cells_chosen],
+            cells.torque_mean[cells_chosen],
+            history.leg[cells.block[cells_chosen]],
+        )
         travel = np.array(
             [
                 np.sum(np.abs(np.diff([start, *history.torque[position][leg_before + 1 : leg_after + 1], end])))

@@ -57,10 +57,10 @@ class Vector:
     @property
     def room(self) -> tuple[Real, Real]:
         """Least and largest step to the bounds, each (n_unknowns,)."""
-        unbounded = np.full(len(self.flat), np.inf)
-        return self.like(-unbounded).flat - self.flat, self.like(unbounded).flat - self.flat
+        no_bounds = np.full(len(self.flat), np.inf)
+        return self.like(-no_bounds).flat - self.flat, self.like(no_bounds).flat - self.flat
 
-    def free(self, gradient: Real) -> Truth:
+    def is_free(self, gradient: Real) -> Truth:
         """Unknowns (n_unknowns,) that do not stand at a bound that the gradient of a descent pushes against."""
         reach = self.flat + np.sign(gradient) * 1e-9
         return self.like(reach).flat != self.flat
@@ -73,13 +73,13 @@ class Prediction(NamedTuple):
     ----------
     angle : (n_cells,) without offsets [arcmin].
     influence : of the modes (n_cells, n_modes) [arcmin], zeros unless asked for.
-    carried : (n_cells,) torque in the reducer [N mm].
+    carried_torque : (n_cells,) torque in the reducer [N mm].
     sound : whether nearly every equilibrium was found.
     """
 
     angle: Real
     influence: Real
-    carried: Real
+    carried_torque: Real
     sound: bool
 
 
@@ -92,7 +92,7 @@ class Fit:
     model : its effects.
     unknowns : at the least sum of squares.
     values : (n_parameters,) of the effects, in their units.
-    predicted : (n_cells,) [arcmin] of all cells, offsets included; NaN at positions that were not asked for.
+    predicted_angle : (n_cells,) [arcmin] of all cells, offsets included; NaN at positions that were not asked for.
     cost : sum of squares over the cells fitted, in units of their sigma, priors included.
     jacobian : (n_cells, n_unknowns) [arcmin], offsets removed within the cells fitted.
     sigma : (n_cells,) [arcmin] by which the cells were weighted: their noise, and what the form of the model misses.
@@ -102,14 +102,14 @@ class Fit:
     model: Model
     unknowns: Vector
     values: Real
-    predicted: Real
+    predicted_angle: Real
     cost: float
     jacobian: Real
     sigma: Real
     sound: bool
 
 
-def mapped(bounds: Sequence[tuple[float, float]], shares: Real) -> Real:
+def values_at_shares(bounds: Sequence[tuple[float, float]], shares: Real) -> Real:
     """Parameters at shares of their bounds, even in the logarithm where these are positive and far apart."""
     return np.array(
         [
@@ -119,8 +119,8 @@ def mapped(bounds: Sequence[tuple[float, float]], shares: Real) -> Real:
     )
 
 
-def unmapped(bounds: Sequence[tuple[float, float]], values: Sequence[float]) -> Real:
-    """Shares of the bounds at which parameters stand; inverse of ``mapped``."""
+def shares_of_values(bounds: Sequence[tuple[float, float]], values: Sequence[float]) -> Real:
+    """Shares of the bounds at which parameters stand; inverse of ``values_at_shares``."""
     return np.array(
         [
             np.log(value / low) / np.log(high / low) if low > 0 and high / low > WIDE else (value - low) / (high - low)

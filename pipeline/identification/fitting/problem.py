@@ -48,16 +48,16 @@ class Problem:
     stations : per position, the numbers of its drives: one, or where the crank turns within the loop those of the crank
         angles that it goes through.
     drives : of the declared unit at scale factors (n_scales,) and the number of a station.
-    calibrated : keys of the design's calibrated numbers, whose scales come first.
+    calibrated_keys : keys of the design's calibrated numbers, whose scales come first.
     scale_range : (2, n_scales) logarithms of the factors between which each scale is plausible; scales after those of
         the calibrated numbers are of the force laws of pins and output.
     modes : patterns of gaps of the unmeasured tolerances per station (n_modes, n_contacts) [mm], of unit variance.
     influences : per station d angle / d gap along the frictionless curve (n_nodes, n_contacts) [rad/mm].
     compliances : per station, of the disks between the contacts as condensed (n_contacts, n_contacts) [mm/N].
     conditions : per station, of the states of its drive.
-    offered : what the data have of what effects need (``effects.effect``).
+    met_needs : what the data have of what effects need (``effects.effect``).
     rated_torque : [N m]
-    usual : dimensions of the unit without any mode [um], one sample.
+    mean_unit : dimensions of the unit without any mode [um], one sample.
     modes_of_errors : amounts of the modes (n_modes,) to deviations [mm] from the usual dimensions.
     """
 
@@ -68,15 +68,15 @@ class Problem:
     forward_by_state: Forward
     stations: tuple[range, ...]
     drives: Callable[[tuple[float, ...], int], Drive]
-    calibrated: tuple[str, ...]
+    calibrated_keys: tuple[str, ...]
     scale_range: Real
     modes: tuple[Real, ...]
     influences: tuple[Real, ...]
     compliances: tuple[Real, ...]
     conditions: tuple[Conditions, ...]
-    offered: frozenset[str]
+    met_needs: frozenset[str]
     rated_torque: float
-    usual: SampledErrors
+    mean_unit: SampledErrors
     modes_of_errors: Callable[[Real], Errors]
 
     @property
@@ -107,8 +107,8 @@ class Problem:
     @cached_property
     def interval(self) -> Mapping[str, float]:
         """Shortest times that are resolved: the usual one from cell to cell [s], and one cycle [1]."""
-        trained = np.unique(self.data.position[self.training])
-        steps = np.concatenate([np.diff(self.forward.courses[p].time) for p in trained])
+        training_positions = np.unique(self.data.position[self.training])
+        steps = np.concatenate([np.diff(self.forward.courses[p].time) for p in training_positions])
         return {TIME: float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0, CYCLES: 1.0}
 
     @cached_property
@@ -137,11 +137,11 @@ class Problem:
             return candidate.bounds(self.rated_torque, self.span, self.hours)
         bounds = candidate.bounds(self.nominal[0])
         return tuple(
-            self._resolved(parameter.record, *ends) if parameter.record else ends
+            self._time_constant_bounds(parameter.record, *ends) if parameter.record else ends
             for parameter, ends in zip(candidate.parameters, bounds, strict=True)
         )
 
-    def _resolved(self, record: str, low: float, high: float) -> tuple[float, float]:
+    def _time_constant_bounds(self, record: str, low: float, high: float) -> tuple[float, float]:
         """Bounds of a time constant: from the sampling interval to the length of the record."""
         shortest = float(np.clip(self.interval[record], low, high))
         return shortest, max(float(np.clip(self.record[record], low, high)), LEAST_RECORD * shortest)
@@ -172,11 +172,11 @@ class Problem:
 
     def why_not(self, candidate: Candidate, cells: NDArray[np.bool_] | None = None) -> str:
         """Why the data, or some cells (n_cells,) of them, cannot test an effect; empty if they can."""
-        offered_names = set(self.offered)
+        offered_names = set(self.met_needs)
         if cells is not None and len(np.unique(self.data.position[cells])) < FEWEST_CRANKS:
             offered_names.discard(CRANKS)
         reasons = [self.data.shortfalls[need] for need in sorted(candidate.needs - offered_names)]
-        one_zero = self.data.common_offset or MOVES in self.offered
+        one_zero = self.data.common_offset or MOVES in self.met_needs
         if isinstance(candidate, InstrumentEffect) and candidate.common_offset and not one_zero:
             reasons.append("every position has its own zero of the angle")
         return "; ".join(reasons)
@@ -189,8 +189,8 @@ def _curves(gaps: Sequence[Real], influences: Sequence[Real], one_zero: bool) ->
     """
     curves = [ARCMIN * gap @ influence.T for gap, influence in zip(gaps, influences, strict=True)]
     if one_zero:
-        joined = np.concatenate(curves, axis=1)
-        return joined - joined.mean(axis=1, keepdims=True)
+        curves_of_stations = np.concatenate(curves, axis=1)
+        return curves_of_stations - curves_of_stations.mean(axis=1, keepdims=True)
     return np.concatenate([curve - curve.mean(axis=1, keepdims=True) for curve in curves], axis=1)
 
 
@@ -283,7 +283,7 @@ class PriorModes:
     nodes: float
 
     @classmethod
-    def of(cls, gaps: Sequence[Real], influences: Sequence[Real]) -> PriorModes:
+    def from_population(cls, gaps: Sequence[Real], influences: Sequence[Real]) -> PriorModes:
         """The components of a population.
 
         Parameters
@@ -291,11 +291,13 @@ class PriorModes:
         gaps : per position (n_units, n_contacts) [mm], the same units at every position.
         influences : per station d angle / d gap at the nodes of the backbone (n_nodes, n_contacts) [rad/mm].
         """
-        centred = tuple(of_units - of_units.mean(axis=0) for of_units in gaps)
-        curves = np.concatenate([unit @ effect.T for unit, effect in zip(centred, influences, strict=True)], axis=1)
+        centred_gaps = tuple(of_units - of_units.mean(axis=0) for of_units in gaps)
+        curves = np.concatenate(
+            [unit @ effect.T for unit, effect in zip(centred_gaps, influences, strict=True)], axis=1
+        )
         # by bidiagonal QR: divide and conquer, the default, fails on some curves of fewer components than units
         units, sizes, _ = svd(ARCMIN * curves, full_matrices=False, lapack_driver="gesvd")
-        return cls(centred, units, sizes, curves.shape[1] / len(gaps))
+        return cls(centred_gaps, units, sizes, curves.shape[1] / len(gaps))
 
     def above(self, resolution: float) -> tuple[Real, ...]:
         """Patterns of gaps of unit variance, per position (n_modes, n_contacts) [mm]."""

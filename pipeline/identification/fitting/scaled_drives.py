@@ -79,7 +79,7 @@ def _same_gaps(drive: Drive, known_drive: Drive) -> bool:
     )
 
 
-def _repeated(errors: Errors, n: int) -> Errors:
+def _repeated_errors(errors: Errors, n: int) -> Errors:
     return Errors(**{name: np.repeat(values[:1], n, axis=0) for name, values in vars(errors).items()})
 
 
@@ -101,17 +101,17 @@ class _Part:
         content: Callable[[Any], bytes],
         cranks: Sequence[float],
     ):
-        declared = content(make(study, cranks[0]))
+        declared_content = content(make(study, cranks[0]))
         trials = (make(_scaled_study(study, [key], [TRIAL]), cranks[0]) for key in keys)
-        self.depends = [content(trial) != declared for trial in trials]
-        self.made = lru_cache(maxsize=KEPT_SCALES * len(cranks))(
+        self.depends = [content(trial) != declared_content for trial in trials]
+        self.cached_part = lru_cache(maxsize=KEPT_SCALES * len(cranks))(
             lambda numbers, crank_deg: make(_scaled_study(study, keys, numbers), crank_deg)
         )
 
-    def at(self, numbers: Scales, crank_deg: float) -> Any:
+    def part_at(self, numbers: Scales, crank_deg: float) -> Any:
         """The part at scales of the numbers."""
         scales = zip(numbers, self.depends, strict=True)
-        return self.made(tuple(scale if depends else 1.0 for scale, depends in scales), crank_deg)
+        return self.cached_part(tuple(scale if depends else 1.0 for scale, depends in scales), crank_deg)
 
 
 def _places(reducer: Reducer) -> bytes:
@@ -122,7 +122,7 @@ def _places(reducer: Reducer) -> bytes:
 def drives_of(
     study: Study,
     keys: Sequence[str],
-    sampled: SampledErrors,
+    sampled_errors: SampledErrors,
     cranks: Real,
     compliances: Sequence[Real],
     conditions: Sequence[Conditions],
@@ -131,19 +131,21 @@ def drives_of(
 
     Parameters
     ----------
-    sampled : errors of one unit [um].
+    sampled_errors : errors of one unit [um].
     cranks : (n_positions,) [degrees].
     compliances : per position, of the disks as condensed (n_contacts, n_contacts) [mm/N].
     conditions : per position, of its states.
     """
-    declared = (1.0,) * len(keys)
+    declared_scales = (1.0,) * len(keys)
     counts = [len(position.cycle) for position in conditions]
-    errors = [_repeated(assembly.errors(sampled), count) for count in counts]
-    clearances = [np.repeat(sampled.bearing_clearance, count, axis=0) for count in counts]
+    errors = [_repeated_errors(assembly.errors(sampled_errors), count) for count in counts]
+    clearances = [np.repeat(sampled_errors.bearing_clearance, count, axis=0) for count in counts]
     angles, kept_drives = cranks.tolist(), KEPT_SCALES * len(cranks)
-    reducers = _Part(study, keys, lambda drawn, crank: assembly.reducer(drawn.design, crank), _places, angles)
+    reducers = _Part(
+        study, keys, lambda scaled_study, crank: assembly.reducer(scaled_study.design, crank), _places, angles
+    )
     pins = _Part(study, keys, _laws_of_pins, _content, angles)
-    output = _Part(study, keys, lambda drawn, _: assembly.output_laws(drawn), _content, angles[:1])
+    output = _Part(study, keys, lambda scaled_study, _: assembly.output_laws(scaled_study), _content, angles[:1])
 
     @lru_cache(maxsize=kept_drives)
     def compliance(factor: float, position: int) -> Real:
@@ -151,17 +153,17 @@ def drives_of(
 
     @lru_cache(maxsize=kept_drives)
     def with_numbers(numbers: Scales, position: int) -> Drive:
-        refined = _scaled_study(study, keys, numbers)
+        refined_study = _scaled_study(study, keys, numbers)
         drive = drive_of(
-            refined,
+            refined_study,
             angles[position],
-            compliance(softness(refined.design) / softness(study.design), position),
+            compliance(softness(refined_study.design) / softness(study.design), position),
             errors[position],
-            assembly.bearing_clearance(refined.design, clearances[position]),
-            laws=concatenated_laws([pins.at(numbers, angles[position]), output.at(numbers, angles[0])]),
-            reducer=reducers.at(numbers, angles[position]),
+            assembly.bearing_clearance(refined_study.design, clearances[position]),
+            laws=concatenated_laws([pins.part_at(numbers, angles[position]), output.part_at(numbers, angles[0])]),
+            reducer=reducers.part_at(numbers, angles[position]),
         )
-        return _with_gaps(drive, None if numbers == declared else with_numbers(declared, position))
+        return _with_gaps(drive, None if numbers == declared_scales else with_numbers(declared_scales, position))
 
     @lru_cache(maxsize=4 * kept_drives)
     def drive(scales: Scales, position: int) -> Drive:

@@ -31,12 +31,12 @@ class Stations:
     ----------
     cranks : (n_stations,) [deg].
     of_position : their numbers, by position.
-    measured : (n_cells,) crank angle at each cell [rad], or of its position where the crank is held.
+    measured_crank : (n_cells,) crank angle at each cell [rad], or of its position where the crank is held.
     """
 
     cranks: Real
     of_position: tuple[range, ...]
-    measured: Real
+    measured_crank: Real
 
 
 def stations_of(measurement: Measurement) -> Stations:
@@ -56,12 +56,12 @@ def stations_of(measurement: Measurement) -> Stations:
     parts: list[Real] = []
     ranges = []
     for number in range(len(measurement.drive_cranks)):
-        turned = np.degrees(crank[positions == number])
-        reach = MARGIN * np.ptp(turned)
-        first, last = np.min(turned) - reach, np.max(turned) + reach
-        count = max(FEWEST_STATIONS, int(np.ceil((last - first) / step)) + 1)
+        crank_deg = np.degrees(crank[positions == number])
+        reach = MARGIN * np.ptp(crank_deg)
+        first_deg, last_deg = np.min(crank_deg) - reach, np.max(crank_deg) + reach
+        count = max(FEWEST_STATIONS, int(np.ceil((last_deg - first_deg) / step)) + 1)
         start = sum(map(len, parts))
-        parts.append(np.linspace(first, last, count))
+        parts.append(np.linspace(first_deg, last_deg, count))
         ranges.append(range(start, start + count))
     return Stations(np.concatenate(parts), tuple(ranges), crank)
 
@@ -77,15 +77,15 @@ def measured_cranks(measurement: Measurement) -> Real:
     settings = measurement.unit.settings.crank
     if settings.moves == "follows_angle":
         start = np.radians(measurement.drive_cranks)[loops.position] if not measurement.known_cranks else loops.crank
-        return np.asarray(start + loops.turned * (loops.angle - loops.start))
-    turned = -loops.ratio * np.pi / 10800 * (loops.angle - loops.start)
+        return np.asarray(start + loops.crank_per_output * (loops.angle - loops.start))
+    output_turn = -loops.ratio * np.pi / 10800 * (loops.angle - loops.start)
     for number in np.unique(loops.position):
         of_position = loops.position == number
-        off = np.ptp((loops.crank - turned)[of_position])
-        if off > FOLLOWS * np.ptp(turned[of_position]):
+        deviation = np.ptp((loops.crank - output_turn)[of_position])
+        if deviation > FOLLOWS * np.ptp(output_turn[of_position]):
             raise InputError(
                 f'{measurement.unit.name}/unit.toml: crank.column = "{settings.column}"; with a design and a locked '
                 f"output it must be the angle that is read times {-loops.ratio:g}; it differs by up to "
-                f"{np.degrees(off):.3g} deg at position {number}"
+                f"{np.degrees(deviation):.3g} deg at position {number}"
             )
     return loops.crank

@@ -88,7 +88,7 @@ class CrankEffect:
         }
 
 
-ONCE = ("pin_circle_runout", "flank_runout", "compliance_once", "play_once", "encoder_once")
+ONCE_PER_TURN = ("pin_circle_runout", "flank_runout", "compliance_once", "play_once", "encoder_once")
 CRANK_EFFECTS: Mapping[str, CrankEffect] = {
     "pin_circle_runout": CrankEffect(
         "run-out of the pin circle, or of the eccentric",
@@ -99,7 +99,7 @@ CRANK_EFFECTS: Mapping[str, CrankEffect] = {
         "off by the slope of that wave times the ratio",
         "angle",
         1,
-        ONCE,
+        ONCE_PER_TURN,
         "positions a quarter of an output turn apart (flank); an unloaded turn of the crank, which has no compliance",
     ),
     "flank_runout": CrankEffect(
@@ -109,7 +109,7 @@ CRANK_EFFECTS: Mapping[str, CrankEffect] = {
         "as the run-out of the pin circle, but that its phase moves by a quarter as the output turns by a quarter",
         "angle",
         1,
-        ONCE,
+        ONCE_PER_TURN,
         "positions a quarter of an output turn apart",
         per_disk=True,
     ),
@@ -120,7 +120,7 @@ CRANK_EFFECTS: Mapping[str, CrankEffect] = {
         "one wave over the crank angle, with no change of the torque",
         "reading",
         1,
-        ONCE,
+        ONCE_PER_TURN,
         "a second encoder, or reading its eccentricity at an uncoupled motor",
     ),
     "compliance_once": CrankEffect(
@@ -130,7 +130,7 @@ CRANK_EFFECTS: Mapping[str, CrankEffect] = {
         "loops at some positions are steeper at high torque than at others half a turn of the crank away",
         "compliance",
         1,
-        ONCE,
+        ONCE_PER_TURN,
         "an unloaded turn of the crank: no error there",
     ),
     "play_once": CrankEffect(
@@ -140,7 +140,7 @@ CRANK_EFFECTS: Mapping[str, CrankEffect] = {
         "the width at zero torque follows one wave over the positions",
         "play",
         1,
-        ONCE,
+        ONCE_PER_TURN,
         "loops of a tenth of the torque at positions over a whole turn of the crank",
     ),
     "pin_circle_ovality": CrankEffect(

@@ -90,7 +90,7 @@ class PlayAndFriction:
 
 
 @entry
-def carried(torque: Real, position: Whole, friction: float, share: float) -> Real:
+def carried_torque(torque: Real, position: Whole, friction: float, share: float) -> Real:
     """Torque (n_cells,) [N m] that the spring carries behind friction, from no torque at each position's start."""
     net, play_torque = np.empty(len(torque)), 0.0
     for k in range(len(torque)):
@@ -107,12 +107,14 @@ def spring_columns(torque: Real, position: Whole, friction: float, share: float,
     """What play, compliance and softening are multiplied by (n_cells, 3), of torques as those of ``TorqueCells``."""
     parts = torque.reshape(len(torque), -1)
     n = parts.shape[1]
-    net = carried(np.ravel(parts), np.repeat(position, n), friction, share).reshape(-1, n)
+    net = carried_torque(np.ravel(parts), np.repeat(position, n), friction, share).reshape(-1, n)
     crossing = 0.5 * np.clip(net / (CROSSING * top), -1, 1)
     return np.stack([crossing, net, net * np.abs(net)], axis=-1).mean(axis=1)
 
 
-def fitted(cells: TorqueCells, training: NDArray[np.bool_], terms: frozenset[str] = WITHOUT_ZERO) -> PlayAndFriction:
+def fit_play_and_friction(
+    cells: TorqueCells, training: NDArray[np.bool_], terms: frozenset[str] = WITHOUT_ZERO
+) -> PlayAndFriction:
     """Least squares over the ``training`` cells (n_cells,), each group with its own offset.
 
     Parameters
@@ -122,11 +124,11 @@ def fitted(cells: TorqueCells, training: NDArray[np.bool_], terms: frozenset[str
     dummies = (cells.group[:, None] == np.unique(cells.group)).astype(float)
     root = 1 / cells.sigma[training]
     angle = cells.angle[training] * root
-    free = np.array([name in terms for name in ("friction", "load_friction", "torque_zero")])
+    is_free = np.array([name in terms for name in ("friction", "load_friction", "torque_zero")])
     spring_free = np.array(["play" in terms, True, "softening" in terms])
 
     def physical(unknowns: Real) -> tuple[float, float, float]:
-        friction, share, zero = _placed(unknowns, free).tolist()
+        friction, share, zero = _place_values(unknowns, is_free).tolist()
         return friction * cells.top, share, zero * cells.top
 
     def spring(unknowns: Real) -> tuple[Real, Real]:
@@ -137,24 +139,24 @@ def fitted(cells: TorqueCells, training: NDArray[np.bool_], terms: frozenset[str
         return np.asarray(amounts, float), np.asarray(design @ amounts - angle, float)
 
     low, high = np.array([0.0, 0.0, -LARGEST_ZERO]), np.array([LARGEST_FRICTION, LARGEST_SHARE, LARGEST_ZERO])
-    best = np.empty(0)
-    if free.any():
+    best_values = np.empty(0)
+    if is_free.any():
         fits = [
             least_squares(
                 lambda position: spring(position)[1],
-                np.array([*start, 0.0])[free],
-                bounds=(low[free], high[free]),
+                np.array([*start, 0.0])[is_free],
+                bounds=(low[is_free], high[is_free]),
                 diff_step=1e-3,
             )
             for start in STARTS
         ]
-        best = min(fits, key=lambda fit: fit.cost).x
-    play, compliance, softening = _placed(spring(best)[0][: spring_free.sum()], spring_free).tolist()
-    return PlayAndFriction(play, compliance, softening, *physical(best))
+        best_values = min(fits, key=lambda fit: fit.cost).x
+    play, compliance, softening = _place_values(spring(best_values)[0][: spring_free.sum()], spring_free).tolist()
+    return PlayAndFriction(play, compliance, softening, *physical(best_values))
 
 
-def _placed(values: Real, free: NDArray[np.bool_]) -> Real:
+def _place_values(values: Real, is_free: NDArray[np.bool_]) -> Real:
     """Values at their places, zeros elsewhere."""
-    placed_values = np.zeros(len(free))
-    placed_values[free] = values
+    placed_values = np.zeros(len(is_free))
+    placed_values[is_free] = values
     return placed_values

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS
-from pipeline.identification.generic.play_and_friction import carried
+from pipeline.identification.generic.play_and_friction import carried_torque
 from pipeline.model.compiled import entry
 
 Real = NDArray[np.float64]
@@ -54,9 +54,10 @@ class CrankLoops:
     angle : (n_cells,) [arcmin].
     weight : (n_cells,) of the squared errors.
     crank : (n_cells,) angle of the crank [rad] at the position's first row, over a turn of the output; or, with
-        ``turned`` = 0, at each cell.
+        ``crank_per_output`` = 0, at each cell.
     start : (n_cells,) reading of the angle at the position's first row [arcmin].
-    turned : change of the crank angle with the reading [rad/arcmin]; 0 where the crank is fixed, or given by a column.
+    crank_per_output : change of the crank angle with the reading [rad/arcmin]; 0 where the crank is fixed, or given by
+        a column.
     at_input : whether the torque was measured at the input, so that virtual work counts.
     ratio : i, turns of the crank per turn of the output, with its sign.
     behind_disk : share of the twist that lies between the disk and the output: the disk turns by that share of phi/i.
@@ -69,7 +70,7 @@ class CrankLoops:
     weight: Real
     crank: Real
     start: Real
-    turned: float = 0.0
+    crank_per_output: float = 0.0
     at_input: bool = True
     ratio: float = np.inf
     behind_disk: float = 1.0
@@ -117,9 +118,9 @@ class CrankAngle:
     disk_rate: float
 
     @classmethod
-    def of(cls, loops: CrankLoops, from_start: Real) -> CrankAngle:
+    def from_readings(cls, loops: CrankLoops, from_start: Real) -> CrankAngle:
         """At readings less that of the position's first row (n_cells n_parts,) [arcmin]."""
-        start, turn = np.repeat(loops.crank, loops.torque.shape[1]), loops.turned * from_start
+        start, turn = np.repeat(loops.crank, loops.torque.shape[1]), loops.crank_per_output * from_start
         rate = 1 - loops.behind_disk / loops.ratio
         return cls(start + turn, start * (1 - 1 / loops.ratio) + rate * turn, rate)
 
@@ -129,10 +130,10 @@ class LoopModel:
 
     def __init__(self, loops: CrankLoops):
         self.loops = loops
-        self._carried: tuple[tuple[float, ...], Real] = (), np.empty((0, 0))
+        self._last_torque: tuple[tuple[float, ...], Real] = (), np.empty((0, 0))
         self._zeros = loops.zeros(loops.angle)
 
-    def predicted(self, values: Mapping[str, float]) -> Real:
+    def predict_angle(self, values: Mapping[str, float]) -> Real:
         """Angle (n_cells,) [arcmin], each group with the zero that fits its cells best.
 
         Parameters
@@ -141,20 +142,20 @@ class LoopModel:
         """
         loops = self.loops
         net_torque = self._net_torque(values)
-        softened = np.array([self._softening(torque, values) for torque in net_torque])
+        softening = np.array([self._softening(torque, values) for torque in net_torque])
         parts = loops.torque.shape[1]
-        turned, cells = np.zeros(loops.torque.size), self._zeros
-        error_at_start = _wave("reading", CrankAngle.of(loops, turned), values)[0][::parts]
+        spring_angle, cells = np.zeros(loops.torque.size), self._zeros
+        error_at_start = _wave("reading", CrankAngle.from_readings(loops, spring_angle), values)[0][::parts]
         from_start = np.repeat(self._zeros - loops.start + error_at_start, parts)
         for _ in range(ROUNDS):
-            before = cells
-            crank = CrankAngle.of(loops, from_start + turned)
-            turned = _twist(net_torque, softened, crank, values, loops)
-            twist = (turned + _wave("reading", crank, values)[0]).reshape(-1, parts).mean(axis=1)
+            angle_before = cells
+            crank = CrankAngle.from_readings(loops, from_start + spring_angle)
+            spring_angle = _twist(net_torque, softening, crank, values, loops)
+            twist = (spring_angle + _wave("reading", crank, values)[0]).reshape(-1, parts).mean(axis=1)
             self._zeros = loops.zeros(loops.angle - twist)
             cells = twist + self._zeros
             from_start = np.repeat(self._zeros - loops.start + error_at_start, parts)
-            if np.max(np.abs(cells - before)) < CLOSE or not _goes_with_the_crank(values):
+            if np.max(np.abs(cells - angle_before)) < CLOSE or not _goes_with_the_crank(values):
                 break
         return cells
 
@@ -162,12 +163,14 @@ class LoopModel:
         """Torque (n_stages, n_cells n_parts) [N m] behind the friction of each stage, as it is measured."""
         spread = values.get("friction_spread", 0.0)
         numbers = values["friction_Nm"], values["load_friction"], spread
-        if self._carried[0] != numbers:
+        if self._last_torque[0] != numbers:
             stages = 1 + spread * np.linspace(-1, 1, STAGES) if spread else np.ones(1)
             torque = self.loops.torque.ravel()
-            net = [carried(torque, self.loops.runs, *(max(s, 0.0) * np.array(numbers[:2])).tolist()) for s in stages]
-            self._carried = numbers, np.array(net)
-        return self._carried[1]
+            net = [
+                carried_torque(torque, self.loops.runs, *(max(s, 0.0) * np.array(numbers[:2])).tolist()) for s in stages
+            ]
+            self._last_torque = numbers, np.array(net)
+        return self._last_torque[1]
 
     def _softening(self, torque: Real, values: Mapping[str, float]) -> Real:
         """Factor of the twist (n,) of a stage, by its sense and the largest torque so far on its side."""
@@ -176,12 +179,16 @@ class LoopModel:
         return factor * (1 + growth * largest_on_its_side(torque, self.loops.runs)) if growth else factor
 
 
-def _twist(net_torque: Real, softened: Real, crank: CrankAngle, values: Mapping[str, float], loops: CrankLoops) -> Real:
+def _twist(
+    net_torque: Real, softening: Real, crank: CrankAngle, values: Mapping[str, float], loops: CrankLoops
+) -> Real:
     """Twist and angle error (n,) [arcmin] at crank angles (n,) [rad] under torques (n_stages, n) of each stage."""
     error, slope = _wave("angle", crank, values)
     factors = [wave for part in ("play", "compliance") for wave in _wave(part, crank, values)]
     spring = values["play_arcmin"], values["knee_Nm"], values["compliance_arcmin_per_Nm"]
-    return error + spring_twist(net_torque, softened, slope, *factors, loops.turned if loops.at_input else 0.0, *spring)
+    return error + spring_twist(
+        net_torque, softening, slope, *factors, loops.crank_per_output if loops.at_input else 0.0, *spring
+    )
 
 
 def _wave(acts_on: str, crank: CrankAngle, values: Mapping[str, float]) -> tuple[Real, Real]:
@@ -206,13 +213,13 @@ def _goes_with_the_crank(values: Mapping[str, float]) -> bool:
 @entry
 def spring_twist(
     net_torque: Real,
-    softened: Real,
+    softening: Real,
     slope: Real,
     play_wave: Real,
     play_slope: Real,
     compliance_wave: Real,
     compliance_slope: Real,
-    turned: float,
+    crank_per_output: float,
     play: float,
     knee: float,
     compliance: float,
@@ -224,29 +231,29 @@ def spring_twist(
     """
     n_stages, n = net_torque.shape
     total = np.zeros(n)
-    varies = turned != 0.0 and (np.any(play_slope != 0.0) or np.any(compliance_slope != 0.0))
+    varies = crank_per_output != 0.0 and (np.any(play_slope != 0.0) or np.any(compliance_slope != 0.0))
     for k in range(n_stages):
         for i in range(n):
-            factor, size = 1 - turned * slope[i], abs(net_torque[k, i])
+            factor, size = 1 - crank_per_output * slope[i], abs(net_torque[k, i])
             sense = 1.0 if net_torque[k, i] > 0.0 else -1.0
             load = size / factor
             for _ in range(STEPS if varies else 0):
                 energy = play_slope[i] * 0.5 * play * (load - knee * (1 - np.exp(-load / knee)))
                 energy += compliance_slope[i] * 0.5 * compliance * load * load
-                load = max((size + sense * turned * energy * softened[k, i]) / factor, 0.0)
+                load = max((size + sense * crank_per_output * energy * softening[k, i]) / factor, 0.0)
             gap = 0.5 * play * (1 - np.exp(-load / knee)) * (1 + play_wave[i])
-            total[i] += sense * (gap + compliance * load * (1 + compliance_wave[i])) * softened[k, i] / n_stages
+            total[i] += sense * (gap + compliance * load * (1 + compliance_wave[i])) * softening[k, i] / n_stages
     return total
 
 
 @entry
 def largest_on_its_side(torque: Real, runs: Whole) -> Real:
     """Largest size (n,) that torques (n,) of the same sense had so far, from each run's start."""
-    largest = np.empty(len(torque))
+    largest_torque = np.empty(len(torque))
     rising, falling = 0.0, 0.0
     for k in range(len(torque)):
         if k == 0 or runs[k] != runs[k - 1]:
             rising, falling = 0.0, 0.0
         rising, falling = max(rising, torque[k]), max(falling, -torque[k])
-        largest[k] = rising if torque[k] > 0.0 else falling
-    return largest
+        largest_torque[k] = rising if torque[k] > 0.0 else falling
+    return largest_torque

@@ -98,12 +98,12 @@ def _design_text(identification: Identification, trial: Trial, kind: str) -> str
     unit, problem, fit = identification.measurement.unit, identification.problem, trial.fit
     design_before = unit.study.design
     content: dict[str, Any] = scaled_design(
-        design_before, problem.calibrated, np.exp(fit.unknowns.scales[: len(problem.calibrated)]).tolist()
+        design_before, problem.calibrated_keys, np.exp(fit.unknowns.scales[: len(problem.calibrated_keys)]).tolist()
     ).model_dump()
     of_best = "description of" if kind == BEST else "corrected for"
     content["title"] = f"{design_before.title}, {of_best} the unit {unit.name}"
     provenance = content.pop("provenance")
-    for key in problem.calibrated:
+    for key in problem.calibrated_keys:
         content = with_value(content, key, float(f"{number_at(content, key):.{DIGITS}g}"))
         provenance[key] = DESCRIBES if kind == BEST else _refitted(identification, key)
     intervals = {(p.effect, p.name): p for p in identification.verdict.parameters}
@@ -190,7 +190,7 @@ def _study_content(study: Study, identification: Identification, trial: Trial, k
     cranks = tuple(sorted({round(float(crank) % 360, 6) for crank in identification.measurement.drive_cranks}))
     cycle = {key: value for key, value in content["cycle"].items() if key != "loaded_angles"}
     content["cycle"] = {**cycle, "crank_deg": cranks, "keep_contacts": (0,)}
-    factors = np.exp(trial.fit.unknowns.scales[len(problem.calibrated) :]).tolist()
+    factors = np.exp(trial.fit.unknowns.scales[len(problem.calibrated_keys) :]).tolist()
     declared = study.springs.pin_deflection_factor, study.springs.output_deflection_factor
     written = [float(f"{factor * before:.{DIGITS}g}") for factor, before in zip(factors, declared, strict=True)]
     names = "pin_deflection_factor", "output_deflection_factor"
@@ -207,7 +207,7 @@ def fitted_dimensions(identification: Identification, trial: Trial) -> Case:
     moved = vars(problem.modes_of_errors(trial.fit.unknowns.modes))
     values: dict[str, Any] = {"label": "as fitted"}
     for name, dimension in dimension_library().items():
-        usual = getattr(problem.usual, name, None)
+        usual = getattr(problem.mean_unit, name, None)
         alone = dimension.fewest_disks > study.design.disk.count
         if usual is None or not np.size(usual) or name in OF_TEMPERATURE or alone or dimension.acts_on:
             continue

@@ -176,7 +176,7 @@ def _tested(findings_of_unit: Findings) -> dict[str, Any]:
             "torque_noise_Nm": noise.torque_noise_Nm,
         },
         "held_out_errors": {stage: asdict(error) for stage, error in identification.errors.items()},
-        "described": asdict(identification.described) if identification.described else None,
+        "described": asdict(identification.description_error) if identification.description_error else None,
         "carried": _carried(identification),
         "could_hide": [asdict(limit) for limit in identification.could_hide],
         "baselines": {title: asdict(error) for title, error in identification.baselines.items()},
@@ -201,15 +201,15 @@ def _tested(findings_of_unit: Findings) -> dict[str, Any]:
 
 def _carried(identification: Identification) -> dict[str, Any] | None:
     """Error of the description with what is expected to come again, and the common share of what it misses."""
-    if identification.carried is None:
+    if identification.carried_error is None:
         return None
-    return asdict(identification.carried) | {"common_share": identification.folds.common_share}
+    return asdict(identification.carried_error) | {"common_share": identification.folds.common_share}
 
 
 def _calibrated(identification: Identification) -> dict[str, float]:
     """Factor of every refitted number of the design."""
     scales = corrected_trial(identification).fit.unknowns.scales.tolist()
-    return {key: math.exp(scale) for key, scale in zip(identification.problem.calibrated, scales, strict=False)}
+    return {key: math.exp(scale) for key, scale in zip(identification.problem.calibrated_keys, scales, strict=False)}
 
 
 def finite(value: Any) -> Any:

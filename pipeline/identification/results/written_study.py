@@ -83,7 +83,7 @@ def written_study(identification: Identification, path: Path, fit: Fit) -> Writt
     curves = [
         curve + fitter.offsets(curve, np.ones(len(angle), bool), problem.data.sigma) for curve in (angle, declared)
     ]
-    errors = [_rms(problem.data, curve) for curve in (curves[0], fit.predicted, curves[1])]
+    errors = [_rms(problem.data, curve) for curve in (curves[0], fit.predicted_angle, curves[1])]
     return WrittenStudy(path.name, curves[0], *errors)
 
 

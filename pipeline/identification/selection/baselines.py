@@ -111,7 +111,7 @@ def play_and_friction(data: Data, cycles: Cycles, training: Truth) -> Real:
     """Play, spring that softens, constant friction and friction in proportion to the load (n_cells,) [arcmin]."""
     top = float(np.max(np.abs(data.torque[training])))
     cells = play_model.TorqueCells(data.position, data.group, data.torque, data.angle, data.sigma, top)
-    return play_model.fitted(cells, training).angle(data.torque, data.position, top)
+    return play_model.fit_play_and_friction(cells, training).angle(data.torque, data.position, top)
 
 
 METHODS: Methods = {

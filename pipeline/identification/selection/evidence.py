@@ -151,7 +151,7 @@ class Evidence:
         jacobian = fit.jacobian * self.spread
         deviation = (fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns)) / self.spread
         self.jacobian = jacobian[cells]
-        self.missed = (fitter.problem.data.angle - fit.predicted + jacobian @ deviation)[cells]
+        self.missed = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
         self._products: dict[tuple[float, float], Real] = {}
         self._known: dict[Structure, float] = {}
         self.structure = self._most_likely(near)

@@ -132,7 +132,7 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
         open_of_fit = {number: rows.deviations for number, rows in opened.items()}
         right += [opened[id(fit)].squares(fitter.problem.data.sigma, judged_cells) for fit in fits[:2]]
         for number, fit in enumerate(fits):
-            predicted[number, judged_cells] = fit.predicted[judged_cells]
+            predicted[number, judged_cells] = fit.predicted_angle[judged_cells]
             deviation = _unknown(fitter.problem.data, fit, training, open_of_fit[id(fit)])
             left_open[number, judged_cells] = deviation[judged_cells]
         if carry_over:
@@ -183,7 +183,7 @@ def _unknown(data: Data, fit: Fit, training: Truth, left_open: Real) -> Real:
     What the training cells leave open of the fit (n_cells,); and where a whole position is predicted, the scatter
     between those that were trained on, if it shows among them.
     """
-    scatter = position_scatter(data, fit.predicted, training)
+    scatter = position_scatter(data, fit.predicted_angle, training)
     unseen = ~np.isin(data.position, data.position[training])
     return np.hypot(left_open, np.where(unseen, scatter.significant_size if scatter else 0.0, 0.0))
 
@@ -194,9 +194,9 @@ def _carried(fitter: Fitter, fit: Fit, training: Truth) -> tuple[Real, Real, flo
     Prediction and standard deviation [arcmin] (n_cells,) of that misfit, what positions scatter by included.
     """
     data = fitter.problem.data
-    residual = data.angle - fit.predicted
+    residual = data.angle - fit.predicted_angle
     expected = expected_misfit(data.torque, data.senses, data.position, residual, data.sigma, training)
-    angle = fit.predicted + expected.mean
+    angle = fit.predicted_angle + expected.mean
     angle += fitter.offsets(angle, training, data.sigma)
     return angle, expected.deviation, expected.common_share
 

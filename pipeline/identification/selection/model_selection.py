@@ -99,7 +99,7 @@ class Selector:
         """A fitted model with its evidence."""
         data = self.problem.data
         near = base.evidence.structure if base else None
-        misfit = ((data.angle - fit.predicted) / data.sigma)[cells]
+        misfit = ((data.angle - fit.predicted_angle) / data.sigma)[cells]
         rms = float(np.sqrt(np.mean(misfit**2)))
         return Trial(fit, Evidence(covariance, self.fitter, fit, near), rms)
 

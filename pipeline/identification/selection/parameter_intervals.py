@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri  # quantiles: scipy.stats is slow to import
 
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import mapped
+from pipeline.identification.fitting.parameters import values_at_shares
 from pipeline.identification.selection.criteria import FORM, Trial
 from pipeline.identification.selection.evidence import CONFIDENCE
 
@@ -43,7 +43,7 @@ def intervals(fitter: Fitter, trial: Trial) -> tuple[FittedParameter, ...]:
     """
     fit, bounds = trial.fit, fitter.bounds(trial.fit.model)
     ends = _ends(trial, bounds)
-    values = [mapped(bounds, np.clip(vector, 0, 1)) for vector in (fit.unknowns.shares, *ends)]
+    values = [values_at_shares(bounds, np.clip(vector, 0, 1)) for vector in (fit.unknowns.shares, *ends)]
     parameters = [(effect.name, parameter) for effect in fit.model.effects for parameter in effect.parameters]
     estimates = []
     for number, (effect_name, parameter) in enumerate(parameters):

@@ -56,7 +56,7 @@ def calibrated_numbers(fitter: Fitter, fit: Fit, evidence: Evidence) -> tuple[Ca
         return ()
     deviation, covariance = evidence.deviations[:n], evidence.unknowns[1][:n, :n]
     correlation = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    keys, (low, high) = (*problem.calibrated, *LAWS), problem.scale_range
+    keys, (low, high) = (*problem.calibrated_keys, *LAWS), problem.scale_range
     leaves = replace(fit.unknowns, reach=problem.scale_range).at_reach
     reach = float(ndtri(0.5 * (1 + CONFIDENCE))) * deviation
     numbers = []

@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.least_squares import Descent
-from pipeline.identification.fitting.parameters import Fit, Vector, mapped
+from pipeline.identification.fitting.parameters import Fit, Vector, values_at_shares
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.model.load_history.load_cycle import ARCMIN
 
@@ -79,7 +79,7 @@ class Screening:
         self.rows = np.vstack([base.jacobian[cells] * self.root[:, None], np.diag(penalty)[penalty > 0]])
         self.basis, self.triangle = np.linalg.qr(self.rows)
         self.centre = fitter.centre(base.model, base.unknowns)
-        self.left = self._scaled(data.angle - base.predicted) - self._pulled(base.unknowns.flat)
+        self.left = self._scaled(data.angle - base.predicted_angle) - self._pulled(base.unknowns.flat)
         self.nothing = self._misfit(self.free(self.left))
         self.plain = fitter.predict(base.model, base.unknowns, self.positions).angle
 
@@ -90,7 +90,7 @@ class Screening:
 
     def _scaled(self, angle: Real) -> Real:
         """Angles (n_cells,) without offsets, in sigmas of the cells that are looked at, zeros for the priors."""
-        scaled_angle = self.fitter.centred(np.nan_to_num(angle), self.weight)[self.cells] * self.root
+        scaled_angle = self.fitter.centred_values(np.nan_to_num(angle), self.weight)[self.cells] * self.root
         return np.concatenate([scaled_angle, np.zeros(len(self.rows) - len(scaled_angle))])
 
     def free(self, values: Real) -> Real:
@@ -200,7 +200,7 @@ class Screening:
         inside, pulled = data.position == position, self._pulled(base.flat)
 
         def misfit(shares: Real) -> float:
-            rippled = cast(InstrumentEffect, effect).apply(instrument, mapped(bounds, shares).tolist())
+            rippled = cast(InstrumentEffect, effect).apply(instrument, values_at_shares(bounds, shares).tolist())
             reading, angle = forward.read(drives[position], position, rippled), np.full(len(data), np.nan)
             if not reading.sound or not np.all(np.isfinite(reading.angle)):
                 return np.inf
@@ -219,7 +219,7 @@ class Screening:
         low, high = np.array(self.fitter.problem.bounds(effect)).T
         model, base = Model((*self.base.model.effects, effect)), self.base.unknowns
         screening = Screening(self.fitter, self.cells & (data.position == self.positions[0]), self.base, self.sigma)
-        residual = data.angle - self.base.predicted
+        residual = data.angle - self.base.predicted_angle
         slope = self.fitter.slopes(self.base)
         size = np.sqrt(2 * np.sum(self.weight * residual**2) / np.sum(self.weight * slope**2))
         turn = 2 * np.pi * ARCMIN / self.fitter.problem.span
@@ -259,7 +259,7 @@ class Screening:
             descents = sorted(descents, key=lambda descent: descent.in_noise)[:count]
             for descent in descents:
                 descent.run(steps)
-        fitted = [replace(descent.now, reach=base.reach) for descent in descents if descent.at.sound]
+        fitted = [replace(descent.unknowns, reach=base.reach) for descent in descents if descent.prediction.sound]
         return [(self._at(model, unknowns), unknowns) for unknowns in fitted]
 
     def _small_ripples(self, waves: Real, slope: Real) -> tuple[list[float], list[Real]]:
@@ -313,6 +313,8 @@ def _by_sense(ranked_starts: Sequence[Vector], bounds: Sequence[tuple[float, flo
     Neighbours end where the best of them does. In another sense calibrated numbers and tolerances may stand in for the
     effect as far as the fit goes, and what looks best from the base is not where the least sum of squares is.
     """
-    senses = [tuple(value > 0 for value in mapped(bounds, start.shares[-len(bounds) :])) for start in ranked_starts]
+    senses = [
+        tuple(value > 0 for value in values_at_shares(bounds, start.shares[-len(bounds) :])) for start in ranked_starts
+    ]
     first = [senses.index(sense) for sense in dict.fromkeys(senses)]
     return [ranked_starts[k] for k in dict.fromkeys([*first, *range(len(ranked_starts))])]

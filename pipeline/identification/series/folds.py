@@ -81,7 +81,7 @@ def state_folds(series: Series, terms: tuple[str, ...], base: StateFolds | None 
 
 def held_numbers(fit: SharedFit) -> dict[str, float]:
     """Numbers that the states of a fit share."""
-    return {name: fit.values[0][name] for name in fit.shared}
+    return {name: fit.values[0][name] for name in fit.shared_names}
 
 
 def reversed_numbers(held: Mapping[str, float], effect: str) -> dict[str, float]:
@@ -92,7 +92,7 @@ def reversed_numbers(held: Mapping[str, float], effect: str) -> dict[str, float]
 
 def predicted_by_others(state: CrankLoops, terms: Collection[str], held: Mapping[str, float]) -> Real:
     """Prediction (n_cells,) of a state whose shared numbers are held and whose own are fitted where it has weight."""
-    return fitted_together([state], terms, held=[held]).predicted[0]
+    return fitted_together([state], terms, held=[held]).predicted_angles[0]
 
 
 def trained_cells(series: Series, state: int) -> Truth:

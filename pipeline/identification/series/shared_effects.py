@@ -128,7 +128,7 @@ class SharedEffects:
         groups = fold_groups(self.series)
         loss = np.full((len(self.series.states), len(self.series.positions)), np.nan)
         for group, fit in zip(groups, self.recalibrated.fits, strict=True):
-            predicted = [LoopModel(loops).predicted(fit.values[0]) for loops in _without(self.series, group)]
+            predicted = [LoopModel(loops).predict_angle(fit.values[0]) for loops in _without(self.series, group)]
             _add_losses(loss, self.series, group, predicted)
         return loss
 
@@ -212,7 +212,7 @@ def fold_fits(series: Series, terms: tuple[str, ...], start: Sequence[Mapping[st
     ]
     loss = np.full((len(series.states), len(series.positions)), np.nan)
     for group, fit in zip(groups, fits, strict=True):
-        _add_losses(loss, series, group, fit.predicted)
+        _add_losses(loss, series, group, fit.predicted_angles)
     return Folds(terms, tuple(fits), final, loss)
 
 

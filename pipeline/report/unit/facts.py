@@ -74,9 +74,9 @@ def comparison_sentence(identification: Identification) -> str:
     title, best = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
     comparison, ratio = _rank_beside(identification.errors["after"], best)
     sentence = f"The model is {comparison} the best of them, {title}, by a factor of {ratio} in multiples of the noise"
-    if identification.carried is None:
+    if identification.carried_error is None:
         return f"{sentence}."
-    comparison, ratio = _rank_beside(identification.carried, best)
+    comparison, ratio = _rank_beside(identification.carried_error, best)
     return f"{sentence}; the best description with the predicted systematic residual is {comparison} it by {ratio}."
 
 
@@ -180,10 +180,10 @@ def other_errors(identification: Identification) -> dict[str, AngleError]:
     """
     name = identification.selection.description.fit.model.name
     errors = {}
-    if identification.described:
-        errors[f"best description, not claimed: {title_of(name)}"] = identification.described
-    if identification.carried:
+    if identification.description_error:
+        errors[f"best description, not claimed: {title_of(name)}"] = identification.description_error
+    if identification.carried_error:
         share = digits(100 * identification.folds.common_share, 2)
         title = "best description with the predicted systematic residual"
-        errors[f"{title} ({share} % of its variance common to all positions)"] = identification.carried
+        errors[f"{title} ({share} % of its variance common to all positions)"] = identification.carried_error
     return {**errors, **identification.baselines}

@@ -13,7 +13,7 @@ from scipy.stats import binom
 
 from pipeline import assembly, settings
 from pipeline.engine.fingerprint import source_hashes
-from pipeline.identification.fitting.build import refitted
+from pipeline.identification.fitting.build import refittable_keys
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.unit_file import load_measured_unit
@@ -85,7 +85,7 @@ def test_a_unit_of_the_second_simulator_is_believed_with_a_rigid_disk_and_anothe
     problem, over_cells = problem_of(load_measured_unit(smallest.unit_folder(case), ROOT), unit.believed)
     fitter, cells = Fitter(problem), np.ones(len(problem.data), bool)
     fit = fitter.fit(Model(), cells, fitter.start(Model()))
-    assert np.sqrt(np.mean(((problem.data.angle - fit.predicted) / problem.data.sigma) ** 2)) < 1.25
+    assert np.sqrt(np.mean(((problem.data.angle - fit.predicted_angle) / problem.data.sigma) ** 2)) < 1.25
 
 
 def _data(maker: Maker, case: int) -> bytes:
@@ -173,7 +173,7 @@ def test_without_effect_and_noise_the_models_own_study_is_recovered(smallest, tm
     bench = draw_bench(np.random.default_rng(3), reducer.cranks, study.design.cycloid.rated_torque_Nm)
     bench = replace(bench, torque_noise=0.0, torque_step=1e-9)
     sample = draw(study, 4, 5)
-    keys = refitted(study.design)
+    keys = refittable_keys(study.design)
     unit = true_unit(study, keys, (1.2, 0.95), assembly.errors(sample), 0.0, believed_study(study, bench.cranks), bench)
     write_unit(tmp_path / "u", study, bench, unit.angles(), (0.0, 1e-9), np.random.default_rng(0), sample, 0.0)
     problem, _ = problem_of(load_measured_unit(tmp_path / "u", ROOT), believed_study)
@@ -181,7 +181,7 @@ def test_without_effect_and_noise_the_models_own_study_is_recovered(smallest, tm
     fit = fitter.fit(Model(), all_cells, fitter.start(Model()))
     # the cells within the play's jump have a sigma of their own; all others weigh alike
     is_precise = problem.data.sigma < 3 * np.median(problem.data.sigma)
-    assert np.sqrt(np.mean((problem.data.angle - fit.predicted)[is_precise] ** 2)) < 1e-3 * problem.span
+    assert np.sqrt(np.mean((problem.data.angle - fit.predicted_angle)[is_precise] ** 2)) < 1e-3 * problem.span
     assert set(keys) <= set(UNCERTAIN)
 
 

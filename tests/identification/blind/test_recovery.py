@@ -64,5 +64,5 @@ def test_an_effect_is_found_again(name, tmp_path, condensed):
     assert promises[name].misfit < 0.98
     (fit,) = selector.fits(base, all_cells, promises)
     assert fit.sound
-    assert np.sqrt(np.mean(((problem.data.angle - fit.predicted) / problem.data.sigma) ** 2)) < 1.2
+    assert np.sqrt(np.mean(((problem.data.angle - fit.predicted_angle) / problem.data.sigma) ** 2)) < 1.2
     np.testing.assert_allclose(fit.values, values, rtol=tolerance_range)

@@ -92,7 +92,7 @@ def turned_loop(torque: np.ndarray, number: int, values: dict) -> np.ndarray:
         case = CrankLoops(
             np.zeros(n, int), torque[:, None], angle, np.ones(n), *known, 2 * np.pi * 13 / 21600, True, -13.0
         )
-        twist = LoopModel(case).predicted(values)
+        twist = LoopModel(case).predict_angle(values)
         angle = twist - twist[0] + start
     return angle
 

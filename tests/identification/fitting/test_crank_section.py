@@ -37,13 +37,13 @@ def test_a_crank_that_follows_the_angle_and_one_given_by_a_column_are_the_same(t
     following = crank_loops(measured(tmp_path / "a", f'moves = "follows_angle"\n{text}'))
     given = crank_loops(measured(tmp_path / "b", f'moves = "column"\ncolumn = "motor_deg"\n{text}'))
     assert following.at_input
-    assert following.turned == pytest.approx(2 * np.pi * 13 / 21600)
-    turn = following.crank + following.turned * (following.angle - following.start)
+    assert following.crank_per_output == pytest.approx(2 * np.pi * 13 / 21600)
+    turn = following.crank + following.crank_per_output * (following.angle - following.start)
     np.testing.assert_allclose(turn, given.crank, atol=1e-9)
     first = following.position == 0
     assert np.ptp(following.crank[first]) == 0
     assert following.crank[first][0] == pytest.approx(np.radians(10.0))
-    assert crank_loops(measured(tmp_path / "c", "", "input")).turned == 0
+    assert crank_loops(measured(tmp_path / "c", "", "input")).crank_per_output == 0
 
 
 @pytest.mark.parametrize(

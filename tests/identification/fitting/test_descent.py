@@ -87,7 +87,7 @@ def test_one_step_solves_a_linear_problem_but_for_its_damping():
     np.testing.assert_allclose(fit.unknowns.shares, 0.5 + step, rtol=1e-6)
     settled = fitter.fit(model_of(2), everything(data), start)
     np.testing.assert_allclose(settled.values, truth, atol=1e-6)
-    np.testing.assert_allclose(settled.predicted, fitter.problem.data.angle, atol=1e-6)
+    np.testing.assert_allclose(settled.predicted_angle, fitter.problem.data.angle, atol=1e-6)
 
 
 def test_scales_parameters_and_modes_settle_at_the_optimum_with_their_priors():

@@ -12,7 +12,7 @@ from synthetic_unit import CRANKS, ROOT, Bench, exactly_known, make_unit, proble
 
 from pipeline.identification.fitting.build import POPULATION
 from pipeline.identification.fitting.fitter import STEP, Fitter
-from pipeline.identification.fitting.parameters import TOLERANCE, WIDE, mapped, unmapped
+from pipeline.identification.fitting.parameters import TOLERANCE, WIDE, shares_of_values, values_at_shares
 from pipeline.identification.fitting.problem import Model, PriorModes, candidates
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
@@ -64,15 +64,15 @@ def rms(problem, predicted):
 def test_shares_and_values_are_inverse(pairs, data):
     bounds = [(low, low + width) for low, width in pairs]
     shares = np.array([data.draw(st.floats(0, 1)) for _ in bounds])
-    values = mapped(bounds, shares)
+    values = values_at_shares(bounds, shares)
     assert all(low - 1e-9 <= value <= high + 1e-9 for (low, high), value in zip(bounds, values, strict=True))
-    np.testing.assert_allclose(unmapped(bounds, values), shares, atol=1e-9)
+    np.testing.assert_allclose(shares_of_values(bounds, values), shares, atol=1e-9)
 
 
 def test_positive_bounds_far_apart_are_shared_by_the_logarithm():
-    np.testing.assert_allclose(mapped([(0.05, 5e4)], np.array([0.5])), 50.0)
-    assert mapped([(1.0, WIDE)], np.array([0.5])) == pytest.approx(0.5 * (1 + WIDE))
-    np.testing.assert_allclose(unmapped([(0.05, 5e4)], [50.0]), 0.5)
+    np.testing.assert_allclose(values_at_shares([(0.05, 5e4)], np.array([0.5])), 50.0)
+    assert values_at_shares([(1.0, WIDE)], np.array([0.5])) == pytest.approx(0.5 * (1 + WIDE))
+    np.testing.assert_allclose(shares_of_values([(0.05, 5e4)], [50.0]), 0.5)
 
 
 def test_offsets_are_of_the_cells_fitted_in_their_group(exact_unit):
@@ -95,7 +95,7 @@ def test_centred_values_have_no_mean_over_the_cells_fitted_of_a_group(exact_unit
     fitter, data = Fitter(exact_unit), exact_unit.data
     weight = (data.position < 2) / data.sigma**2
     values = np.random.default_rng(0).normal(size=(len(data), 2)) + data.position[:, None]
-    centred = fitter.centred(values, weight)
+    centred = fitter.centred_values(values, weight)
     for position in (0, 1):
         in_position = data.position == position
         np.testing.assert_allclose(weight[in_position] @ centred[in_position], 0.0, atol=1e-9 * weight.max())
@@ -112,13 +112,13 @@ def test_a_shift_of_each_position_changes_nothing_but_its_offset(exact_unit):
         for problem in (exact_unit, with_angles(exact_unit, exact_unit.data.angle + shift))
     ]
     np.testing.assert_allclose(fits[1].values, fits[0].values, rtol=1e-6)
-    np.testing.assert_allclose(fits[1].predicted - fits[0].predicted, shift, atol=1e-6)
+    np.testing.assert_allclose(fits[1].predicted_angle - fits[0].predicted_angle, shift, atol=1e-6)
 
 
 def test_calibrated_scales_are_found_again(exact_unit):
     exact_unit = exactly_known(exact_unit)
     fitter, truth = Fitter(exact_unit), np.log([0.5, 1.01, 1.15, 1.0, 1.0])
-    assert exact_unit.calibrated == (
+    assert exact_unit.calibrated_keys == (
         "bearing.stiffness_N_per_mm_power",
         "output.outer_station_mm",
         "output.roller_length_mm",
@@ -131,7 +131,7 @@ def test_calibrated_scales_are_found_again(exact_unit):
     fit = variant.fit(Model(), everything(exact_unit), variant.start(Model()))
     np.testing.assert_allclose(fit.unknowns.scales[1:], truth[1:], atol=0.02)
     np.testing.assert_allclose(fit.unknowns.scales[0], truth[0], atol=0.25)  # a stiff bearing hardly shows
-    assert rms(variant.problem, fit.predicted)[0] < 1.1 * exact_unit.data.noise
+    assert rms(variant.problem, fit.predicted_angle)[0] < 1.1 * exact_unit.data.noise
 
 
 def evidence_of(fitter, fit):
@@ -154,7 +154,7 @@ def test_a_calibrated_number_stops_at_the_end_of_its_plausible_range_unless_rele
     assert np.all((bounded_fit.unknowns.scales >= low) & (bounded_fit.unknowns.scales <= high))
     free = released(variant, bounded_fit, everything(exact_unit))
     assert free.unknowns.scales[2] == pytest.approx(truth[2], abs=0.05)
-    assert rms(variant.problem, free.predicted)[0] < 0.5 * rms(variant.problem, bounded_fit.predicted)[0]
+    assert rms(variant.problem, free.predicted_angle)[0] < 0.5 * rms(variant.problem, bounded_fit.predicted_angle)[0]
     assert released(variant, free, everything(exact_unit)) is None
     law = replace(bounded_fit, unknowns=replace(bounded_fit.unknowns, scales=np.array([0.0, 0.0, 0.0, 0.0, high[4]])))
     assert law.unknowns.at_reach[4]
@@ -192,7 +192,7 @@ def test_unknown_dimensions_are_fitted_by_their_modes_to_the_noise(unknown):
     declared = fitter.predict(Model(), start).angle
     rms_before = rms(unknown, declared + fitter.offsets(declared, everything(unknown), unknown.data.sigma))[0]
     assert rms_before > 10 * unknown.data.noise
-    assert rms(unknown, fit.predicted)[1] < 1.5
+    assert rms(unknown, fit.predicted_angle)[1] < 1.5
     assert np.max(np.abs(fit.unknowns.modes)) <= TOLERANCE
     assert np.sqrt(np.mean(fit.unknowns.modes**2)) < 1.5  # of unit variance
 
@@ -242,7 +242,7 @@ def test_derivatives_by_springs_and_gaps_are_those_of_predictions(exact_unit, na
         flat, step = current.flat, STEP
         flat[k] += step
         angle_there = fitter.predict(model, current.like(flat)).angle
-        truth = fitter.centred((angle_there - prediction.angle) / step, weight)
+        truth = fitter.centred_values((angle_there - prediction.angle) / step, weight)
         misfit = np.abs(derivative[:, k] - truth)
         assert np.median(misfit) < 0.02 * np.max(np.abs(truth))
         assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(truth))
@@ -253,14 +253,14 @@ def test_modes_have_unit_variance_over_their_population_and_span_its_curves():
     gaps = [rng.normal(size=(300, 2)) @ rng.normal(size=(2, 6)) * 1e-3 for _ in range(2)]
     gaps[1] = gaps[0] @ rng.normal(size=(6, 6))
     influence = [rng.normal(size=(9, 6)) for _ in range(2)]
-    modes = PriorModes.of(gaps, influence).above(1e-9)
+    modes = PriorModes.from_population(gaps, influence).above(1e-9)
     assert [len(mode) for mode in modes] == [2, 2]
     curves = ARCMIN * np.hstack([(mode - mode.mean(0)) @ i.T for mode, i in zip(gaps, influence, strict=True)])
     basis = ARCMIN * np.hstack([mode @ i.T for mode, i in zip(modes, influence, strict=True)])
     coefficients, *_ = np.linalg.lstsq(basis.T, curves.T, rcond=None)
     np.testing.assert_allclose(basis.T @ coefficients, curves.T, atol=1e-9 * np.abs(curves).max())
     np.testing.assert_allclose(np.cov(coefficients), np.eye(2), atol=1e-9)
-    assert [len(mode) for mode in PriorModes.of(gaps, influence).above(1e9)] == [0, 0]
+    assert [len(mode) for mode in PriorModes.from_population(gaps, influence).above(1e9)] == [0, 0]
 
 
 def test_held_out_cells_have_no_influence_on_a_fit(exact_unit):
@@ -270,7 +270,7 @@ def test_held_out_cells_have_no_influence_on_a_fit(exact_unit):
     variant = Fitter(with_angles(exact_unit, angle))
     repeat = variant.fit(COULOMB, fitted, variant.start(COULOMB, [0.1]))
     np.testing.assert_array_equal(repeat.unknowns.flat, fit.unknowns.flat)
-    np.testing.assert_array_equal(repeat.predicted[fitted], fit.predicted[fitted])
+    np.testing.assert_array_equal(repeat.predicted_angle[fitted], fit.predicted_angle[fitted])
 
 
 def test_a_split_that_the_unit_gives_is_honoured(tmp_path, condensed, monkeypatch):

@@ -159,7 +159,7 @@ def test_influence_of_a_shift_of_all_gaps_is_the_difference_of_readings(drive):
     forward = Forward([course], drive.rated_torque)
     pattern = np.zeros((1, len(drive.laws)))
     pattern[0, : drive.reducer.n_pins] = 1.0
-    carried_torque = forward.read(drive, 0, Instrument()).carried
+    carried_torque = forward.read(drive, 0, Instrument()).carried_torque
     derivative = forward.influence(drive, 0, carried_torque, pattern)[:, 0]
     ends = [read(replace(drive, shift=drive.shift + sign * step * pattern)).angle for sign in (1, -1)]
     expected = (ends[0] - ends[1]) / (2 * step)

@@ -15,7 +15,7 @@ from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Forward
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import unmapped
+from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.fitting.stations import stations_of
 from pipeline.identification.measurement.measurement import Measurement
@@ -59,7 +59,7 @@ def test_where_nothing_depends_on_the_crank_the_reading_is_that_of_the_crank_tha
     )
     assert turning.sound
     np.testing.assert_allclose(turning.angle, reference.angle, atol=1e-10)
-    np.testing.assert_allclose(turning.carried, reference.carried, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(turning.carried_torque, reference.carried_torque, rtol=1e-12, atol=1e-9)
 
 
 @pytest.mark.parametrize(("side", "sound"), [(1, True), (-1, False)])
@@ -101,7 +101,7 @@ def test_two_simulators_read_the_same_loops_with_a_run_out_and_no_other(problem)
     fitter, model = Fitter(problem), Model((candidates()["pin_circle_runout"],))
     left = {}
     for values in (RUNOUT, (0.0, 0.0), (60.0, 30.0)):
-        unknowns = fitter.start(model, unmapped(fitter.bounds(model), values))
+        unknowns = fitter.start(model, shares_of_values(fitter.bounds(model), values))
         angle = fitter.predict(model, unknowns).angle
         residual = problem.data.angle - angle
         for group in problem.data.spans:
@@ -125,7 +125,7 @@ def test_derivatives_of_gaps_are_those_of_readings(problem):
     wider = tuple(drive.with_added_errors(pin_radial=np.array(1e-3)) for drive in drives)
     reading, moved = (problem.forward.read(given, 0, Instrument()) for given in (drives, wider))
     change = moved.angle - reading.angle
-    derived = problem.forward.change(drives, wider, 0, reading.carried)
+    derived = problem.forward.change(drives, wider, 0, reading.carried_torque)
     change, derived = change - change.mean(), derived - derived.mean()
     assert np.std(change) > 0.05
     assert np.median(np.abs(derived - change)) < 0.05 * np.std(change)
@@ -144,7 +144,7 @@ def test_memory_turns_the_crank_on(problem):
     found = elastic.turned_by_memory(torque, twist)
     for k in (3, 20, 41):
         curve = elastic.from_start(0, elastic.start + 13.0 * twist[k])
-        held = elastic.at(0)
+        held = elastic.curve_of_state(0)
         exact = np.interp(torque[k], curve.torque, curve.angle) - np.interp(torque[k], held.torque, held.angle)
         assert found[k] == pytest.approx(exact, abs=0.02 * np.max(np.abs(found)))
     assert np.max(np.abs(found)) > 1e-6

@@ -8,7 +8,7 @@ from synthetic_unit import ROOT, Bench, make_unit, problem_of
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.offered import rate_changes
-from pipeline.identification.fitting.parameters import mapped
+from pipeline.identification.fitting.parameters import values_at_shares
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
@@ -20,7 +20,7 @@ def test_a_locked_output_lets_the_crank_turn_beyond_the_pins_pitch(locked, tmp_p
     """Six arcmin of twist are 8 degrees of the crank at the ratio 79, and half a pitch of 80 pins is 2.25."""
     problem = problem_of(make_unit(tmp_path / "u", {}, Bench(locked=locked), condensed), condensed)
     why_not = problem.why_not(candidates()["contact_friction"])
-    assert (STILL in problem.offered) == (locked == "input")
+    assert (STILL in problem.met_needs) == (locked == "input")
     assert why_not == "" if locked == "input" else "load_friction" in why_not
 
 
@@ -72,7 +72,7 @@ def test_time_constants_lie_within_what_the_record_resolves(name, record, tmp_pa
     model = Model((candidates()[name],))
     for share in (-1.0, 0.0, 1.0, 2.0):
         unknowns = fitter.start(model, [0.1, share])
-        (_, value) = mapped(fitter.bounds(model), unknowns.like(unknowns.flat).shares)
+        (_, value) = values_at_shares(fitter.bounds(model), unknowns.like(unknowns.flat).shares)
         assert low <= value * (1 + 1e-9)
         assert value <= high * (1 + 1e-9)
 
@@ -90,4 +90,4 @@ def test_crank_angles_that_nobody_knows_predict_no_difference_between_positions(
     differences = [np.std(curve[:50] - positions[0][:50]) for curve in positions[1:]]
     assert (max(differences) > 0.05) == (angles == "measured")
     assert (min(differences) < 0.02) == (angles == "unknown")  # cells of noisy torques lie a little apart
-    assert (CRANKS in problem.offered) == (angles == "measured")
+    assert (CRANKS in problem.met_needs) == (angles == "measured")

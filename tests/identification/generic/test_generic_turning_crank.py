@@ -35,9 +35,9 @@ def curve(torque, values, crank=0.4, angle=None, **changes):
     if angle is None:
         angle = np.zeros(len(case.angle))
         for _ in range(30):
-            twist = LoopModel(CrankLoops(**vars_of(case) | {"angle": angle})).predicted(values)
+            twist = LoopModel(CrankLoops(**vars_of(case) | {"angle": angle})).predict_angle(values)
             angle = twist - twist[0]
-    return LoopModel(CrankLoops(**vars_of(case) | {"angle": np.asarray(angle, float)})).predicted(values)
+    return LoopModel(CrankLoops(**vars_of(case) | {"angle": np.asarray(angle, float)})).predict_angle(values)
 
 
 def vars_of(case: CrankLoops) -> dict:
@@ -184,5 +184,5 @@ def test_several_states_share_what_belongs_to_the_parts():
     known = [{name: fit.values[0][name] for name in te}]
     beside = fitted_together([states[0].some(states[0].position == 0)], ["pin_circle_runout"], held=known)
     unused = states[0].position > 0
-    errors = [np.sqrt(np.mean((f.predicted[0] - states[0].angle)[unused] ** 2)) for f in (held, beside)]
+    errors = [np.sqrt(np.mean((f.predicted_angles[0] - states[0].angle)[unused] ** 2)) for f in (held, beside)]
     assert errors[1] < 0.5 < 5 * errors[1] < errors[0]

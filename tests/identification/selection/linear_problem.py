@@ -29,7 +29,7 @@ class LinearFitter:
         torque = np.tile(np.linspace(-1, 1, CELLS), BLOCKS)
         count, whole = np.ones(n, np.int64), block // BLOCKS
         self.problem = SimpleNamespace(
-            calibrated=("bearing.stiffness",),
+            calibrated_keys=("bearing.stiffness",),
             bounds=lambda effect: (BOUNDS,) * len(effect.parameters),
             record={TIME: 3.0, CYCLES: 2.0},
             scale_range=np.array([[-2.0], [2.0]]),

@@ -117,6 +117,6 @@ def test_a_held_out_position_gets_half_of_what_the_trained_one_misses_about_a_ze
     error = (data.angle - prediction)[~trained]
     assert abs(np.mean(error)) < 1e-9
     assert share == pytest.approx(0.5, abs=0.01)
-    unaided = (data.angle - fit.predicted)[~trained]
+    unaided = (data.angle - fit.predicted_angle)[~trained]
     assert np.std(error) / np.std(unaided) == pytest.approx(0.5, abs=0.1)
     assert 0.3 < np.sqrt(np.mean(error**2) / np.mean(deviation[~trained] ** 2)) < 3

@@ -5,7 +5,7 @@ import pytest
 from synthetic_unit import CRANKS, Bench, make_unit, problem_of
 
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import Vector, unmapped
+from pipeline.identification.fitting.parameters import Vector, shares_of_values
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection.model_selection import Selector
 from pipeline.identification.selection.screening import _by_sense
@@ -22,7 +22,7 @@ def test_a_fold_ends_where_a_fit_from_the_truth_does(name, values, position, tmp
     fold = Selector(Fitter(problem), np.ones(len(problem.data), bool)).trained_on(training)
     fitter = fold.fitter
     base = fitter.fit(Model(), training, fitter.start(Model()))
-    reference = fitter.fit(model, training, fitter.start(model, unmapped(fitter.bounds(model), values)))
+    reference = fitter.fit(model, training, fitter.start(model, shares_of_values(fitter.bounds(model), values)))
     assert base.cost > 20 * reference.cost
     refit = fold.refitted(model, training, base)
     assert refit.cost < 1.05 * reference.cost
@@ -32,6 +32,6 @@ def test_a_fold_ends_where_a_fit_from_the_truth_does(name, values, position, tmp
 def test_the_best_start_of_each_sense_comes_before_the_others():
     bounds = ((-1.0, 1.0), (-1.0, 1.0))
     places = [(0.1, 0.2), (0.2, 0.1), (-0.3, 0.1), (0.4, 0.4), (-0.1, -0.2), (0.0, 0.3)]
-    starts = [Vector(np.zeros(0), unmapped(bounds, place), np.zeros(0)) for place in places]
+    starts = [Vector(np.zeros(0), shares_of_values(bounds, place), np.zeros(0)) for place in places]
     ranks = {id(start): rank for rank, start in enumerate(starts)}
     assert [ranks[id(start)] for start in _by_sense(starts, bounds)] == [0, 2, 4, 1, 3, 5]

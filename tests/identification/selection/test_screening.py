@@ -9,7 +9,7 @@ from linear_unit import LinearFitter, linear_data, model_of
 from synthetic_unit import CRANKS, Bench, exactly_known, make_unit, problem_of
 
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import Vector, mapped
+from pipeline.identification.fitting.parameters import Vector, values_at_shares
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection.model_selection import Selector
 from pipeline.identification.selection.screening import (
@@ -40,7 +40,7 @@ def test_the_effect_of_a_unit_promises_most_and_starts_near_the_truth(name, tmp_
     selector.testable = {item: selector.testable[item] for item in (name, *rivals)}
     base = fitter.fit(Model(), all_cells, fitter.start(Model()))
     promises = selector.screen(all_cells, base)
-    start = mapped(problem.bounds(candidates()[name]), promises[name].starts[0].shares)
+    start = values_at_shares(problem.bounds(candidates()[name]), promises[name].starts[0].shares)
     assert np.linalg.norm(start - values) < 0.5 * np.linalg.norm(values)
     assert promises[name].misfit < 0.2
     # numbers at the ends of their plausible ranges leave others something too

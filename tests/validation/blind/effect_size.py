@@ -74,7 +74,7 @@ class Yardstick:
     def size(self, change: Sequence[Real]) -> float:
         """Size of a change [arcmin] of the angle at the rows of every position, in noise floors."""
         data = self.problem.data
-        centred_change = Fitter(self.problem).centred(self.over_cells(np.concatenate(change)), 1 / data.sigma**2)
+        centred_change = Fitter(self.problem).centred_values(self.over_cells(np.concatenate(change)), 1 / data.sigma**2)
         rows = np.vstack([self.jacobian / data.sigma[:, None], np.diag(self.penalty)])
         goal = np.concatenate([centred_change / data.sigma, np.zeros(len(self.penalty))])
         if rows.shape[1]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.config.studies.study import Study
-from pipeline.identification.fitting.build import refitted
+from pipeline.identification.fitting.build import refittable_keys
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.fitting.scaled_drives import scaled_design
 from pipeline.sampling import Errors, draw
@@ -160,7 +160,7 @@ class _Draw:
         self.dimensions: Errors = draw(self.study, sample, sample + 1)
         if rigid:
             self.dimensions = machined(self.study, self.dimensions, rng)
-        keys = refitted(self.truth.design)
+        keys = refittable_keys(self.truth.design)
         self.scales = {key: float(np.exp(rng.choice([-1, 1]) * rng.uniform(*np.log(OFF)))) for key in keys}
         rated = self.truth.design.cycloid.rated_torque_Nm
         self.bench = draw_bench(np.random.default_rng(bench), self.reducer.cranks, rated)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import Fit, unmapped
+from pipeline.identification.fitting.parameters import Fit, shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model, candidates, limit_cases
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from tests.validation.blind.effect_size import problem_of
@@ -67,7 +67,7 @@ def distances(unit_made: Made, folder: Path, root: Path) -> dict[str, float]:
         curves = over_cells(np.concatenate(unit_made.angles))
     else:
         model = Model((candidates()[true],))
-        shares = unmapped(fitter.bounds(model), unit_made.truth["effects"][0]["values"])
+        shares = shares_of_values(fitter.bounds(model), unit_made.truth["effects"][0]["values"])
         curves = fitter.predict(model, fitter.start(model, shares)).angle
     problem = replace(problem, data=replace(problem.data, angle=curves))
     fitter, all_cells = Fitter(problem), np.ones(len(problem.data), bool)
@@ -82,7 +82,7 @@ def distances(unit_made: Made, folder: Path, root: Path) -> dict[str, float]:
         start = replace(base.unknowns, shares=misfits[name][1])
         fit = fitter.fit(Model((candidates()[name],)), all_cells, start, ITERATIONS)
         if np.isfinite(fit.cost):
-            misfit = (curves - fit.predicted) / problem.data.sigma
+            misfit = (curves - fit.predicted_angle) / problem.data.sigma
             distance_by_name[name] = float(np.sqrt(np.mean(misfit**2)))
     return distance_by_name
 
@@ -93,7 +93,7 @@ def _look(fitter: Fitter, base: Fit, candidate: Candidate) -> tuple[float, Real]
     data, bounds = problem.data, np.array(problem.bounds(candidate))
     grows = (bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)
     weight = 1 / data.sigma**2
-    residual = fitter.centred(data.angle - base.predicted, weight) / data.sigma
+    residual = fitter.centred_values(data.angle - base.predicted_angle, weight) / data.sigma
     rows = np.vstack([base.jacobian / data.sigma[:, None], np.diag(fitter.penalty(base.unknowns))])
     basis = np.linalg.qr(rows)[0] if rows.shape[1] else rows
 
@@ -103,7 +103,7 @@ def _look(fitter: Fitter, base: Fit, candidate: Candidate) -> tuple[float, Real]
 
     def secant(shares: Real) -> Real:
         angle = fitter.predict(model, replace(base.unknowns, shares=shares)).angle
-        return free(fitter.centred(np.nan_to_num(angle - base_angle), weight) / data.sigma)
+        return free(fitter.centred_values(np.nan_to_num(angle - base_angle), weight) / data.sigma)
 
     base_angle = fitter.predict(Model(), base.unknowns).angle
     zero = np.where(grows, -bounds[:, 0] / np.ptp(bounds, axis=1), 0.0)

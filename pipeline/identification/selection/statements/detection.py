@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri  # scipy.stats is slow to import
 
 from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
-from pipeline.identification.fitting.parameters import unmapped
+from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.criteria import LARGEST_CLASS, ODDS, Trial, prior_log_odds
 from pipeline.identification.selection.evidence import CONFIDENCE
@@ -98,7 +98,7 @@ class _Sought:
         return middle
 
     def _change(self, amplitude: float) -> Real | None:
-        unknowns = replace(self.base.fit.unknowns, shares=unmapped(self.bounds, self._values(amplitude)))
+        unknowns = replace(self.base.fit.unknowns, shares=shares_of_values(self.bounds, self._values(amplitude)))
         prediction = self.fitter.predict(Model((self.effect,)), unknowns)
         return prediction.angle - self.plain if prediction.sound else None
 

@@ -19,7 +19,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import Fit, mapped
+from pipeline.identification.fitting.parameters import Fit, values_at_shares
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -152,9 +152,9 @@ def discrepancy_of(fitter: Fitter, fit: Fit, direction: Whole, cells: Truth) -> 
     first_share, last_share = len(unknowns.scales), len(unknowns.scales) + len(unknowns.shares)
     spread = np.concatenate([fitter.problem.scale_spread, np.ones(len(unknowns.modes))])
     random = np.hstack([fit.jacobian[:, :first_share], fit.jacobian[:, last_share:]]) * spread
-    residual = data.angle - fit.predicted + random @ (np.concatenate([unknowns.scales, unknowns.modes]) / spread)
+    residual = data.angle - fit.predicted_angle + random @ (np.concatenate([unknowns.scales, unknowns.modes]) / spread)
     bounds = fitter.bounds(fit.model)
-    perturbed = [mapped(bounds, unknowns.shares + step) for step in (-SHARE_STEP, SHARE_STEP)]
+    perturbed = [values_at_shares(bounds, unknowns.shares + step) for step in (-SHARE_STEP, SHARE_STEP)]
     shares_by_value = 2 * SHARE_STEP / (perturbed[1] - perturbed[0])
     jacobian = fit.jacobian[:, first_share:last_share] * shares_by_value
     return discrepancy(

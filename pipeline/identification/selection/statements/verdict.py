@@ -105,4 +105,4 @@ def _findings(fitter: Fitter, selection: Selection, cells: Truth, verdict: str, 
 
 def _misfit(fitter: Fitter, fit: Fit, cells: Truth) -> float:
     data = fitter.problem.data
-    return float(np.sqrt(np.mean(((data.angle - fit.predicted) / data.sigma)[cells] ** 2)))
+    return float(np.sqrt(np.mean(((data.angle - fit.predicted_angle) / data.sigma)[cells] ** 2)))
