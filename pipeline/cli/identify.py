@@ -45,7 +45,7 @@ def plan(measurement: Measurement | TurnRecord) -> list[str]:
         split = f"each of {cranks} crank positions is predicted from the others"
     else:
         split = f"each of {cycles} cycles is predicted from the others" if cycles > 1 else "nothing can be held out"
-    model_text = f"the model of design {unit.settings.design}" if unit.designed else "play, friction and a spring"
+    model_text = f"the model of design {unit.settings.design}" if unit.design_study else "play, friction and a spring"
     return [
         f"plan: {model_text}, fitted to {len(measurement.cells)} cells of {len(measurement.branches)} branches; {split}"
     ]

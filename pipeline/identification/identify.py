@@ -20,20 +20,25 @@ from pipeline.identification.measurement.turning.reading import read_measurement
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.selection.adequacy import failed_test
 from pipeline.identification.selection.baselines import METHODS, Cycles, baselines
-from pipeline.identification.selection.criteria import Selection, unnamed
+from pipeline.identification.selection.criteria import Selection, without_names
 from pipeline.identification.selection.held_out import AngleError, Folds, angle_error, predicted_folds, splits_of
 from pipeline.identification.selection.model_selection import Selector
 from pipeline.identification.selection.statements.detection import DetectionLimit, detection_limits
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy_of
 from pipeline.identification.selection.statements.remainder import Remainder, remainder
-from pipeline.identification.selection.statements.statement import Statement, fault_statement, place_of_largest, stated
+from pipeline.identification.selection.statements.statement import (
+    Statement,
+    fault_statement,
+    place_of_largest,
+    statement_of_verdict,
+)
 from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
     FAULT,
     UNEXPLAINED,
     Verdict,
     judge,
-    untested,
+    verdict_without_test,
 )
 from pipeline.identification.selection.turn_baselines import TURN_METHODS
 
@@ -92,7 +97,7 @@ class Identification:
     @property
     def curves(self) -> dict[str, Real]:
         """Predictions (n_cells,) [arcmin] of the held-out cells by stage."""
-        return {stage: curve for stage, (curve, _) in self.folds.curves(bool(self.verdict.named)).items()}
+        return {stage: curve for stage, (curve, _) in self.folds.curves(bool(self.verdict.named_effects)).items()}
 
 
 def identify(unit: UnitFile, condense: Condensed) -> Identification | FaultyUnit:
@@ -125,24 +130,28 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
     baseline_curves = _baseline_curves(measurement, fitter, is_training)
     selection, verdict, folds = _tested_on_unused_data(selector, selection, is_training, baseline_curves)
     recalibration_error = angle_error(data, cranks, *folds.curves(False)["recalibrated"], folds.cells)
-    best_error = angle_error(data, cranks, folds.best, folds.open_best, folds.cells)
+    best_error = angle_error(data, cranks, folds.best_curve, folds.open_best, folds.cells)
     turns = isinstance(data, TurningData)
     is_untraced = verdict.verdict == UNEXPLAINED and not turns
-    curves = folds.curves(bool(verdict.named))
+    curves = folds.curves(bool(verdict.named_effects))
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
-    description_error = angle_error(data, cranks, folds.described, folds.open_described, folds.cells)
-    carried_error = angle_error(data, cranks, folds.carried, folds.open_carried, folds.cells)
-    structure_left = remainder(data, folds.best, folds.cells, best_error.to_noise, recalibration_error.to_noise)
-    limits = () if verdict.named or folds.in_sample else detection_limits(fitter, selection.base, selector.testable)
+    description_error = angle_error(data, cranks, folds.described_curve, folds.open_described, folds.cells)
+    carried_error = angle_error(data, cranks, folds.carried_curve, folds.open_carried, folds.cells)
+    structure_left = remainder(data, folds.best_curve, folds.cells, best_error.to_noise, recalibration_error.to_noise)
+    limits = (
+        () if verdict.named_effects or folds.in_sample else detection_limits(fitter, selection.base, selector.testable)
+    )
     effects = selection.description.fit.model.effects
     in_sample = ("turn" if turns else "loop") if folds.in_sample else ""
-    shown_curve = folds.best - folds.recalibrated if verdict.named else data.angle - folds.recalibrated
+    shown_curve = (
+        folds.best_curve - folds.recalibrated_curve if verdict.named_effects else data.angle - folds.recalibrated_curve
+    )
     where = place_of_largest(data, shown_curve, folds.cells)
     reasons = {name: fitter.problem.why_not(effect, is_training) for name, effect in candidates().items()}
     return Identification(
         measurement,
         verdict,
-        stated(verdict, selection, recalibration_error, best_error, structure_left, in_sample, where),
+        statement_of_verdict(verdict, selection, recalibration_error, best_error, structure_left, in_sample, where),
         fitter.problem,
         selection,
         {name: reason for name, reason in reasons.items() if reason},
@@ -154,8 +163,10 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
         },
         structure_left,
         discrepancy_of(fitter, selection.answer.fit, measurement.cells.direction, is_training) if is_untraced else None,
-        None if verdict.named and selection.description is selection.answer or not effects else description_error,
-        carried_error if np.any(np.isfinite(folds.carried)) and not folds.in_sample else None,
+        None
+        if verdict.named_effects and selection.description is selection.answer or not effects
+        else description_error,
+        carried_error if np.any(np.isfinite(folds.carried_curve)) and not folds.in_sample else None,
         limits,
         _between_cranks(fitter, selection),
     )
@@ -176,15 +187,15 @@ def _tested_on_unused_data(
     data, turns = selector.problem.data, isinstance(selector.problem.data, TurningData)
     verdict = judge(selector.fitter, selection, is_training)
     folds = predicted_folds(selector, selection, is_training, verdict.verdict == UNEXPLAINED and not turns)
-    if not (verdict.named or verdict.verdict == ADEQUATE):
+    if not (verdict.named_effects or verdict.verdict == ADEQUATE):
         return selection, verdict, folds
-    reason = failed_test(data, folds, baseline_curves, selection.limit, bool(verdict.named))
-    if reason and verdict.named:
-        selection = unnamed(selection, reason)
+    reason = failed_test(data, folds, baseline_curves, selection.limit, bool(verdict.named_effects))
+    if reason and verdict.named_effects:
+        selection = without_names(selection, reason)
         verdict = judge(selector.fitter, selection, is_training)
         folds = predicted_folds(selector, selection, is_training, not turns)
     elif reason:
-        verdict = untested(verdict, reason, testable=not folds.in_sample)
+        verdict = verdict_without_test(verdict, reason, testable=not folds.in_sample)
     return selection, verdict, folds
 
 

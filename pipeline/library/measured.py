@@ -17,7 +17,7 @@ from pipeline.identification.change.results import ChangeAnswer
 from pipeline.identification.described import results as described_results
 from pipeline.identification.described.description import Description, described
 from pipeline.identification.identify import FaultyUnit, identify_measured
-from pipeline.identification.measurement.faults.fault import determined
+from pipeline.identification.measurement.faults.fault import linear_algebra_faults
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.reading import read_measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit, load_measured_units
@@ -83,7 +83,7 @@ def unit_answer(measurement: Measurement | TurnRecord, jobs: int | Workers | Non
     folder = settings.RUNS / "identify" / measurement.unit.name
     if isinstance(measurement, TurnRecord):
         return _of_record(measurement, folder)
-    if measurement.unit.designed is None:
+    if measurement.unit.design_study is None:
         if not measurement.fatal and series_results.turns_within_its_loops(measurement):
             return _turning(measurement, folder)
         return _description_answer(measurement, folder)
@@ -95,7 +95,7 @@ def unit_answer(measurement: Measurement | TurnRecord, jobs: int | Workers | Non
         path = up_to_date(at_cranks, ["reduce"], jobs).outputs["reduce"].path(COMPLIANCE_FILE)
         return [full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in cranks]
 
-    with determined(measurement.unit.name):
+    with linear_algebra_faults(measurement.unit.name):
         identification = identify_measured(measurement, full_compliances)
     findings = identification if isinstance(identification, FaultyUnit) else results.findings(identification)
     content, frames = results.write(findings, folder)
@@ -110,7 +110,7 @@ def _description_answer(measurement: Measurement, folder: Path) -> UnitAnswer:
     if measurement.fatal:
         sentence = described_results.write_fault(measurement, folder)
         return UnitAnswer(measurement, (f"{FAULT}: {sentence}",), folder, page="", verdict=FAULT)
-    with determined(measurement.unit.name):
+    with linear_algebra_faults(measurement.unit.name):
         description = described(measurement)
     residual_signatures, frames = described_results.write(description, folder)
     write_description_page(description, residual_signatures, folder, settings.shown(folder))
@@ -135,7 +135,7 @@ def _of_record(record: TurnRecord, folder: Path) -> UnitAnswer:
     if record.fatal:
         sentence = record_results.write_fault(record, folder)
         return UnitAnswer(record, (f"{FAULT}: {sentence}",), folder, page="", verdict=FAULT)
-    with determined(record.unit.name):
+    with linear_algebra_faults(record.unit.name):
         answer = answered(record)
     frames = record_results.write(answer, folder)
     write_record_page(answer, frames, folder, settings.shown(folder))
@@ -189,7 +189,7 @@ def changed(before: str | Path, after: str | Path, also: Sequence[str | Path] = 
 def compared_states(states: Sequence[Measurement]) -> Answer[ChangeAnswer]:
     """As ``changed``, of measurements that have been read: before, after, further ones."""
     state_before, state_after, *further = states
-    with determined(f"{state_before.unit.name}, {state_after.unit.name}"):
+    with linear_algebra_faults(f"{state_before.unit.name}, {state_after.unit.name}"):
         answer = change_results.answer(state_before, state_after, further)
     folder = settings.RUNS / "changed" / f"{state_before.unit.name}-{state_after.unit.name}"
     frames = change_results.write(answer, folder)
@@ -266,7 +266,7 @@ def population(
     samples = read_population_run(settings.RUNS / study.name, study)
     confidence = study.metrics.confidence
     comparisons = metric_comparisons(measured_population, samples.metrics, confidence, turn_statistic=over)
-    with determined(units.name):
+    with linear_algebra_faults(units.name):
         closings = {
             crank: closing([entry for entry in comparisons if entry.crank_deg == crank], samples, confidence)
             for crank in dict.fromkeys(entry.crank_deg for entry in comparisons)

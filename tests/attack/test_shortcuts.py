@@ -34,7 +34,7 @@ OFF = (
 
 def verdict_on(folder: Path) -> tuple[str, tuple[str, ...]]:
     identification = identify(load_measured_unit(folder, ROOT), no_compliance)
-    return identification.verdict.verdict, tuple(sorted(identification.verdict.named))
+    return identification.verdict.verdict, tuple(sorted(identification.verdict.named_effects))
 
 
 @pytest.mark.attack

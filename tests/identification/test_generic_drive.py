@@ -95,7 +95,7 @@ def test_held_out_rows_move_no_prediction_by_more_than_their_offset(tmp_path):
     ]
     assert np.ptp(difference) < 1e-9
     assert [n.value for n in description_before.numbers] == [n.value for n in description_after.numbers]
-    assert measurement_before.unit.designed is None
+    assert measurement_before.unit.design_study is None
 
 
 def test_the_command_judges_first_and_writes_a_page(tmp_path, monkeypatch, capsys):

@@ -51,14 +51,14 @@ def test_every_fitted_number_is_the_same_to_the_last_digit_whatever_held_out_row
     assert (problem.span, problem.hours, problem.record) == (variant.span, variant.hours, variant.record)
     for pair in zip(problem.modes, variant.modes, strict=True):
         np.testing.assert_array_equal(*pair)
-    assert selection.screened == repeat.screened
+    assert selection.promised_misfits == repeat.promised_misfits
     assert list(selection.trials) == list(repeat.trials)
     for name, trial in {"": selection.base, **selection.trials}.items():
         twin = repeat.trials[name] if name else repeat.base
         np.testing.assert_array_equal(trial.fit.unknowns.flat, twin.fit.unknowns.flat)
         assert trial.evidence.value == twin.evidence.value
     assert verdict == trial_result
-    assert "coulomb" in verdict.named
+    assert "coulomb" in verdict.named_effects
 
 
 def test_the_stretch_shows_where_all_rows_are_seen(two_runs):
@@ -113,7 +113,7 @@ def test_filters_limits_and_courses_of_training_rows_know_nothing_of_the_others(
     rows.to_csv(folder / "rows.csv", index=False)
     variant = Measurement.read(load_measured_unit(folder, ROOT))
     assert (variant.torque_noise, variant.angle_step) == (measured.torque_noise, measured.angle_step)
-    np.testing.assert_array_equal(variant.usable[variant.fitted], measured.usable[measured.fitted])
+    np.testing.assert_array_equal(variant.usable[variant.is_fitted], measured.usable[measured.is_fitted])
     seen_again = variant.training_cells
     repeat = build_problem(variant, condensed(variant.unit.study, CRANKS), seen_again)
     for name in ("torque", "angle", "count", "spread", "sigma", "branch"):

@@ -52,7 +52,7 @@ def test_a_loop_that_replays_itself_is_no_baseline(answer):
 
 def test_nothing_is_claimed_of_one_loop_but_the_effect_describes_it(answer):
     result, _ = answer
-    assert result.verdict.named == ()
+    assert result.verdict.named_effects == ()
     if len(result.measurement.rows) > 100:  # 60 rows do not resolve the corners of the loop
         assert result.verdict.verdict == UNEXPLAINED
         assert "friction" in result.statement.sentence
@@ -71,7 +71,7 @@ def test_signatures_of_one_loop_have_values(answer):
 def test_the_best_description_can_be_run_and_says_that_it_is_no_claim(answer):
     result, folder = answer
     best = folder / "best-u.toml"
-    assert best.exists() == (result.verdict.verdict == UNEXPLAINED and result.selection.best != "")
+    assert best.exists() == (result.verdict.verdict == UNEXPLAINED and result.selection.best_model != "")
     if best.exists():
         design = load_study(best, ROOT).design
         assert design.effects

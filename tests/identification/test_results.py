@@ -249,7 +249,7 @@ def test_a_unit_whose_nearest_effect_is_not_named_says_what_is_left_of_it() -> N
             remainder=remainder,
             baselines=baselines,
             verdict=Verdict("not explained by the library"),
-            selection=SimpleNamespace(best="coulomb"),
+            selection=SimpleNamespace(best_model="coulomb"),
         )
     )
     assert [card[1] for card in cards] == ["85%", "22.0", "14.0", "18.0", "19.0"]

@@ -170,7 +170,7 @@ def test_an_oval_housing_is_the_nearest_effect_with_its_amplitudes(oval):
     identification, verdict, _, _ = oval
     assert (verdict["verdict"], verdict["named"]) == ("not explained by the library", [])
     selection = identification.selection
-    assert selection.nearest == "ovality_2"
+    assert selection.nearest_model == "ovality_2"
     assert selection.reasons["ovality_2"].startswith("unused data are missed by 3.")
     np.testing.assert_allclose(selection.answer.fit.values, (6.0, 4.0), rtol=0.15)
     before, after = selection.base.rms, selection.answer.rms
@@ -223,7 +223,7 @@ def test_sentence_and_page_say_what_the_residuals_hold(oval):
 )
 def test_verdicts_of_records_of_known_cause(tmp_path, record, verdict, named):
     identification = answer(tmp_path / "u", record, (*named, "coulomb", "ovality_2"))
-    assert (identification.verdict.verdict, identification.verdict.named) == (verdict, named)
+    assert (identification.verdict.verdict, identification.verdict.named_effects) == (verdict, named)
     truth = {"coulomb": [record.friction], "encoder_eccentricity": record.encoder} | record.effects
     for parameter, value in zip(identification.verdict.parameters, truth.get("".join(named), ()), strict=True):
         assert parameter.ci_low < value < parameter.ci_high
@@ -239,7 +239,7 @@ def test_repeats_of_one_cycle_are_left_out_in_turn(tmp_path, plain):
 def test_fewer_than_eight_turns_claim_nothing(tmp_path):
     identification = answer(tmp_path / "u", Record(cycles=1, effects={"ovality_2": [6.0, 4.0]}), ("ovality_2",))
     assert len(np.unique(identification.problem.data.block)) == 4
-    assert identification.verdict.named == ()
+    assert identification.verdict.named_effects == ()
     assert identification.selection.members == ()
 
 
@@ -250,7 +250,7 @@ def test_one_turn_is_described_in_sample(tmp_path):
     write_page(findings_of_unit, tmp_path / "out", tmp_path / "out")
     assert identification.folds.in_sample
     assert "One turn, fitted in sample" in identification.statement.sentence
-    assert identification.verdict.named == ()
+    assert identification.verdict.named_effects == ()
     assert identification.why_not["coulomb"] == "the crank turns in one sense alone"
     assert identification.why_not["output_torsion"] == "a single torque is held"
 

@@ -18,7 +18,7 @@ from pipeline.identification.fitting.data import Data
 from pipeline.identification.generic.play_and_friction import TERMS, PlayAndFriction, TorqueCells, fit_play_and_friction
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
-from pipeline.identification.selection.criteria import FEWEST_BLOCKS, LEFT
+from pipeline.identification.selection.criteria import FEWEST_BLOCKS, REMAINING_SHARE
 from pipeline.identification.selection.held_out import AngleError, angle_error, splits_of
 from pipeline.identification.selection.parameter_intervals import CONFIDENCE
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy
@@ -32,7 +32,7 @@ Truth = NDArray[np.bool_]
 DESCRIBED, PARTLY = "described", "partly described"
 RESAMPLES, SEED = 2000, 81
 """Of the branches, for the familywise p."""
-NO_STRUCTURE = float(np.hypot(1.0, LEFT))
+NO_STRUCTURE = float(np.hypot(1.0, REMAINING_SHARE))
 """Prediction error, in noise, that leaves nothing structured."""
 LEAST_LOSS = 0.1
 """Loss, in squared noise, below which branches are alike."""

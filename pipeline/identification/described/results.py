@@ -163,7 +163,7 @@ def _verdict(description: Description) -> dict[str, Any]:
         "held_out_errors": {name: asdict(error) for name, error in description.errors.items()},
         "baselines": {title: asdict(error) for title, error in description.baselines.items()},
         "in_sample": description.in_sample,
-        "discrepancy": description.structure.plain if description.structure else None,
+        "discrepancy": description.structure.as_json if description.structure else None,
         "noise_arcmin": description.data.noise,
         "input_turns_deg": turned_deg(description),
         "data_faults": [asdict(fault) for fault in description.measurement.faults],

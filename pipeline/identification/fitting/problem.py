@@ -31,7 +31,7 @@ LIMIT = 3.0
 LEAST_RECORD = 2.0
 """Longest time constant over the shortest where the record is no longer than its sampling interval."""
 HIDDEN = 0.75
-"""Rms in noise floors that no structure shows: as ``criteria.LEFT``."""
+"""Rms in noise floors that no structure shows: as ``criteria.REMAINING_SHARE``."""
 
 
 @dataclass(frozen=True)

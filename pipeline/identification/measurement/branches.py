@@ -26,7 +26,7 @@ TURN_NOISE = 6.0
 SMOOTHED_PARTS, FEWEST_SMOOTHED = 40, 3
 """Parts of a run of rows over which a torque that chatters is averaged, and fewest rows of a part: noise that is alike
 in neighbouring rows is beyond what its scatter tells."""
-ALIKE = 0.1
+EQUAL_SHARE = 0.1
 """Share of a position's torque range within which branches start alike."""
 END_SHARE = 0.01
 """Share of a position's torque range from a branch's end over which the turning torque is averaged."""
@@ -90,7 +90,7 @@ def turning_points(values: Real, threshold: float) -> Whole:
     return np.array([*turns, last_index] if turns[-1] != last_index else turns, dtype=np.int64)
 
 
-def find_blocks(rows: Rows, usable: Truth, torque_noise: float, fitted: Truth) -> BranchBlocks:
+def find_blocks(rows: Rows, usable: Truth, torque_noise: float, is_fitted: Truth) -> BranchBlocks:
     """The monotone branches of every cycle.
 
     Parameters
@@ -98,7 +98,7 @@ def find_blocks(rows: Rows, usable: Truth, torque_noise: float, fitted: Truth) -
     torque_noise : [N m] of a row; the commanded torque has none.
     usable : (n,) rows that count; a saturated row still tells where the torque is commanded, and only rows without a
         coordinate are passed over.
-    fitted : (n,) rows whose branches say which start alike; others are held against them.
+    is_fitted : (n,) rows whose branches say which start alike; others are held against them.
     """
     noise = torque_noise if rows.command is None else 0.0
     position_coordinates = [
@@ -109,7 +109,7 @@ def find_blocks(rows: Rows, usable: Truth, torque_noise: float, fitted: Truth) -
     end_band = np.maximum(END_SHARE * span, END_NOISE * noise)
     block_rows: list[tuple[int, int, int, int, int, int]] = []
     for position, cycle, run in rows.runs():
-        valid_rows = np.flatnonzero(np.isfinite(rows.coordinate[run]) & ~rows.misnumbered[run]) + run.start
+        valid_rows = np.flatnonzero(np.isfinite(rows.coordinate[run]) & ~rows.is_misnumbered[run]) + run.start
         if valid_rows.size < 2:
             continue
         values = rows.coordinate[valid_rows]
@@ -119,7 +119,7 @@ def find_blocks(rows: Rows, usable: Truth, torque_noise: float, fitted: Truth) -
             begin = valid_rows[first_turn] + (number > 0)  # the extreme itself ends the branch that leads to it
             block_rows.append((position, cycle, sense, number, int(begin), int(valid_rows[last_turn]) + 1))
     of_position, of_cycle, direction, branch, start, stop = np.array(block_rows, dtype=np.int64).reshape(-1, 6).T
-    order = np.argsort(~fitted[start], kind="stable")
+    order = np.argsort(~is_fitted[start], kind="stable")
     kind = np.empty(len(start), np.int64)
     kind[order] = _kinds(of_position[order], direction[order], rows.coordinate[start][order], span)
     return BranchBlocks(of_position, of_cycle, direction, branch, kind, start, stop, threshold, end_band)
@@ -143,7 +143,7 @@ def _kinds(position: Whole, direction: Whole, start: Real, span: Real) -> Whole:
         matching_kinds = [
             k
             for k, (known_sense, known_torque) in enumerate(known_kinds)
-            if known_sense == sense and abs(known_torque - torque) <= ALIKE * span[number]
+            if known_sense == sense and abs(known_torque - torque) <= EQUAL_SHARE * span[number]
         ]
         kinds.append(matching_kinds[0] if matching_kinds else len(known_kinds))
         known_kinds += [] if matching_kinds else [(sense, torque)]

@@ -77,7 +77,7 @@ def cells(rows: Rows, usable: Truth, blocks: BranchBlocks, levels: int = CELLS_P
             if usable_rows.size < FEWEST_ROWS:
                 continue
             bin_index = np.searchsorted(edges, monotone(rows.coordinate[usable_rows], blocks.direction[block]))
-            groups = _merged(bin_index, levels - 1)
+            groups = _merged_runs(bin_index, levels - 1)
             owners += [block] * len(groups)
             averages += [_average(rows, usable_rows[group_start:group_end]) for group_start, group_end in groups]
     block_of = np.array(owners, dtype=np.int64)
@@ -97,7 +97,7 @@ def cells(rows: Rows, usable: Truth, blocks: BranchBlocks, levels: int = CELLS_P
     )
 
 
-def _merged(bin_number: Whole, zero: int) -> list[tuple[int, int]]:
+def _merged_runs(bin_number: Whole, zero: int) -> list[tuple[int, int]]:
     """First and last + 1 of each run of equal `bin_number`, runs of fewer than three joined to the shorter neighbour.
 
     A run is joined across zero torque (from `zero` to `zero` + 1) only where it has no other neighbour: the play lies

@@ -32,11 +32,11 @@ class NoiseEstimate:
     blocks: int
 
 
-UNKNOWN = NoiseEstimate(np.nan, np.nan, np.nan, 0, 0)
+UNKNOWN_NOISE = NoiseEstimate(np.nan, np.nan, np.nan, 0, 0)
 """Where nothing determines it."""
 
 
-def scaled(estimate: NoiseEstimate, factor: float) -> NoiseEstimate:
+def scaled_estimate(estimate: NoiseEstimate, factor: float) -> NoiseEstimate:
     """The estimate times a factor, with its interval."""
     return replace(
         estimate,
@@ -49,13 +49,13 @@ def scaled(estimate: NoiseEstimate, factor: float) -> NoiseEstimate:
 def rms(groups: list[Real], divisor: float) -> NoiseEstimate:
     """Root mean square over `divisor`, bootstrapped over groups."""
     squares = np.array([np.sum(values**2) for values in groups])
-    return pooled(squares, np.array([float(values.size) for values in groups]), divisor)
+    return pooled_noise(squares, np.array([float(values.size) for values in groups]), divisor)
 
 
-def pooled(squares: Real, counts: Real, divisor: float) -> NoiseEstimate:
+def pooled_noise(squares: Real, counts: Real, divisor: float) -> NoiseEstimate:
     """Root of the sum of `squares` over that of `counts`, over `divisor`, bootstrapped over the groups."""
     if not counts.sum():
-        return UNKNOWN
+        return UNKNOWN_NOISE
     resamples = resampled_means(np.column_stack([squares, counts]), RESAMPLES, SEED)
     value = float(np.sqrt(squares.sum() / counts.sum()) / divisor)
     return _interval(value, np.sqrt(resamples[:, 0] / resamples[:, 1]) / divisor, round(counts.sum()), len(squares))
@@ -64,7 +64,7 @@ def pooled(squares: Real, counts: Real, divisor: float) -> NoiseEstimate:
 def robust(groups: list[Real]) -> NoiseEstimate:
     """Standard deviation by the median absolute value, bootstrapped over groups."""
     if not groups:
-        return UNKNOWN
+        return UNKNOWN_NOISE
     sizes = np.abs(np.concatenate(groups))
     order = np.argsort(sizes)
     group = np.repeat(np.arange(len(groups)), [values.size for values in groups])
@@ -73,9 +73,9 @@ def robust(groups: list[Real]) -> NoiseEstimate:
     return _interval(float(MAD_TO_STD * np.median(sizes)), MAD_TO_STD * medians, sizes.size, len(groups))
 
 
-def _interval(value: float, resampled: Real, n: int, blocks: int) -> NoiseEstimate:
+def _interval(value: float, resampled_values: Real, n: int, blocks: int) -> NoiseEstimate:
     """95 % percentile interval; none from a single block, which says nothing about the spread between blocks."""
     if blocks < 2:
         return NoiseEstimate(value, np.nan, np.nan, n, blocks)
-    low, high = np.quantile(resampled, [0.025, 0.975])
+    low, high = np.quantile(resampled_values, [0.025, 0.975])
     return NoiseEstimate(value, float(low), float(high), n, blocks)

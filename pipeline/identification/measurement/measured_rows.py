@@ -12,7 +12,7 @@ from pipeline.identification.measurement import row_filters
 from pipeline.identification.measurement.branches import BranchBlocks, find_blocks
 from pipeline.identification.measurement.cells import Cells, cells
 from pipeline.identification.measurement.load_history import History, history
-from pipeline.identification.measurement.repeatability import Noise, measured_noise, restricted
+from pipeline.identification.measurement.repeatability import Noise, measured_noise, restrict_to_training
 from pipeline.identification.measurement.rows import Rows, fitted_rows
 from pipeline.identification.measurement.scatter import smallest_step, torque_noise
 from pipeline.identification.measurement.unit_file import UnitFile
@@ -39,18 +39,18 @@ class MeasuredRows:
     @cached_property
     def torque_noise(self) -> float:
         """Standard deviation of the torque of a row that may be fitted [N m]; 0 if unknown."""
-        runs = [run for *_, run in self.rows.runs() if self.fitted[run.start]]
+        runs = [run for *_, run in self.rows.runs() if self.is_fitted[run.start]]
         return torque_noise(self.rows, self.unit.settings.instrument, runs)
 
     @cached_property
-    def fitted(self) -> Truth:
+    def is_fitted(self) -> Truth:
         """Rows (n_rows,) that noise and limits are of: what unit.toml holds out is none of them."""
         return fitted_rows(self.unit, self.rows)
 
     @cached_property
     def angle_step(self) -> float:
         """Smallest step of the angle in these rows [arcmin], and at least the declared one; 0 if unknown."""
-        return max(smallest_step(self.rows.angle[self.fitted]), self._resolution)
+        return max(smallest_step(self.rows.angle[self.is_fitted]), self._resolution)
 
     @cached_property
     def numeric(self) -> Truth:
@@ -58,9 +58,9 @@ class MeasuredRows:
         return row_filters.numeric(self.rows)
 
     @cached_property
-    def saturated(self) -> Truth:
+    def is_saturated(self) -> Truth:
         """Rows (n_rows,) whose torque is cut off."""
-        return row_filters.saturated(self.rows, self.unit.settings.instrument, self.torque_noise)
+        return row_filters.saturated_rows(self.rows, self.unit.settings.instrument, self.torque_noise)
 
     @cached_property
     def spikes(self) -> Truth:
@@ -69,20 +69,20 @@ class MeasuredRows:
         return row_filters.spikes(self.rows, smallest_jump, self.torque_noise)
 
     @cached_property
-    def clipped(self) -> Truth:
+    def is_clipped(self) -> Truth:
         """Rows (n_rows,) whose angle stands at the end of the instrument's range."""
-        return row_filters.clipped(self.rows, self.angle_step)
+        return row_filters.clipped_rows(self.rows, self.angle_step)
 
     @cached_property
     def usable(self) -> Truth:
         """Rows (n_rows,) that may be fitted: numbers, not cut off, no jumps, not at rest before the first load."""
         at_rest = row_filters.at_rest(self.rows, self.unit.settings.instrument, self.torque_noise)
-        return self.numeric & ~self.saturated & ~self.clipped & ~self.spikes & ~at_rest
+        return self.numeric & ~self.is_saturated & ~self.is_clipped & ~self.spikes & ~at_rest
 
     @cached_property
     def branches(self) -> BranchBlocks:
         """Monotone branches of every cycle."""
-        return find_blocks(self.rows, self.usable, self.torque_noise, self.fitted)
+        return find_blocks(self.rows, self.usable, self.torque_noise, self.is_fitted)
 
     @cached_property
     def cells(self) -> Cells:
@@ -103,7 +103,7 @@ class MeasuredRows:
         """Noise of some cells (n_cells,), whole branches, from their rows alone."""
         if np.all(visible):
             return self.repeatability
-        blocks, restricted_cells = restricted(self.branches, self.cells, visible)
+        blocks, restricted_cells = restrict_to_training(self.branches, self.cells, visible)
         pairs = {(position, cycle) for position, cycle in zip(blocks.position, blocks.cycle, strict=True)}
         runs = [run for position, cycle, run in self.rows.runs() if (position, cycle) in pairs]
         scatter = torque_noise(self.rows, self.unit.settings.instrument, runs)

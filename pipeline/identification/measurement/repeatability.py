@@ -14,14 +14,21 @@ from scipy.special import fdtrc  # scipy.stats is slow to import
 
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
-from pipeline.identification.measurement.estimate import UNKNOWN, NoiseEstimate, pooled, rms, robust, scaled
+from pipeline.identification.measurement.estimate import (
+    UNKNOWN_NOISE,
+    NoiseEstimate,
+    pooled_noise,
+    rms,
+    robust,
+    scaled_estimate,
+)
 from pipeline.identification.measurement.repeated_branches import (
     FEWEST_CELLS,
     NO_BRANCH,
     Branch,
     angle_difference,
     branch_of,
-    centred,
+    centred_differences,
     loop_differences,
     mean_loops,
     on_nodes,
@@ -30,7 +37,7 @@ from pipeline.identification.measurement.repeated_branches import (
 
 Real = NDArray[np.float64]
 
-SHARED = 0.01
+SHARED_LEVEL = 0.01
 """Chance at which repeats without anything in common are taken to have something: every verdict rests on the floor, and
 2 % of units without an effect may be judged wrongly at most."""
 
@@ -52,7 +59,7 @@ class Noise:
         pair of cycles removed, over sqrt 2 [arcmin]. Drift and run-in between cycles are in it.
     random : the same less what all positions have in common from cycle to cycle, and what goes with the temperature:
         run-in, creep and thermal growth are effects and no noise. From two positions on.
-    shared : whether what `random` lacks of `repeats` is more than chance: else `repeats` are the better known of the
+    is_shared : whether what `random` lacks of `repeats` is more than chance: else `repeats` are the better known of the
         two, since what all positions might share takes up to nine tenths of the differences.
     within_branch : scatter of a cell about the line through its neighbours [arcmin], robust; no drift is in it, and no
         noise that neighbours share.
@@ -65,7 +72,7 @@ class Noise:
 
     repeats: NoiseEstimate
     random: NoiseEstimate
-    shared: bool
+    is_shared: bool
     within_branch: NoiseEstimate
     between_positions: NoiseEstimate
     row_scatter_arcmin: float
@@ -76,7 +83,10 @@ class Noise:
     def floor(self) -> Floor:
         """The noise floor, the one that errors are counted in: what is known best, and no less than the resolution."""
         for estimate, words in (
-            (self.random if self.shared else UNKNOWN, "scatter of repeats beyond what all positions have in common"),
+            (
+                self.random if self.is_shared else UNKNOWN_NOISE,
+                "scatter of repeats beyond what all positions have in common",
+            ),
             (self.repeats, "scatter of repeats"),
             (self.within_branch, "scatter within a branch"),
         ):
@@ -95,24 +105,24 @@ def measured_noise(blocks: BranchBlocks, cells: Cells, torque_noise: float, reso
     The first branch of a position starts from a state that nobody knows and is left out of repeats. Branches are
     compared by their kind (sense and first torque), at the torques of the earlier one, by linear interpolation.
     """
-    even = ~steep_cells(cells)
-    count = np.maximum(cells.count - 2, 0) * even
+    is_even = ~steep_cells(cells)
+    count = np.maximum(cells.count - 2, 0) * is_even
     row_variance = np.sum(count * cells.angle_spread**2) / np.sum(count) if count.any() else np.nan
     row_scatter = float(np.sqrt(row_variance))
-    random, shared = _random(blocks, cells)
+    random, is_shared = _random(blocks, cells)
 
     def of_all_cells(estimate: NoiseEstimate) -> NoiseEstimate:
         """The estimate from cells that are not steep for all: independent noise of rows goes with their number."""
         if not (np.isfinite(row_scatter) and estimate.value > 0):
             return estimate
-        share, usual_share = float(np.mean(1 / cells.count[even])), float(np.mean(1 / cells.count))
+        share, usual_share = float(np.mean(1 / cells.count[is_even])), float(np.mean(1 / cells.count))
         of_rows = min(row_scatter**2 * share / estimate.value**2, 1.0)
-        return scaled(estimate, float(np.sqrt(1 + of_rows * (usual_share / share - 1))))
+        return scaled_estimate(estimate, float(np.sqrt(1 + of_rows * (usual_share / share - 1))))
 
     return Noise(
         repeats=of_all_cells(rms(_repeats(blocks, cells), np.sqrt(2))),
         random=of_all_cells(random),
-        shared=shared,
+        is_shared=is_shared,
         within_branch=robust(_from_neighbours(cells)),
         between_positions=rms(_positions_apart(blocks, cells), np.sqrt(2)),
         row_scatter_arcmin=row_scatter,
@@ -121,15 +131,19 @@ def measured_noise(blocks: BranchBlocks, cells: Cells, torque_noise: float, reso
     )
 
 
-def restricted(blocks: BranchBlocks, cells: Cells, trained: NDArray[np.bool_]) -> tuple[BranchBlocks, Cells]:
+def restrict_to_training(
+    blocks: BranchBlocks, cells: Cells, is_training: NDArray[np.bool_]
+) -> tuple[BranchBlocks, Cells]:
     """Branches that have a cell ``trained`` (n_cells,), numbered anew, and these cells."""
-    block_numbers = np.unique(cells.block[trained])
+    block_numbers = np.unique(cells.block[is_training])
     of_block = {f.name: getattr(blocks, f.name) for f in fields(blocks)}
     of_block |= {
         name: of_block[name][block_numbers] for name in ("position", "cycle", "direction", "branch", "start", "stop")
     }
-    of_cell = {f.name: getattr(cells, f.name)[trained] for f in fields(cells)}
-    return BranchBlocks(**of_block), Cells(**of_cell | {"block": np.searchsorted(block_numbers, cells.block[trained])})
+    of_cell = {f.name: getattr(cells, f.name)[is_training] for f in fields(cells)}
+    return BranchBlocks(**of_block), Cells(
+        **of_cell | {"block": np.searchsorted(block_numbers, cells.block[is_training])}
+    )
 
 
 def _repeats(blocks: BranchBlocks, cells: Cells) -> list[Real]:
@@ -146,7 +160,7 @@ def _repeats(blocks: BranchBlocks, cells: Cells) -> list[Real]:
                 ]:
                     if block != of_position[0]:
                         differences.append(angle_difference(branch_of(cells, block), branch_of(cells, second)))
-            differences_of_repeats += centred(differences)
+            differences_of_repeats += centred_differences(differences)
     return differences_of_repeats
 
 
@@ -170,7 +184,7 @@ class Loops(NamedTuple):
         reach or is steep.
     variance : (n_loops, n_nodes) of the angle, in that of a cell.
     temperature : (n_loops,) [deg C]; NaN where not measured.
-    centred : nodes of the mean.
+    n_centred : nodes of the mean.
     """
 
     position: Real
@@ -178,7 +192,7 @@ class Loops(NamedTuple):
     angle: Real
     variance: Real
     temperature: Real
-    centred: int
+    n_centred: int
 
 
 def _random(blocks: BranchBlocks, cells: Cells) -> tuple[NoiseEstimate, bool]:
@@ -187,25 +201,27 @@ def _random(blocks: BranchBlocks, cells: Cells) -> tuple[NoiseEstimate, bool]:
     A two-way layout of positions and cycles at every torque; an analysis of variance tells chance from what is shared.
     """
     loops = _loops(blocks, cells)
-    if loops.centred < 2 or len(np.unique(loops.position)) < 2:
-        return UNKNOWN, False
+    if loops.n_centred < 2 or len(np.unique(loops.position)) < 2:
+        return UNKNOWN_NOISE, False
     of_position, of_cycle = (
         (number[:, None] == np.unique(number)).astype(float) for number in (loops.position, loops.cycle)
     )
-    shared = [of_cycle]
+    shared_columns = [of_cycle]
     if np.all(np.isfinite(loops.temperature)) and np.ptp(loops.temperature) > 0:
-        shared.append(loops.temperature[:, None] / np.ptp(loops.temperature))
-    position_squares, position_expected = _unexplained(loops, of_position)
-    squares, expected = _unexplained(loops, np.hstack([of_position, *shared]))
-    free, shared_free = expected.sum(), position_expected.sum() - expected.sum()
-    if min(free, shared_free) < 1 or not squares.sum() > 0:
-        return UNKNOWN, False
-    ratio = (position_squares.sum() - squares.sum()) / shared_free / (squares.sum() / free)
-    informative = expected > 0
-    return pooled(squares[informative], expected[informative], 1.0), bool(fdtrc(shared_free, free, ratio) < SHARED)
+        shared_columns.append(loops.temperature[:, None] / np.ptp(loops.temperature))
+    position_squares, position_expected = _unexplained_squares(loops, of_position)
+    squares, expected_squares = _unexplained_squares(loops, np.hstack([of_position, *shared_columns]))
+    freedom, shared_free = expected_squares.sum(), position_expected.sum() - expected_squares.sum()
+    if min(freedom, shared_free) < 1 or not squares.sum() > 0:
+        return UNKNOWN_NOISE, False
+    ratio = (position_squares.sum() - squares.sum()) / shared_free / (squares.sum() / freedom)
+    informative = expected_squares > 0
+    return pooled_noise(squares[informative], expected_squares[informative], 1.0), bool(
+        fdtrc(shared_free, freedom, ratio) < SHARED_LEVEL
+    )
 
 
-def _unexplained(loops: Loops, columns: Real) -> tuple[Real, Real]:
+def _unexplained_squares(loops: Loops, columns: Real) -> tuple[Real, Real]:
     """What ``columns`` (n_loops, n_columns) leave of the angle at each node.
 
     Returns
@@ -213,7 +229,7 @@ def _unexplained(loops: Loops, columns: Real) -> tuple[Real, Real]:
     squares : (n_loops,) sum of its squares over the nodes [arcmin2].
     expected : (n_loops,) the same of cells of unit variance.
     """
-    squares, expected = np.zeros(len(columns)), np.zeros(len(columns))
+    squares, expected_squares = np.zeros(len(columns)), np.zeros(len(columns))
     is_finite = np.isfinite(loops.angle)
     for pattern in np.unique(is_finite, axis=1).T:
         nodes = np.all(is_finite == pattern[:, None], axis=0)
@@ -221,8 +237,8 @@ def _unexplained(loops: Loops, columns: Real) -> tuple[Real, Real]:
         basis = basis[:, sizes > 1e-9 * np.max(sizes, initial=1.0)]
         leaving = np.eye(len(basis)) - basis @ basis.T
         squares[pattern] += np.sum((leaving @ loops.angle[np.ix_(pattern, nodes)]) ** 2, axis=1)
-        expected[pattern] += np.sum(leaving**2 @ loops.variance[np.ix_(pattern, nodes)], axis=1)
-    return squares, expected * (1 - 1 / loops.centred)
+        expected_squares[pattern] += np.sum(leaving**2 @ loops.variance[np.ix_(pattern, nodes)], axis=1)
+    return squares, expected_squares * (1 - 1 / loops.n_centred)
 
 
 def _loops(blocks: BranchBlocks, cells: Cells) -> Loops:

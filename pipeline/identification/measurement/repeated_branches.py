@@ -56,24 +56,29 @@ def branch_of(cells: Cells, block: int) -> Branch:
 
 def mean_branch(branches: list[Branch]) -> Branch:
     """Mean angle over the repeats of a branch, at the torques of the first that all of them reach."""
-    measured = [branch for branch in branches if branch.torque.size]
-    if not measured:
+    measured_branches = [branch for branch in branches if branch.torque.size]
+    if not measured_branches:
         return NO_BRANCH
     low, high = (
-        max(repeated_branch.torque[0] for repeated_branch in measured),
-        min(repeated_branch.torque[-1] for repeated_branch in measured),
+        max(repeated_branch.torque[0] for repeated_branch in measured_branches),
+        min(repeated_branch.torque[-1] for repeated_branch in measured_branches),
     )
-    torque = measured[0].torque
+    torque = measured_branches[0].torque
     torque = torque[(torque >= low) & (torque <= high)]
     angle = (
         np.mean(
-            [np.interp(torque, repeated_branch.torque, repeated_branch.angle) for repeated_branch in measured], axis=0
+            [np.interp(torque, repeated_branch.torque, repeated_branch.angle) for repeated_branch in measured_branches],
+            axis=0,
         )
         if torque.size
         else torque
     )
     return Branch(
-        torque, angle, float(np.mean([repeated_branch.blur for repeated_branch in measured]) / np.sqrt(len(measured)))
+        torque,
+        angle,
+        float(
+            np.mean([repeated_branch.blur for repeated_branch in measured_branches]) / np.sqrt(len(measured_branches))
+        ),
     )
 
 
@@ -100,7 +105,7 @@ def loop_distance(loop: Loop, second: Loop) -> float:
 
 def loop_differences(loop: Loop, second: Loop) -> list[Real]:
     """Differences [arcmin] of two mean loops, a list entry per kind of branch that both have, their offset removed."""
-    return centred([angle_difference(loop[kind], second[kind]) for kind in loop if kind in second])
+    return centred_differences([angle_difference(loop[kind], second[kind]) for kind in loop if kind in second])
 
 
 class Difference(NamedTuple):
@@ -120,19 +125,19 @@ def angle_difference(branch: Branch, second: Branch) -> Difference:
     """Angle of `second` less `branch`, steep places left out."""
     if min(branch.torque.size, second.torque.size) < FEWEST_CELLS:
         return Difference(np.empty(0), np.empty(0))
-    is_comparable = _even(second, branch.torque) & ~steep_places(branch)
-    second_angle, variance = _interpolated(second, branch.torque)
+    is_comparable = _is_even(second, branch.torque) & ~steep_places(branch)
+    second_angle, variance = _interpolate(second, branch.torque)
     return Difference((second_angle - branch.angle)[is_comparable], 0.5 * (1 + variance[is_comparable]))
 
 
-def _even(branch: Branch, level: Real) -> NDArray[np.bool_]:
+def _is_even(branch: Branch, level: Real) -> NDArray[np.bool_]:
     """Torques that a branch reaches and where it is not steep."""
     torque = branch.torque
     steep = steep_places(branch)[np.clip(np.searchsorted(torque, level), 0, torque.size - 1)]
     return (level >= torque[0]) & (level <= torque[-1]) & ~steep
 
 
-def _interpolated(branch: Branch, level: Real) -> tuple[Real, Real]:
+def _interpolate(branch: Branch, level: Real) -> tuple[Real, Real]:
     """Angle of a branch at torques, and its variance in that of a cell: two of them share in it."""
     torque, angle = branch.torque, branch.angle
     upper = np.clip(np.searchsorted(torque, level), 1, torque.size - 1)
@@ -144,8 +149,8 @@ def on_nodes(branch: Branch, torque: Real) -> tuple[Real, Real]:
     """Angle and variance of a branch at torques; NaN where it does not reach or is steep."""
     if branch.torque.size < FEWEST_CELLS:
         return np.full(len(torque), np.nan), np.ones(len(torque))
-    angle, variance = _interpolated(branch, torque)
-    return np.where(_even(branch, torque), angle, np.nan), variance
+    angle, variance = _interpolate(branch, torque)
+    return np.where(_is_even(branch, torque), angle, np.nan), variance
 
 
 def steep_places(branch: Branch) -> NDArray[np.bool_]:
@@ -166,7 +171,7 @@ def steep_cells(cells: Cells) -> NDArray[np.bool_]:
     return steep
 
 
-def centred(differences: list[Difference]) -> list[Real]:
+def centred_differences(differences: list[Difference]) -> list[Real]:
     """The differences of one pair of loops less their common mean, the offset of the pair, for equal variances.
 
     The mean takes one of their n degrees of freedom.

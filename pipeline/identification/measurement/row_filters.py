@@ -40,21 +40,21 @@ SPIKE_FACTOR = 8.0
 def at_rest(rows: Rows, instrument: InstrumentSection, torque_noise: float) -> Truth:
     """Rows at the start of a position before the torque differs from zero (n,): nobody knows where in the play."""
     smallest_change = START_NOISE * torque_noise + (instrument.torque_resolution_Nm or 0.0)
-    flagged = np.zeros(len(rows), bool)
+    is_at_rest = np.zeros(len(rows), bool)
     for position in range(len(rows.cranks)):
         of_position = np.flatnonzero(rows.position == position)
         is_loaded = np.abs(rows.torque[of_position]) > smallest_change
-        flagged[of_position[: int(np.argmax(is_loaded)) if np.any(is_loaded) else 0]] = True
-    return flagged
+        is_at_rest[of_position[: int(np.argmax(is_loaded)) if np.any(is_loaded) else 0]] = True
+    return is_at_rest
 
 
 def numeric(rows: Rows) -> Truth:
     """Whether crank angle, cycle, torque, angle and, where there is one, command of each row are numbers (n,)."""
     command = True if rows.command is None else np.isfinite(rows.command)
-    return ~rows.misnumbered & np.isfinite(rows.torque) & np.isfinite(rows.angle) & command
+    return ~rows.is_misnumbered & np.isfinite(rows.torque) & np.isfinite(rows.angle) & command
 
 
-def saturated(rows: Rows, instrument: InstrumentSection, torque_noise: float) -> Truth:
+def saturated_rows(rows: Rows, instrument: InstrumentSection, torque_noise: float) -> Truth:
     """Whether the torque of each row is cut off (n,), by `SATURATION_RULE`."""
     limit = instrument.torque_saturation_Nm
     cut = np.zeros(len(rows), bool) if limit is None else np.abs(rows.torque) >= limit
@@ -70,13 +70,13 @@ def saturated(rows: Rows, instrument: InstrumentSection, torque_noise: float) ->
     return cut
 
 
-def spikes(rows: Rows, smallest: float, torque_noise: float) -> Truth:
+def spikes(rows: Rows, smallest_spike: float, torque_noise: float) -> Truth:
     """Whether the angle of each row stands out from both neighbours, which its torque does not (n,).
 
-    The scale of an ordinary step is robust over the run of one cycle, and at ``smallest`` the angle's step and noise
-    [arcmin]. A torque that goes out and back in three rows may well take the angle along: that is a turn.
+    The scale of an ordinary step is robust over the run of one cycle, and at ``smallest_spike`` the angle's step and
+    noise [arcmin]. A torque that goes out and back in three rows may well take the angle along: that is a turn.
     """
-    flagged = np.zeros(len(rows), bool)
+    is_spike = np.zeros(len(rows), bool)
     good = numeric(rows)
     for *_, run in rows.runs():
         run_rows = np.flatnonzero(good[run]) + run.start
@@ -84,21 +84,21 @@ def spikes(rows: Rows, smallest: float, torque_noise: float) -> Truth:
             continue
         angle, torque = rows.angle[run_rows], rows.torque[run_rows]
         step = np.diff(angle)
-        limit = SPIKE_FACTOR * max(MAD_TO_STD * np.median(np.abs(step)), smallest)
+        limit = SPIKE_FACTOR * max(MAD_TO_STD * np.median(np.abs(step)), smallest_spike)
         out_and_back = (step[:-1] * step[1:] < 0) & (np.minimum(np.abs(step[:-1]), np.abs(step[1:])) > limit)
         bend = np.abs(torque[1:-1] - (torque[:-2] + torque[2:]) / 2)
         turn = bend > np.abs(torque[2:] - torque[:-2]) + NOISE_FACTOR * torque_noise
-        flagged[run_rows[1:-1]] = out_and_back & ~turn
-    return flagged
+        is_spike[run_rows[1:-1]] = out_and_back & ~turn
+    return is_spike
 
 
-def clipped(rows: Rows, step: float) -> Truth:
+def clipped_rows(rows: Rows, step: float) -> Truth:
     """Whether the angle of each row, read in steps [arcmin], stands at the end of its instrument's range (n,).
 
     It then repeats its extreme exactly while the torque goes on towards that end, and does so in half of the cycles or
     more; a drive that sticks by friction keeps its angle when the torque comes back.
     """
-    flagged, good = np.zeros(len(rows), bool), numeric(rows)
+    is_clipped, good = np.zeros(len(rows), bool), numeric(rows)
     for position in range(len(rows.cranks)):
         of_position = np.flatnonzero(good & (rows.position == position))
         if of_position.size < FEWEST_ROWS or np.ptp(rows.angle[of_position]) < FEWEST_STEPS * step:
@@ -112,13 +112,13 @@ def clipped(rows: Rows, step: float) -> Truth:
                 and torque[start:stop].max() - torque[start] > CLIPPED_SHARE * np.ptp(torque)
             ]
             if 2 * len(ends) >= len(np.unique(rows.cycle[of_position])):
-                flagged[np.concatenate(ends)] = True
-    return flagged
+                is_clipped[np.concatenate(ends)] = True
+    return is_clipped
 
 
-def _runs(selected: Truth) -> list[tuple[int, int]]:
+def _runs(is_selected: Truth) -> list[tuple[int, int]]:
     """First and last + 1 of each run of selected rows."""
-    edges = np.diff(np.concatenate([[0], selected.astype(int), [0]]))
+    edges = np.diff(np.concatenate([[0], is_selected.astype(int), [0]]))
     starts, stops = np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist()
     return list(zip(starts, stops, strict=True))
 
@@ -145,7 +145,7 @@ def _repeated_extreme(torque: Real, noise: float) -> Truth:
     """Rows of runs of equal largest values in a torque whose rows scatter by more than a digit elsewhere."""
     if torque.size == 0 or noise <= smallest_step(torque) / 2:
         return np.zeros(len(torque), bool)
-    flagged = np.zeros(len(torque), bool)
+    is_repeated = np.zeros(len(torque), bool)
     for start, stop in _runs(torque == torque.max()):
-        flagged[start:stop] = stop - start >= FEWEST_ROWS
-    return flagged
+        is_repeated[start:stop] = stop - start >= FEWEST_ROWS
+    return is_repeated

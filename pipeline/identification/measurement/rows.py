@@ -20,7 +20,7 @@ Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
 Truth = NDArray[np.bool_]
 
-REQUIRED = ("cycle", "crank_deg", "torque_Nm", "angle_arcmin")
+REQUIRED_QUANTITIES = ("cycle", "crank_deg", "torque_Nm", "angle_arcmin")
 OPTIONAL = ("time_s", "temperature_C", "command_torque_Nm")
 ENCODERS = ("input_deg", "output_deg")
 """Columns of a pair of encoders, in place of the crank angle and the error."""
@@ -36,8 +36,8 @@ class Rows:
     ----------
     cranks : (n_positions,) [deg] crank angles, ascending.
     position : (n,) index into `cranks`; -1 where the crank angle is no number.
-    cycle : (n,) number; -1 where it is no integer (see `misnumbered`).
-    misnumbered : (n,) whether crank angle or cycle is no number.
+    cycle : (n,) number; -1 where it is no integer (see `is_misnumbered`).
+    is_misnumbered : (n,) whether crank angle or cycle is no number.
     torque, angle : (n,) [N m], [arcmin]; NaN where it is no number.
     time, temperature, command : (n,) [s], [deg C], [N m]; None without such a column in any file.
     file, line : (n,) index into `files`, and line in that file (the header is line 1).
@@ -49,7 +49,7 @@ class Rows:
     cranks: Real
     position: Whole
     cycle: Whole
-    misnumbered: Truth
+    is_misnumbered: Truth
     torque: Real
     angle: Real
     time: Real | None
@@ -69,10 +69,10 @@ class Rows:
         """The torque that the bench steers (n,) [N m]: commanded where known, else measured."""
         return self.torque if self.command is None else self.command
 
-    def where(self, selected: NDArray) -> tuple[str, ...]:
+    def where(self, selected_rows: NDArray) -> tuple[str, ...]:
         """`file:line` of the selected rows (a mask or indices)."""
-        chosen = np.arange(len(self))[selected]
-        return tuple(f"{self.files[self.file[row]]}:{self.line[row]}" for row in chosen)
+        row_numbers = np.arange(len(self))[selected_rows]
+        return tuple(f"{self.files[self.file[row]]}:{self.line[row]}" for row in row_numbers)
 
     def runs(self) -> Iterator[tuple[int, int, slice]]:
         """Position, cycle and rows of each run of rows of one cycle at one position, in order."""
@@ -114,15 +114,15 @@ class Recorded:
 
 
 def read_rows(unit: UnitFile) -> Rows:
-    """All rows of a unit that its files select, each at the position of its crank angle; see ``recorded``."""
-    record = recorded(unit)
+    """All rows of a unit that its files select, each at the position of its crank angle; see ``recorded_rows``."""
+    record = recorded_rows(unit)
     crank = np.round(record.quantity("crank_deg"), CRANK_DIGITS)
     cranks = np.unique(crank[np.isfinite(crank)])
     position = np.where(np.isfinite(crank), np.searchsorted(cranks, crank), -1)
     return rows_of(record, unit, cranks, position)
 
 
-def recorded(unit: UnitFile) -> Recorded:
+def recorded_rows(unit: UnitFile) -> Recorded:
     """What the files of a unit hold.
 
     A value that is no number becomes NaN and a missing column NaN throughout; `data_faults` reports both.
@@ -136,7 +136,7 @@ def recorded(unit: UnitFile) -> Recorded:
     for number, file in enumerate(unit.files):
         try:
             table = read_table(unit.folder / file.path, file.path, file.separator, file.decimal)
-            tables.append(_selected(table, file, number, unit))
+            tables.append(_selected_rows(table, file, number, unit))
         except InputError as error:
             problems += error.problems
     if problems:
@@ -144,8 +144,10 @@ def recorded(unit: UnitFile) -> Recorded:
     missing: list[tuple[str, str, str]] = []
     parts = [_standard(table, number, unit, missing) for number, table in enumerate(tables)]
     source = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    mapped = {_column(unit, name).name for name in (*REQUIRED, *OPTIONAL, *ENCODERS)}
-    extra = pd.concat([table.cells.drop(columns=mapped & set(table.cells)) for table in tables], ignore_index=True)
+    mapped_columns = {_column(unit, name).name for name in (*REQUIRED_QUANTITIES, *OPTIONAL, *ENCODERS)}
+    extra = pd.concat(
+        [table.cells.drop(columns=mapped_columns & set(table.cells)) for table in tables], ignore_index=True
+    )
     return Recorded(pd.concat(parts, ignore_index=True), source, tuple(missing), extra)
 
 
@@ -158,9 +160,9 @@ def training_rows(unit: UnitFile, rows: Rows) -> Truth:
     """
     of_row, train, cranks = _held_out_by(unit, rows)
     key, crank_text = f"{unit.name}/unit.toml: held_out.train", ", ".join(f"{value:g}" for value in cranks)
-    unknown = [f"{value:g}" for value in train if value not in cranks]
-    if unknown:
-        raise InputError(f"{key} = {', '.join(unknown)}; measured are {crank_text}")
+    unknown_values = [f"{value:g}" for value in train if value not in cranks]
+    if unknown_values:
+        raise InputError(f"{key} = {', '.join(unknown_values)}; measured are {crank_text}")
     if unit.settings.held_out.train and len(train) == len(cranks):
         raise InputError(f"{key} = {crank_text}; leaves nothing to judge the model with; leave one out")
     return np.isin(of_row, train)
@@ -172,8 +174,8 @@ def fitted_rows(unit: UnitFile, rows: Rows) -> Truth:
     Where nothing that it names was measured, all: ``training_rows`` says so before a fit.
     """
     of_row, train, _ = _held_out_by(unit, rows)
-    fitted = np.isin(of_row, train)
-    return fitted if unit.settings.held_out.train and np.any(fitted) else np.ones(len(rows), bool)
+    is_fitted = np.isin(of_row, train)
+    return is_fitted if unit.settings.held_out.train and np.any(is_fitted) else np.ones(len(rows), bool)
 
 
 def _held_out_by(unit: UnitFile, rows: Rows) -> tuple[Real, Real, Real]:
@@ -187,11 +189,11 @@ def _held_out_by(unit: UnitFile, rows: Rows) -> tuple[Real, Real, Real]:
         else np.full(len(rows), np.nan)
     )
     of_row = crank if by_position else rows.cycle.astype(float)
-    cranks = np.unique(of_row[~rows.misnumbered])
+    cranks = np.unique(of_row[~rows.is_misnumbered])
     return of_row, np.round(held_out.train, CRANK_DIGITS) if held_out.train else cranks[::2], cranks
 
 
-def _selected(table: TableFile, file: DataFile, number: int, unit: UnitFile) -> TableFile:
+def _selected_rows(table: TableFile, file: DataFile, number: int, unit: UnitFile) -> TableFile:
     frame = table.cells
     key = f"{unit.name}/unit.toml: files[{number}].where"
     row_mask = np.ones(len(frame), bool)
@@ -218,9 +220,9 @@ def _standard(table: TableFile, number: int, unit: UnitFile, missing: list[tuple
         "command_torque_Nm": unit.input_ratio,
         "angle_arcmin": 1 / unit.input_ratio,
     }
-    mapped = unit.settings.columns.model_fields_set
+    mapped_columns = unit.settings.columns.model_fields_set
     values = {}
-    for quantity in (*REQUIRED, *OPTIONAL, *ENCODERS):
+    for quantity in (*REQUIRED_QUANTITIES, *OPTIONAL, *ENCODERS):
         column = _column(unit, quantity)
         if column.name in table.cells:
             scale, shift = column.to_standard
@@ -230,7 +232,7 @@ def _standard(table: TableFile, number: int, unit: UnitFile, missing: list[tuple
                 values[quantity] = np.where(np.abs(value) <= LARGEST_VALUE, value, np.nan)
         elif constants.get(quantity) is not None:
             values[quantity] = np.full(len(table.cells), constants[quantity], float)
-        elif quantity in REQUIRED or quantity in mapped:
+        elif quantity in REQUIRED_QUANTITIES or quantity in mapped_columns:
             missing.append((file.path, column.name, quantity))
     return pd.DataFrame({"line": table.cells.index, **values})
 
@@ -244,7 +246,7 @@ def rows_of(record: Recorded, unit: UnitFile, cranks: Real, position: Whole) -> 
         cranks=cranks,
         position=position[order],
         cycle=cycle[order],
-        misnumbered=(~integer | (position < 0))[order],
+        is_misnumbered=(~integer | (position < 0))[order],
         torque=quantity("torque_Nm")[order],
         angle=quantity("angle_arcmin")[order],
         time=optional[0],

@@ -21,9 +21,9 @@ def high_frequency_scatter(values: Real, runs: list[slice]) -> float:
     Noise that is alike in neighbouring rows is not seen. NaN with fewer than three rows in a run.
     """
     second = [np.diff(values[run], 2) for run in runs]
-    joined = np.concatenate(second) if second else np.empty(0)
-    joined = joined[np.isfinite(joined)]
-    return float(MAD_TO_STD * np.median(np.abs(joined)) / np.sqrt(6)) if joined.size else np.nan
+    second_differences = np.concatenate(second) if second else np.empty(0)
+    second_differences = second_differences[np.isfinite(second_differences)]
+    return float(MAD_TO_STD * np.median(np.abs(second_differences)) / np.sqrt(6)) if second_differences.size else np.nan
 
 
 def smallest_step(values: Real) -> float:

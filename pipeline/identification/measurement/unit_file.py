@@ -32,7 +32,7 @@ from pipeline.identification.measurement.columns import Columns, Text
 
 T = TypeVar("T")
 UNIT_FILE = "unit.toml"
-UNKNOWN = "unknown"
+UNKNOWN_STATUS = "unknown"
 NEITHER = "neither"
 """Of the ends, locked: the crank turns."""
 
@@ -162,8 +162,8 @@ class UnitFile:
     name : of the folder.
     folder : where unit.toml stands.
     settings : what unit.toml says.
-    designed : the study that it names, with the unit's design: tolerances (the prior), mesh, laws, metrics; None of a
-        generic drive.
+    design_study : the study that it names, with the unit's design: tolerances (the prior), mesh, laws, metrics; None of
+        a generic drive.
     dimensions : as-measured deviations [um]; None where unknown.
     files : the data files in the order of reading; `path` of each is relative to `folder`.
     """
@@ -171,7 +171,7 @@ class UnitFile:
     name: str
     folder: Path
     settings: UnitSettings
-    designed: Study | None
+    design_study: Study | None
     dimensions: Case | None
     files: tuple[DataFile, ...]
 
@@ -183,9 +183,9 @@ class UnitFile:
         ------
         InputError : the drive is generic.
         """
-        if self.designed is None:
+        if self.design_study is None:
             raise InputError(f"{self.name}/unit.toml: a generic drive has no design; name one, and its study")
-        return self.designed
+        return self.design_study
 
     @property
     def input_ratio(self) -> float:
@@ -204,7 +204,7 @@ class UnitFile:
         """Whether the drive turned and is described by its own record: without a design, or as a carrier."""
         if self.settings.locked != NEITHER:
             return False
-        return self.designed is None or self.designed.design.output.carries_disks
+        return self.design_study is None or self.design_study.design.output.carries_disks
 
     @property
     def has_anonymous_positions(self) -> bool:
@@ -212,7 +212,7 @@ class UnitFile:
         settings = self.settings
         if "crank_deg" in settings.columns.model_fields_set or any(file.crank_deg is not None for file in self.files):
             return False
-        return settings.locked != NEITHER and (settings.generic is not None or settings.crank_angles == UNKNOWN)
+        return settings.locked != NEITHER and (settings.generic is not None or settings.crank_angles == UNKNOWN_STATUS)
 
     @property
     def rated_torque_Nm(self) -> float:
@@ -242,16 +242,18 @@ def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
     problems, parts = validate_sections(UnitSettings, raw)
     lines: list[str] = []
     problems += _drive_problems(raw)
-    design = _collected(
+    design = _collect(
         lines, lambda: load_design(_nearby(parts["design"], path.parent), root), bool(parts.get("design"))
     )
-    study = _collected(
+    study = _collect(
         lines,
         lambda: _study_of(parts["study"], parts["design"], design, path, root),
         design is not None and bool(parts.get("study")),
     )
-    measured = parts.get("as_measured") or UNKNOWN
-    dimensions = _collected(lines, lambda: _dimensions(path.parent, measured, file, design), measured != UNKNOWN)
+    as_measured = parts.get("as_measured") or UNKNOWN_STATUS
+    dimensions = _collect(
+        lines, lambda: _dimensions(path.parent, as_measured, file, design), as_measured != UNKNOWN_STATUS
+    )
     files = parts.get("files") or tuple(DataFile(path=name) for name in _csv_names(path.parent))
     problems += _file_problems(files, path.parent) if "files" in parts or "files" not in raw else []
     problems += _held_out_problems(parts)
@@ -275,21 +277,21 @@ def load_measured_units(path_or_name: str | Path, root: Path) -> list[UnitFile]:
     folders = [folder for folder in (Path(path_or_name), root / path_or_name) if folder.is_dir()]
     files = sorted(folders[0].glob(f"*/{UNIT_FILE}")) if folders and not (folders[0] / UNIT_FILE).is_file() else []
     lines: list[str] = []
-    units = [_collected(lines, partial(load_measured_unit, file, root), True) for file in files]
+    units = [_collect(lines, partial(load_measured_unit, file, root), True) for file in files]
     if lines:
         raise InputError(lines)
     return [unit for unit in units if unit] or [load_measured_unit(path_or_name, root)]
 
 
-def _unit_path(typed: Path, root: Path) -> Path:
+def _unit_path(typed_path: Path, root: Path) -> Path:
     home = root / "data" / "measured"
-    for candidate in (typed, root / typed, home / typed):
+    for candidate in (typed_path, root / typed_path, home / typed_path):
         path = candidate if candidate.name == UNIT_FILE else candidate / UNIT_FILE
         if path.is_file():
             return path.resolve()
     names = [path.parent.name for path in home.glob(f"*/{UNIT_FILE}")]
-    advice = nearest_name(typed.name, names) if names else "data/measured has none"
-    raise InputError(f"unit = {str(typed)!r}; no such folder with a {UNIT_FILE}; {advice}")
+    advice = nearest_name(typed_path.name, names) if names else "data/measured has none"
+    raise InputError(f"unit = {str(typed_path)!r}; no such folder with a {UNIT_FILE}; {advice}")
 
 
 def _nearby(name: str, folder: Path) -> str | Path:
@@ -297,10 +299,10 @@ def _nearby(name: str, folder: Path) -> str | Path:
     return folder / name if Path(name).suffix == ".toml" and (folder / name).is_file() else name
 
 
-def _collected(lines: list[str], read: Callable[[], T], required: bool) -> T | None:
+def _collect(lines: list[str], read: Callable[[], T], is_required: bool) -> T | None:
     """What `read` returns; None if it is not wanted, or raises InputError, whose problems are added to `lines`."""
     try:
-        return read() if required else None
+        return read() if is_required else None
     except InputError as error:
         lines += error.problems
         return None
@@ -316,7 +318,9 @@ def _study_of(study: str, design_name: str, design: Design | None, unit: Path, r
 def _dimensions(folder: Path, name: str, file: str, design: Design | None) -> Case:
     path = folder / name
     if not path.is_file():
-        raise InputError(f'{file}: as_measured = "{name}"; no such file in the unit\'s folder; or say "{UNKNOWN}"')
+        raise InputError(
+            f'{file}: as_measured = "{name}"; no such file in the unit\'s folder; or say "{UNKNOWN_STATUS}"'
+        )
     raw = {"label": path.stem, **with_tuples(read_toml(path))}
     try:
         case = Case.model_validate(raw)
@@ -351,7 +355,7 @@ def _table_problems(files: tuple[DataFile, ...], folder: Path) -> list[str]:
     lines: list[str] = []
     for file in files:
         path = folder / file.path
-        _collected(lines, partial(read_table, path, file.path, file.separator, file.decimal), path.is_file())
+        _collect(lines, partial(read_table, path, file.path, file.separator, file.decimal), path.is_file())
     return lines
 
 
@@ -372,52 +376,77 @@ def _output_problems(design: Design | None, turns: bool) -> list[Mistake]:
     if design is None or (turns and design.output.carries_disks):
         return []
     if design.output.carries_disks:
-        allowed = (
+        requirement = (
             f"loops of a {design.output.name} are not identified: its disk has no bearing of its own to separate the "
             'play by; give a record of both encoders with locked = "neither"'
         )
-        return [Mistake("design", None, allowed)]
+        return [Mistake("design", None, requirement)]
     if design.cycloid.fixed == "housing":
         return []
-    allowed = 'its cycloid.fixed must be "housing": measured angles are read at the flange against the housing'
-    return [Mistake("design", None, allowed)]
+    requirement = 'its cycloid.fixed must be "housing": measured angles are read at the flange against the housing'
+    return [Mistake("design", None, requirement)]
 
 
 def _turning_problems(parts: Mapping[str, Any], design: Design | None) -> list[Mistake]:
     """A record of a turning drive has one zero; other units are held out by position or cycle."""
     record = bool(parts.get("generic")) or (design is not None and design.output.carries_disks)
-    by, turns = parts.get("held_out", HeldOut()).by, parts.get("locked") == NEITHER
-    side, locked = parts.get("side", "output"), parts.get("locked")
-    refused: tuple[tuple[bool, str, Any, str], ...]
+    held_out_by, turns = parts.get("held_out", HeldOut()).by, parts.get("locked") == NEITHER
+    side, locked_end = parts.get("side", "output"), parts.get("locked")
+    refusals: tuple[tuple[bool, str, Any, str], ...]
     if not turns:
-        refused = (
-            (side == "input" == locked, "side", side, 'must be "output" where the input is locked: only that moves'),
-            (by in ("torque", "sense", "temperature"), "held_out.by", by, 'must be "position" or "cycle"'),
+        refusals = (
+            (
+                side == "input" == locked_end,
+                "side",
+                side,
+                'must be "output" where the input is locked: only that moves',
+            ),
+            (
+                held_out_by in ("torque", "sense", "temperature"),
+                "held_out.by",
+                held_out_by,
+                'must be "position" or "cycle"',
+            ),
             (parts.get("angle") == "absolute", "angle", "absolute", 'asks for locked = "neither"'),
         )
     else:
-        offset, known = parts.get("offset", "common"), parts.get("crank_angles", "measured")
-        refused = (
-            (by == "position", "held_out.by", by, 'must be "cycle", "torque" or "sense" where the crank turns'),
-            (by == "temperature" and not record, "held_out.by", by, 'must be "cycle", "torque" or "sense" of a design'),
-            (by == "cycle" and record, "held_out.by", by, 'must be "torque", "sense" or "temperature" of a record'),
+        offset, crank_angles = parts.get("offset", "common"), parts.get("crank_angles", "measured")
+        refusals = (
+            (
+                held_out_by == "position",
+                "held_out.by",
+                held_out_by,
+                'must be "cycle", "torque" or "sense" where the crank turns',
+            ),
+            (
+                held_out_by == "temperature" and not record,
+                "held_out.by",
+                held_out_by,
+                'must be "cycle", "torque" or "sense" of a design',
+            ),
+            (
+                held_out_by == "cycle" and record,
+                "held_out.by",
+                held_out_by,
+                'must be "torque", "sense" or "temperature" of a record',
+            ),
             (offset != "common", "offset", offset, 'must be "common" where the crank turns: all rows have one zero'),
             (
-                known != "measured",
+                crank_angles != "measured",
                 "crank_angles",
-                known,
+                crank_angles,
                 "a crank that turns is read from the drawing's zero",
             ),
             (side == "input" and not record, "side", side, 'must be "output" where the crank of a design turns'),
         )
-    return [Mistake(key, value, allowed) for wrong, key, value, allowed in refused if wrong]
+    return [Mistake(key, value, requirement) for is_wrong, key, value, requirement in refusals if is_wrong]
 
 
 def _crank_problems(parts: Mapping[str, Any]) -> list[Mistake]:
     """A crank that moves has a signed ratio; it follows the angle at the motor's side of a locked output alone."""
     crank = parts.get("crank", CrankSection())
     moves = crank.moves != "fixed"
-    refused: tuple[tuple[bool, str, Any, str], ...] = (
+    refusals: tuple[tuple[bool, str, Any, str], ...] = (
         (
             moves and not crank.ratio,
             "crank.ratio",
@@ -437,7 +466,7 @@ def _crank_problems(parts: Mapping[str, Any]) -> list[Mistake]:
             'name it with moves = "column", and only then',
         ),
     )
-    return [Mistake(key, value, allowed) for wrong, key, value, allowed in refused if wrong]
+    return [Mistake(key, value, requirement) for is_wrong, key, value, requirement in refusals if is_wrong]
 
 
 def _crank_of_design_problems(parts: Mapping[str, Any], design: Design | None) -> list[Mistake]:

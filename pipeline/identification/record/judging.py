@@ -19,7 +19,7 @@ from pipeline.identification.selection.statements.verdict import (
     IDENTIFIED,
     NOT_TESTABLE,
     UNEXPLAINED,
-    WITHIN,
+    WITHIN_TOLERANCE,
 )
 
 Real = NDArray[np.float64]
@@ -140,7 +140,7 @@ class RecordJudge(Rule[Trial]):
         verdict, finding, best = UNEXPLAINED, "", choice.best
         reason = choice.reasons.get(best, "")
         if best and TOLERABLE in reason:
-            verdict, finding = WITHIN, f"{best.replace('_', ' ')}: {reason}"
+            verdict, finding = WITHIN_TOLERANCE, f"{best.replace('_', ' ')}: {reason}"
         elif best:
             finding = f"the most probable, {best.replace('_', ' ')}, is not named: {reason}"
         elif trials[""].structure.size > limit:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.files.table_file import shortened_list
 from pipeline.identification.measurement.faults.fault import Fault
-from pipeline.identification.measurement.rows import Recorded, recorded
+from pipeline.identification.measurement.rows import Recorded, recorded_rows
 from pipeline.identification.measurement.turning.motion import FEWEST_ROWS, LEVEL_SHARE, held_torques, stretches
 from pipeline.identification.measurement.turning.motion import groups as groups_of
 from pipeline.identification.measurement.unit_file import UnitFile
@@ -119,8 +119,8 @@ class TurnRecord:
 
     @classmethod
     def read(cls, unit: UnitFile) -> TurnRecord:
-        """The record of a unit; raises as ``recorded``."""
-        table = recorded(unit)
+        """The record of a unit; raises as ``recorded_rows``."""
+        table = recorded_rows(unit)
         faults = tuple(column_faults(table, unit))
         place, error = (np.full(len(table.table), np.nan),) * 2 if faults else _angles(table, unit)
         cycle = np.maximum(table.cycle[0], 0)

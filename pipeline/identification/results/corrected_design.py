@@ -27,7 +27,7 @@ from pipeline.identification.selection.statements.verdict import (
     EQUIVALENT,
     IDENTIFIED,
     UNEXPLAINED,
-    WITHIN,
+    WITHIN_TOLERANCE,
 )
 from pipeline.model.effects import Effect
 from pipeline.model.effects.effect import TIME
@@ -53,7 +53,7 @@ def study_file(unit: str, kind: str = CORRECTED) -> str:
 
 def corrected_trial(identification: Identification) -> Trial:
     """The model that is written: with the named effect, the best of a class, or with refitted numbers alone."""
-    return identification.selection.chosen
+    return identification.selection.chosen_trial
 
 
 def best_trial(identification: Identification) -> Trial | None:
@@ -138,8 +138,8 @@ def _reading(identification: Identification) -> str:
     verdict, start = identification.verdict.verdict, f"Verdict on {identification.measurement.unit.name}"
     if verdict == IDENTIFIED:
         return f"{start}: identified."
-    if verdict in (EQUIVALENT, WITHIN):
-        names = ", ".join(identification.verdict.named)
+    if verdict in (EQUIVALENT, WITHIN_TOLERANCE):
+        names = ", ".join(identification.verdict.named_effects)
         return f"{start}: {verdict}; the data do not tell apart {names}. The most probable is written."
     if verdict == ADEQUATE:
         return f"{start}: adequate; calibrated numbers are refitted, no effect is added."
@@ -158,7 +158,7 @@ def _not_in_a_study(effect: Effect | InstrumentEffect) -> str:
 def _refitted(identification: Identification, key: str) -> dict[str, str]:
     """Provenance of a refitted number; marked where it stands at an end of its plausible range."""
     reason = f"refitted to the measured unit {identification.measurement.unit.name}"
-    (number,) = (calibrated for calibrated in identification.verdict.calibrated if calibrated.key == key)
+    (number,) = (calibrated for calibrated in identification.verdict.calibrated_numbers if calibrated.key == key)
     declared = number_at(identification.measurement.unit.study.design, key)
     low, high = declared * number.plausible_low, declared * number.plausible_high
     mark = f"; AT AN END of its plausible range, {low:.4g} to {high:.4g}: not to be believed" if number.leaves else ""

@@ -144,7 +144,7 @@ def candidate_rows(identification: Identification) -> Columns:
     """Columns of `CANDIDATES`: fitted ones, the most probable first, then the untestable."""
     selection = identification.selection
     fitted = sorted(selection.trials, key=lambda name: -selection.trials[name].evidence.value)
-    unsolved = sorted(set(selection.screened) - set(fitted), key=lambda name: selection.screened[name])
+    unsolved = sorted(set(selection.promised_misfits) - set(fitted), key=lambda name: selection.promised_misfits[name])
     rows = [_candidate(identification, name) for name in (*fitted, *unsolved, *identification.why_not)]
     columns: dict[str, Any] = {column.name: [row[column.name] for row in rows] for column in CANDIDATES.columns}
     for column in CANDIDATES.columns:
@@ -168,7 +168,7 @@ def _candidate(identification: Identification, name: str) -> dict[str, Any]:
         "log_odds": odds,
         "log_score_gain": float(np.sum(gain)),
         "significant": bool(odds >= ODDS),
-        "member_of_class": name in identification.verdict.named,
-        "screened_share": selection.screened.get(name, np.nan),
+        "member_of_class": name in identification.verdict.named_effects,
+        "screened_share": selection.promised_misfits.get(name, np.nan),
         "why_not": reason,
     }

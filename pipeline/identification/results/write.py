@@ -128,12 +128,12 @@ def _common(identification: Identification | FaultyUnit) -> dict[str, Any]:
         "unit": unit.name,
         "title": unit.settings.title,
         "verdict": verdict.verdict,
-        "named": list(verdict.named),
+        "named": list(verdict.named_effects),
         "sentence": identification.statement.sentence,
         "advice": identification.statement.advice,
         "glance": dict(identification.statement.glance),
         "structure_floors": verdict.structure,
-        "calibrated_numbers": [asdict(number) for number in verdict.calibrated],
+        "calibrated_numbers": [asdict(number) for number in verdict.calibrated_numbers],
         "findings": list(verdict.findings),
         "parameters": [asdict(parameter) for parameter in verdict.parameters],
         "data_faults": [asdict(fault) for fault in identification.measurement.faults],
@@ -165,7 +165,7 @@ def _tested(findings_of_unit: Findings) -> dict[str, Any]:
     return {
         "calibrated": _calibrated(identification),
         "remainder": asdict(identification.remainder),
-        "discrepancy": identification.discrepancy.plain if identification.discrepancy else None,
+        "discrepancy": identification.discrepancy.as_json if identification.discrepancy else None,
         "noise": {
             "floor_arcmin": identification.problem.data.noise,
             "floor_is": noise.floor.words,

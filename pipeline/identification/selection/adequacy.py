@@ -15,7 +15,7 @@ from pipeline.identification.selection.held_out import Folds
 Real = NDArray[np.float64]
 
 
-def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: float, named: bool = False) -> str:
+def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: float, is_named: bool = False) -> str:
     """Why a refitted model is not adequate, or "": the one without effects, or the one with those that are named.
 
     Parameters
@@ -30,13 +30,13 @@ def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: f
     """
     if folds.in_sample:
         return "nothing is held out, so the fit cannot be tested"
-    predicted, (right, variance) = folds.recalibrated, folds.right_recalibrated
-    if named:
-        predicted, (right, variance) = folds.best, folds.right_best
-    square = ((data.angle - predicted) / data.sigma)[folds.cells] ** 2
-    largest = right + len(square) * form**2 + float(ndtri(CONFIDENCE)) * np.sqrt(variance)
-    if not np.sum(square) <= largest:
-        ratio = np.sqrt(np.sum(square) / right)
+    predicted_angle, (right_squares, variance) = folds.recalibrated_curve, folds.right_recalibrated
+    if is_named:
+        predicted_angle, (right_squares, variance) = folds.best_curve, folds.right_best
+    square = ((data.angle - predicted_angle) / data.sigma)[folds.cells] ** 2
+    largest_square = right_squares + len(square) * form**2 + float(ndtri(CONFIDENCE)) * np.sqrt(variance)
+    if not np.sum(square) <= largest_square:
+        ratio = np.sqrt(np.sum(square) / right_squares)
         return f"unused data are missed by {ratio:.2g} times what a right model would leave"
     for title, curve in baselines.items():
         if _is_ahead(data, folds, square, curve, CONFIDENCE ** (1 / len(baselines))):

@@ -57,7 +57,7 @@ def baselines(
     methods = METHODS if methods is None else methods
     predictions = {title: np.full(len(data), np.nan) for title in methods}
     for training, judged_cells in splits:
-        known_cycles = _trained(cycles, training)
+        known_cycles = _with_trained_kinds(cycles, training)
         for title, method in methods.items():
             angle = method(data, known_cycles, training)
             is_known = training & np.isfinite(angle)
@@ -71,10 +71,10 @@ def baselines(
     return {title: angle for title, angle in predictions.items() if title not in exact}
 
 
-def _trained(cycles: Cycles, training: Truth) -> Cycles:
+def _with_trained_kinds(cycles: Cycles, training: Truth) -> Cycles:
     """The cycles with each kind that was not trained in place of a trained one of its sense."""
-    kind, trained = cycles.kind.copy(), np.unique(cycles.kind[training])
-    for number in np.setdiff1d(kind, trained):
+    kind, trained_kinds = cycles.kind.copy(), np.unique(cycles.kind[training])
+    for number in np.setdiff1d(kind, trained_kinds):
         of_kind = cycles.kind == number
         same_direction = cycles.kind[training & (cycles.direction == cycles.direction[of_kind][0])]
         kind[of_kind] = same_direction[-1] if same_direction.size else number
@@ -86,24 +86,26 @@ def replay(data: Data, cycles: Cycles, training: Truth) -> Real:
 
     Torques beyond what was trained take the branch's end.
     """
-    level, replayed = data.angle - _offsets_of(data, cycles, training), np.full(len(data), np.nan)
+    level, replay_angle = data.angle - _offsets_of(data, cycles, training), np.full(len(data), np.nan)
     for kind in np.unique(cycles.kind):
         of_kind = cycles.kind == kind
         source = training & of_kind
         branches = [np.flatnonzero(source & (data.block == block)) for block in np.unique(data.block[source])]
         if branches:
-            ordered = [branch[np.argsort(data.torque[branch])] for branch in branches]
-            curves = [np.interp(data.torque[of_kind], data.torque[k], level[k]) for k in ordered]
-            replayed[of_kind] = np.mean(curves, axis=0)
-    return replayed
+            ordered_branches = [branch[np.argsort(data.torque[branch])] for branch in branches]
+            curves = [np.interp(data.torque[of_kind], data.torque[k], level[k]) for k in ordered_branches]
+            replay_angle[of_kind] = np.mean(curves, axis=0)
+    return replay_angle
 
 
 def polynomials(data: Data, cycles: Cycles, training: Truth) -> Real:
     """A polynomial of the torque for each kind of branch (n_cells,) [arcmin]; NaN of kinds that were not trained."""
     columns, kinds = _branch_columns(data, cycles, training)
     design = np.column_stack([columns, _dummies(data)])
-    fitted, *_ = np.linalg.lstsq(design[training] * _root(data, training), _weighted(data, training), rcond=None)
-    angle = columns @ fitted[: columns.shape[1]]
+    coefficients, *_ = np.linalg.lstsq(
+        design[training] * _root(data, training), _weighted_angle(data, training), rcond=None
+    )
+    angle = columns @ coefficients[: columns.shape[1]]
     return np.where(np.isin(cycles.kind, kinds), angle, np.nan)
 
 
@@ -133,7 +135,7 @@ def _offsets_of(data: Data, cycles: Cycles, training: Truth) -> Real:
     columns, _ = _branch_columns(data, cycles, training)
     dummies = _dummies(data)
     design = np.column_stack([dummies, columns])
-    amounts, *_ = np.linalg.lstsq(design[training] * _root(data, training), _weighted(data, training), rcond=None)
+    amounts, *_ = np.linalg.lstsq(design[training] * _root(data, training), _weighted_angle(data, training), rcond=None)
     return dummies @ amounts[: dummies.shape[1]]
 
 
@@ -146,5 +148,5 @@ def _root(data: Data, training: Truth) -> Real:
     return 1 / data.sigma[training][:, None]
 
 
-def _weighted(data: Data, training: Truth) -> Real:
+def _weighted_angle(data: Data, training: Truth) -> Real:
     return data.angle[training] / data.sigma[training]

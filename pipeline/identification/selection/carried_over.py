@@ -21,7 +21,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.selection.statements.discrepancy import REACHES, SIZES, averaged, kernels, offset_columns
+from pipeline.identification.selection.statements.discrepancy import (
+    REACHES,
+    SIZES,
+    averaged_cells,
+    kernels,
+    offset_columns,
+)
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -62,7 +68,7 @@ def expected_misfit(
     residual, sigma : (n_cells,) [arcmin] measured less fitted, and its noise; read at ``training`` cells alone.
     training : (n_cells,)
     """
-    places, means, noise, _ = averaged(
+    places, means, noise, _ = averaged_cells(
         torque[training],
         sense[training],
         position[training],
@@ -71,16 +77,16 @@ def expected_misfit(
         np.zeros((int(training.sum()), 0)),
     )
     places = places[0], places[1], np.unique(position[training])[places[2]]
-    seen = _Seen(places, means / noise, noise, offset_columns(places[2]) / noise[:, None])
+    observations = _Seen(places, means / noise, noise, offset_columns(places[2]) / noise[:, None])
     cells, top = (torque, np.sign(sense), position), float(np.max(np.abs(torque[training])))
     grid = [(share, reach * top) for share in SHARES for reach in np.geomspace(*REACHES, REACHES_TRIED)]
-    likelihood = np.array([seen.process(*numbers).likelihood for numbers in grid])
+    likelihood = np.array([observations.process(*numbers).likelihood for numbers in grid])
     weights = np.exp(likelihood - likelihood.max())
     weights /= weights.sum()
     mean, square = np.zeros((2, len(torque)))
     for numbers, weight in zip(grid, weights, strict=True):
         if weight.sum() > NEGLIGIBLE:  # found anew: all of them take the memory of as many matrices
-            means_of_sizes, variance = seen.process(*numbers).at(cells)
+            means_of_sizes, variance = observations.process(*numbers).prediction_at(cells)
             mean += means_of_sizes @ weight
             square += (variance + means_of_sizes**2) @ weight
     common_share = weights.reshape(len(SHARES), -1).sum(axis=1) @ np.array(SHARES)
@@ -92,7 +98,7 @@ class _Seen:
     """Places; what is missed there (n_places,) and columns of zeros (n_places, n_positions), both over their noise."""
 
     places: Places
-    missed: Real
+    misfit: Real
     noise: Real
     zeros: Real
 
@@ -103,16 +109,16 @@ class _Seen:
         roots, vectors = np.linalg.eigh(correlation)
         variance = np.median(self.noise) ** 2 * np.geomspace(*SIZES, SIZES_TRIED) ** 2
         gain = 1 / (1 + np.maximum(roots, 0.0)[:, None] * variance)
-        missed, zeros = vectors.T @ self.missed, vectors.T @ self.zeros
+        misfit, zeros = vectors.T @ self.misfit, vectors.T @ self.zeros
         information = (zeros.T * gain.T[:, None]) @ zeros  # (n_sizes, n_positions, n_positions)
-        levels = np.linalg.solve(information, (zeros.T @ (gain * missed[:, None])).T[:, :, None])[:, :, 0]
-        centred = missed[:, None] - zeros @ levels.T
+        levels = np.linalg.solve(information, (zeros.T @ (gain * misfit[:, None])).T[:, :, None])[:, :, 0]
+        centred_misfit = misfit[:, None] - zeros @ levels.T
         likelihood = 0.5 * (
             np.log(gain).sum(axis=0)
             - np.linalg.slogdet(information)[1]
-            - np.sum(gain * missed[:, None] * centred, axis=0)
+            - np.sum(gain * misfit[:, None] * centred_misfit, axis=0)
         )
-        return _Process(self, share, reach, vectors, variance, gain, centred, likelihood)
+        return _Process(self, share, reach, vectors, variance, gain, centred_misfit, likelihood)
 
 
 @dataclass(frozen=True)
@@ -124,22 +130,24 @@ class _Process:
     vectors : (n_places, n_places) of the correlation at the places seen, over their noise.
     variance : (n_sizes,) [arcmin^2]
     gain : (n_places, n_sizes) inverse covariance.
-    centred : (n_places, n_sizes) what is missed less the zeros.
+    centred_misfit : (n_places, n_sizes) what is missed less the zeros.
     likelihood : (n_sizes,) restricted, its logarithm.
     """
 
-    seen: _Seen
+    observations: _Seen
     share: float
     reach: float
     vectors: Real
     variance: Real
     gain: Real
-    centred: Real
+    centred_misfit: Real
     likelihood: Real
 
-    def at(self, cells: Places) -> tuple[Real, Real]:
+    def prediction_at(self, cells: Places) -> tuple[Real, Real]:
         """Mean [arcmin] and variance [arcmin^2] at cells, each (n_cells, n_sizes)."""
-        common, by_position = kernels(cells, self.seen.places, self.reach)
-        to_cells = (self.share * common + (1 - self.share) * by_position) / self.seen.noise @ self.vectors
-        known = to_cells**2 @ (self.gain * self.variance**2)
-        return to_cells @ (self.gain * self.centred * self.variance), np.maximum(self.variance - known, 0.0)
+        common, by_position = kernels(cells, self.observations.places, self.reach)
+        to_cells = (self.share * common + (1 - self.share) * by_position) / self.observations.noise @ self.vectors
+        known_variance = to_cells**2 @ (self.gain * self.variance**2)
+        return to_cells @ (self.gain * self.centred_misfit * self.variance), np.maximum(
+            self.variance - known_variance, 0.0
+        )

@@ -46,7 +46,7 @@ MOST_NAMED = 2
 """Effects that are named together; more only describe."""
 LARGEST_CLASS = 3
 """Effects in a class beyond which it counts as unresolved."""
-LEFT = 0.75
+REMAINING_SHARE = 0.75
 """Structure, in the noise of a cell, that the form of the model may leave: with the noise, 1.25 of it."""
 FORM = 0.05
 """Share of the misfit that the form of the model (contact law, mesh, cells) may leave. Calibrated: the parameters of
@@ -77,41 +77,41 @@ class Selection:
     ----------
     base : calibrated numbers and tolerances alone.
     trials : by name of the model.
-    screened : (share of the base's misfit) by name of every effect that could be tested.
+    promised_misfits : (share of the base's misfit) by name of every effect that could be tested.
     odds : by name, logarithm of the posterior odds against "no effect".
     reasons : by name of a model that is as probable as what may be named, why it is not; empty reasons: it may be.
-    best : the most probable model of at most two effects, or "" where "no effect" is not rejected.
+    best_model : the most probable model of at most two effects, or "" where "no effect" is not rejected.
     members : names of the class that is named, the most probable first; empty where nothing is.
     """
 
     base: Trial
     trials: Mapping[str, Trial] = field(default_factory=dict)
-    screened: Mapping[str, float] = field(default_factory=dict)
+    promised_misfits: Mapping[str, float] = field(default_factory=dict)
     odds: Mapping[str, float] = field(default_factory=dict)
     reasons: Mapping[str, str] = field(default_factory=dict)
-    best: str = ""
+    best_model: str = ""
     members: tuple[str, ...] = ()
 
     @property
-    def claimed(self) -> str:
+    def claimed_model(self) -> str:
         """The most probable of the models that are named, or ""."""
         return self.members[0] if self.members else ""
 
     @property
-    def chosen(self) -> Trial:
+    def chosen_trial(self) -> Trial:
         """The trial of what is named, or the base's."""
-        return self.trials[self.claimed] if self.claimed else self.base
+        return self.trials[self.claimed_model] if self.claimed_model else self.base
 
     @property
     def answer(self) -> Trial:
         """The trial of what is named, else of the most probable model, else the base's."""
-        name = self.claimed or self.best
+        name = self.claimed_model or self.best_model
         return self.trials[name] if name else self.base
 
     @property
     def description(self) -> Trial:
         """The trial of the most probable model of any number of effects; the answer where it is named."""
-        if self.members or not self.best:
+        if self.members or not self.best_model:
             return self.answer
         return max([self.answer, *self.trials.values()], key=lambda trial: trial.evidence.value)
 
@@ -121,25 +121,25 @@ class Selection:
         return form_limit(self.base.rms)
 
     @property
-    def nearest(self) -> str:
+    def nearest_model(self) -> str:
         """The most probable model that is not named, or ""."""
-        others = [name for name in self.odds if name not in self.members and self.trials[name].fit.model.n_effects == 1]
-        return max(others, key=lambda name: self.odds[name], default="")
+        other_models = [name for name in self.odds if name not in self.members and self.trials[name].fit.model.n_effects == 1]
+        return max(other_models, key=lambda name: self.odds[name], default="")
 
 
-def unnamed(selection: Selection, reason: str) -> Selection:
+def without_names(selection: Selection, reason: str) -> Selection:
     """The selection without names, since clause (f) refuses them for a reason."""
-    return replace(selection, members=(), reasons={**selection.reasons, selection.claimed: reason})
+    return replace(selection, members=(), reasons={**selection.reasons, selection.claimed_model: reason})
 
 
 def form_limit(rms: float) -> float:
     """Structure, in the noise of a cell, that the form of the model may leave of a misfit of ``rms`` noises."""
-    return float(np.hypot(LEFT, FORM * rms))
+    return float(np.hypot(REMAINING_SHARE, FORM * rms))
 
 
-def prior_log_odds(n_effects: int, tried: int) -> float:
-    """Logarithm of the prior odds of one model of one or two effects against "no effect", of ``tried`` effects."""
-    return -float(np.log(tried if n_effects == 1 else max(tried * (tried - 1) / 2, 1.0)))
+def prior_log_odds(n_effects: int, n_tried: int) -> float:
+    """Logarithm of the prior odds of one model of one or two effects against "no effect", of ``n_tried`` effects."""
+    return -float(np.log(n_tried if n_effects == 1 else max(n_tried * (n_tried - 1) / 2, 1.0)))
 
 
 @dataclass(frozen=True)
@@ -161,8 +161,8 @@ class Rule(ABC, Generic[T]):
     n_repeats, repeats : number of what is measured again and again, and the word for it: branches or passes.
     """
 
-    def __init__(self, tried: int, n_repeats: int, repeats: str):
-        self.tried, self.n_repeats, self.repeats = tried, n_repeats, repeats
+    def __init__(self, n_tried: int, n_repeats: int, repeats: str):
+        self.n_tried, self.n_repeats, self.repeats = n_tried, n_repeats, repeats
 
     @abstractmethod
     def value(self, trial: T, limit: float = np.inf) -> float:
@@ -194,9 +194,9 @@ class Rule(ABC, Generic[T]):
         best = best_of(odds)
         reasons: dict[str, str] = {}
         for leader in dict.fromkeys([best, best_of(_singles(odds))]):
-            near = alike(leader, odds) if leader else ()
-            reasons |= {name: self.why_not(trials[name], base) for name in near}
-            members = tuple(name for name in near if not reasons[name])
+            close_models = equivalent_models(leader, odds) if leader else ()
+            reasons |= {name: self.why_not(trials[name], base) for name in close_models}
+            members = tuple(name for name in close_models if not reasons[name])
             if members:
                 return Choice(odds, reasons, best, members)
         return Choice(odds, reasons, best, ())
@@ -204,7 +204,7 @@ class Rule(ABC, Generic[T]):
     def odds(self, base_value: float, values: Mapping[str, float]) -> dict[str, float]:
         """Logarithms of posterior odds of models that may be named against "no effect"."""
         return {
-            name: value - base_value + prior_log_odds(_size(name), self.tried)
+            name: value - base_value + prior_log_odds(_size(name), self.n_tried)
             for name, value in values.items()
             if _size(name) <= MOST_NAMED
         }
@@ -224,9 +224,9 @@ class Rule(ABC, Generic[T]):
             if not self.distance(trial, effect) > 1:
                 yield f"the interval of the size of {effect} reaches zero"
         yield from self.implausible(trial)
-        limited = self.value(trial, form_limit(self.misfit(base)))
-        prior = prior_log_odds(len(self.effects(trial)), self.tried)
-        if not limited - self.value(base) + prior >= ODDS:
+        log_evidence_up_to = self.value(trial, form_limit(self.misfit(base)))
+        prior = prior_log_odds(len(self.effects(trial)), self.n_tried)
+        if not log_evidence_up_to - self.value(base) + prior >= ODDS:
             yield "a discrepancy of no known form describes the unit as well"
 
 
@@ -236,17 +236,17 @@ class Judge(Rule[Trial]):
     Parameters
     ----------
     cells : (n_cells,) that were fitted.
-    tried : number of effects that the data can test.
+    n_tried : number of effects that the data can test.
     """
 
-    def __init__(self, fitter: Fitter, cells: Truth, tried: int):
-        super().__init__(tried, len(np.unique(fitter.problem.data.block[cells])), "branches")
+    def __init__(self, fitter: Fitter, cells: Truth, n_tried: int):
+        super().__init__(n_tried, len(np.unique(fitter.problem.data.block[cells])), "branches")
         self.fitter, self.cells = fitter, cells
 
-    def judged(self, base: Trial, trials: Mapping[str, Trial], screened: Mapping[str, float]) -> Selection:
+    def select(self, base: Trial, trials: Mapping[str, Trial], promised_misfits: Mapping[str, float]) -> Selection:
         """What may be named of some trials."""
         choice = self.choice(base, trials)
-        return Selection(base, trials, screened, choice.odds, choice.reasons, choice.best, choice.members)
+        return Selection(base, trials, promised_misfits, choice.odds, choice.reasons, choice.best_model, choice.members)
 
     def chosen_without(self, selection: Selection, part: int) -> str:
         """Name of the model that the same odds choose from all cells but those of a part; "" for none."""
@@ -255,7 +255,7 @@ class Judge(Rule[Trial]):
 
     def value(self, trial: Trial, limit: float = np.inf) -> float:
         """Logarithm of the evidence of a trial whose structure is no larger than a limit."""
-        return trial.evidence.value if np.isinf(limit) else trial.evidence.limited(limit)
+        return trial.evidence.value if np.isinf(limit) else trial.evidence.log_evidence_up_to(limit)
 
     def predictive(self, trial: Trial) -> Real:
         """Log density (n_parts,) of each part, predicted from all others."""
@@ -298,15 +298,15 @@ def best_of(odds: Mapping[str, float]) -> str:
     """
     if not odds or logsumexp(list(odds.values())) < ODDS:
         return ""
-    best = max(_singles(odds), key=lambda name: odds[name], default="")
+    best_single = max(_singles(odds), key=lambda name: odds[name], default="")
     pair = max((name for name in odds if name not in _singles(odds)), key=lambda name: odds[name], default="")
-    return pair if pair and (not best or odds[pair] - odds[best] >= ODDS) else best
+    return pair if pair and (not best_single or odds[pair] - odds[best_single] >= ODDS) else best_single
 
 
-def alike(leader: str, odds: Mapping[str, float]) -> Sequence[str]:
+def equivalent_models(leader: str, odds: Mapping[str, float]) -> Sequence[str]:
     """Models of as many effects that are within the odds of a leading one, the most probable first."""
-    near = [name for name in odds if odds[name] >= odds[leader] - ODDS and _size(name) == _size(leader)]
-    return sorted(near, key=lambda name: -odds[name])
+    close_models = [name for name in odds if odds[name] >= odds[leader] - ODDS and _size(name) == _size(leader)]
+    return sorted(close_models, key=lambda name: -odds[name])
 
 
 def _singles(odds: Mapping[str, float]) -> dict[str, float]:

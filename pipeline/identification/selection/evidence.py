@@ -48,20 +48,20 @@ class Structure:
 
     Attributes
     ----------
-    common, own : standard deviations in those of the median cell's noise: alike at all positions, and of each.
+    common, own_size : standard deviations in those of the median cell's noise: alike at all positions, and of each.
     reach : in largest torques.
     correlation : of the noise of neighbouring cells.
     """
 
     common: float
-    own: float
+    own_size: float
     reach: float
     correlation: float
 
     @property
     def size(self) -> float:
         """Standard deviation of all that is alike in neighbouring torques."""
-        return float(np.hypot(self.common, self.own))
+        return float(np.hypot(self.common, self.own_size))
 
 
 class Covariance:
@@ -76,12 +76,12 @@ class Covariance:
     def __init__(self, data: Data, cells: Truth, parts: Whole):
         self.data, self.cells = data, cells
         self.sigma, self.parts = data.sigma[cells], parts[cells]
-        self.first = np.append(True, np.diff(data.block[cells]) != 0)
+        self.is_first = np.append(True, np.diff(data.block[cells]) != 0)
         self.unit = float(np.median(self.sigma))
         group = data.group[cells]
         self.zeros = OFFSET * self.unit * (group[:, None] == np.unique(group)).astype(float)
         self._features = {reach: self._features_of(reach) for reach in REACHES}
-        self._whitened: dict[tuple[float, float], Real] = {}
+        self._whitened_columns: dict[tuple[float, float], Real] = {}
         self._products: dict[tuple[float, float], Real] = {}
 
     def _features_of(self, reach: float) -> tuple[Real, Real]:
@@ -100,35 +100,37 @@ class Covariance:
         positions = np.unique(data.position[self.cells])
         if isinstance(data, TurningData) or len(positions) == 1:
             return common, np.zeros((len(place), 0))
-        own = np.hstack([common * (data.position[self.cells] == number)[:, None] for number in positions])
-        return common, own
+        own_features = np.hstack([common * (data.position[self.cells] == number)[:, None] for number in positions])
+        return common, own_features
 
-    def whitened(self, columns: Real, correlation: float) -> Real:
+    def whiten(self, columns: Real, correlation: float) -> Real:
         """Columns (n, ...) over the noise, its correlation between neighbours of a branch removed."""
-        scaled = columns / self.sigma.reshape(-1, *[1] * (columns.ndim - 1))
-        white = scaled.copy()
-        white[1:] = (scaled[1:] - correlation * scaled[:-1]) / np.sqrt(1 - correlation**2)
-        white[self.first] = scaled[self.first]
+        scaled_columns = columns / self.sigma.reshape(-1, *[1] * (columns.ndim - 1))
+        white = scaled_columns.copy()
+        white[1:] = (scaled_columns[1:] - correlation * scaled_columns[:-1]) / np.sqrt(1 - correlation**2)
+        white[self.is_first] = scaled_columns[self.is_first]
         return white
 
     def whitened_features(self, reach: float, correlation: float) -> tuple[Real, Real]:
         """Features of all kinds and zeros of angles (n, n_features), whitened, and their products."""
         key = reach, correlation
-        if key not in self._whitened:
-            self._whitened[key] = self.whitened(np.hstack([*self._features[reach], self.zeros]), correlation)
-            self._products[key] = self._whitened[key].T @ self._whitened[key]
-        return self._whitened[key], self._products[key]
+        if key not in self._whitened_columns:
+            self._whitened_columns[key] = self.whiten(np.hstack([*self._features[reach], self.zeros]), correlation)
+            self._products[key] = self._whitened_columns[key].T @ self._whitened_columns[key]
+        return self._whitened_columns[key], self._products[key]
 
     def spreads(self, structure: Structure) -> Real:
         """Standard deviation of the amount of each feature and zero."""
-        common, own = self._features[structure.reach]
-        sizes = np.repeat([structure.common * self.unit, structure.own * self.unit], [common.shape[1], own.shape[1]])
+        common, own_columns = self._features[structure.reach]
+        sizes = np.repeat(
+            [structure.common * self.unit, structure.own_size * self.unit], [common.shape[1], own_columns.shape[1]]
+        )
         return np.append(sizes, np.ones(self.zeros.shape[1]))
 
-    def log_scale(self, correlation: float, chosen: Truth) -> float:
-        """Logarithm of what turns the density of whitened cells into that of ``chosen`` ones (n,)."""
-        correlated = np.sum(chosen & ~self.first)
-        return float(-np.sum(np.log(self.sigma[chosen])) - 0.5 * correlated * np.log1p(-(correlation**2)))
+    def log_scale(self, correlation: float, is_chosen: Truth) -> float:
+        """Logarithm of what turns the density of whitened cells into that of ``is_chosen`` ones (n,)."""
+        n_correlated = np.sum(is_chosen & ~self.is_first)
+        return float(-np.sum(np.log(self.sigma[is_chosen])) - 0.5 * n_correlated * np.log1p(-(correlation**2)))
 
     @property
     def has_positions(self) -> bool:
@@ -145,29 +147,29 @@ class Evidence:
     value : logarithm of the evidence; sizes that cannot be negative by a truncated integral.
     """
 
-    def __init__(self, covariance: Covariance, fitter: Fitter, fit: Fit, near: Structure | None = None):
+    def __init__(self, covariance: Covariance, fitter: Fitter, fit: Fit, start_structure: Structure | None = None):
         self.covariance, self.fit, self.bounds = covariance, fit, fitter.bounds(fit.model)
         cells, self.spread = covariance.cells, 1 / fitter.penalty(fit.unknowns)
         jacobian = fit.jacobian * self.spread
         deviation = (fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns)) / self.spread
         self.jacobian = jacobian[cells]
-        self.missed = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
+        self.misfit = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
         self._products: dict[tuple[float, float], Real] = {}
-        self._known: dict[Structure, float] = {}
-        self.structure = self._most_likely(near)
+        self._known_values: dict[Structure, float] = {}
+        self.structure = self._most_likely(start_structure)
         self.value = self._value(self.structure) + self._positive
 
     @cached_property
     def _everything(self) -> Truth:
-        return np.ones(len(self.missed), bool)
+        return np.ones(len(self.misfit), bool)
 
     def _columns(self, structure: Structure) -> Real:
         """Whitened columns (n, n_columns): the jacobian, what is missed, the features."""
-        of_model = np.column_stack([self.jacobian, self.missed])
-        white = self.covariance.whitened(of_model, structure.correlation)
+        of_model = np.column_stack([self.jacobian, self.misfit])
+        white = self.covariance.whiten(of_model, structure.correlation)
         return np.hstack([white, self.covariance.whitened_features(structure.reach, structure.correlation)[0]])
 
-    def _gram(self, structure: Structure, chosen: Truth) -> Real:
+    def _gram(self, structure: Structure, is_chosen: Truth) -> Real:
         """Products of the whitened columns over chosen cells (n,)."""
         key = structure.reach, structure.correlation
         if key not in self._products:
@@ -177,51 +179,55 @@ class Evidence:
             products[:k], products[:, :k] = cross, cross.T
             products[k:, k:] = self.covariance.whitened_features(*key)[1]
             self._products[key] = products
-        if np.all(chosen):
+        if np.all(is_chosen):
             return self._products[key]
-        left_out = self._columns(structure)[~chosen]
+        left_out = self._columns(structure)[~is_chosen]
         return self._products[key] - left_out.T @ left_out
 
-    def _normal(self, structure: Structure, chosen: Truth) -> tuple[float, Real, Real]:
+    def _normal(self, structure: Structure, is_chosen: Truth) -> tuple[float, Real, Real]:
         """Log evidence of chosen cells (n,), and mean and covariance of the unknowns, in their priors' deviations."""
-        k, gram = self.jacobian.shape[1], self._gram(structure, chosen)
-        others = np.delete(np.arange(len(gram)), k)
+        k, gram = self.jacobian.shape[1], self._gram(structure, is_chosen)
+        other_columns = np.delete(np.arange(len(gram)), k)
         spread = np.append(np.ones(k), self.covariance.spreads(structure))
-        right = spread * gram[others, k]
-        scaled = spread[:, None] * gram[np.ix_(others, others)] * spread
-        factor = cho_factor(np.eye(len(spread)) + scaled, lower=True)
-        mean = cho_solve(factor, right)
-        size = float(np.sum(np.log(np.diag(factor[0])))) + 0.5 * float(chosen.sum()) * np.log(2 * np.pi)
-        value = -0.5 * (gram[k, k] - right @ mean) - size
-        value += self.covariance.log_scale(structure.correlation, chosen)
+        right_side = spread * gram[other_columns, k]
+        scaled_gram = spread[:, None] * gram[np.ix_(other_columns, other_columns)] * spread
+        factor = cho_factor(np.eye(len(spread)) + scaled_gram, lower=True)
+        mean = cho_solve(factor, right_side)
+        size = float(np.sum(np.log(np.diag(factor[0])))) + 0.5 * float(is_chosen.sum()) * np.log(2 * np.pi)
+        value = -0.5 * (gram[k, k] - right_side @ mean) - size
+        value += self.covariance.log_scale(structure.correlation, is_chosen)
         return float(value), mean[:k], cho_solve(factor, np.eye(len(spread), k))[:k]
 
     def _value(self, structure: Structure) -> float:
-        if structure not in self._known:
-            self._known[structure] = self._normal(structure, self._everything)[0]
-        return self._known[structure]
+        if structure not in self._known_values:
+            self._known_values[structure] = self._normal(structure, self._everything)[0]
+        return self._known_values[structure]
 
-    def _most_likely(self, near: Structure | None, largest: float = np.inf) -> Structure:
+    def _most_likely(self, start_structure: Structure | None, largest_size: float = np.inf) -> Structure:
         """The structure of the largest evidence, not beyond a size: along each of its numbers until none helps."""
-        sizes = [size for size in SIZES if size <= largest] or [SIZES[0]]
-        own = sizes if self.covariance.has_positions else [0.0]
-        axes: tuple[Sequence[float], ...] = (sizes, own, REACHES, CORRELATIONS)
-        wanted = (near.common, near.own, near.reach, near.correlation) if near else (SIZES[2], SIZES[2], REACHES[0], 0)
-        place = [int(np.argmin(np.abs(np.array(axis) - value))) for axis, value in zip(axes, wanted, strict=True)]
+        sizes = [size for size in SIZES if size <= largest_size] or [SIZES[0]]
+        own_sizes = sizes if self.covariance.has_positions else [0.0]
+        axes: tuple[Sequence[float], ...] = (sizes, own_sizes, REACHES, CORRELATIONS)
+        start_values = (
+            (start_structure.common, start_structure.own_size, start_structure.reach, start_structure.correlation)
+            if start_structure
+            else (SIZES[2], SIZES[2], REACHES[0], 0)
+        )
+        place = [int(np.argmin(np.abs(np.array(axis) - value))) for axis, value in zip(axes, start_values, strict=True)]
 
-        def at(place: Sequence[int]) -> Structure:
+        def structure_at(place: Sequence[int]) -> Structure:
             return Structure(*(axis[k] for axis, k in zip(axes, place, strict=True)))
 
-        best, improved = self._value(at(place)), True
-        while improved:
-            improved = False
+        best_value, has_improved = self._value(structure_at(place)), True
+        while has_improved:
+            has_improved = False
             for number, step in product(range(len(axes)), (-1, 1)):
                 while 0 <= place[number] + step < len(axes[number]):
                     neighbour = [k + step * (n == number) for n, k in enumerate(place)]
-                    if self._value(at(neighbour)) <= best:
+                    if self._value(structure_at(neighbour)) <= best_value:
                         break
-                    place, best, improved = neighbour, self._value(at(neighbour)), True
-        return at(place)
+                    place, best_value, has_improved = neighbour, self._value(structure_at(neighbour)), True
+        return structure_at(place)
 
     @cached_property
     def unknowns(self) -> tuple[Real, Real]:
@@ -236,11 +242,11 @@ class Evidence:
         columns = [first_share + k for k, (low, _) in enumerate(self.bounds) if low == 0]
         return float(sum(log_ndtr(mean[k] / np.sqrt(covariance[k, k])) + np.log(2) for k in columns))
 
-    def limited(self, largest: float) -> float:
+    def log_evidence_up_to(self, largest_size: float) -> float:
         """The logarithm of the evidence where the structure beside the model is no larger than a size."""
-        if self.structure.size <= largest:
+        if self.structure.size <= largest_size:
             return self.value
-        return self._value(self._most_likely(None, largest / np.sqrt(2))) + self._positive
+        return self._value(self._most_likely(None, largest_size / np.sqrt(2))) + self._positive
 
     @cached_property
     def training(self) -> Mapping[int, float]:
@@ -251,8 +257,8 @@ class Evidence:
     @cached_property
     def predictive(self) -> Real:
         """Log density of the cells of every part (n_parts,), predicted from all others: the score of unused data."""
-        whole = self._value(self.structure)
-        return np.array([whole - value for value in self.training.values()])
+        whole_value = self._value(self.structure)
+        return np.array([whole_value - value for value in self.training.values()])
 
     def distance(self, effect: str) -> float:
         """How far the sizes of an effect of the model are from zero, over the radius of their 95 % region.
@@ -284,24 +290,24 @@ class Evidence:
 
         A change whose product with itself is lambda is seen at the square root of lambda standard deviations.
         """
-        weighted = self._weighted(changes)
-        white = self.covariance.whitened(changes[self.covariance.cells], self.structure.correlation)
-        return np.asarray(white.T @ weighted)
+        weighted_changes = self._weighted_changes(changes)
+        white = self.covariance.whiten(changes[self.covariance.cells], self.structure.correlation)
+        return np.asarray(white.T @ weighted_changes)
 
     def scores(self, changes: Real) -> Real:
         """Products (n_blocks, n) of changes (n_cells, n) with what the model misses, branch by branch."""
         covariance, correlation = self.covariance, self.structure.correlation
-        missed = covariance.whitened(self.missed, correlation)
+        white_misfit = covariance.whiten(self.misfit, correlation)
         _, block = np.unique(covariance.data.block[covariance.cells], return_inverse=True)
-        products = self._weighted(changes) * missed[:, None]
+        products = self._weighted_changes(changes) * white_misfit[:, None]
         return np.array([products[block == number].sum(axis=0) for number in range(block.max() + 1)])
 
-    def _weighted(self, changes: Real) -> Real:
+    def _weighted_changes(self, changes: Real) -> Real:
         """Whitened changes (n, n_changes) less what structure and unknowns take up within their priors."""
         structure, k = self.structure, self.jacobian.shape[1]
         columns = np.delete(self._columns(structure), k, axis=1)
         spread = np.append(np.ones(k), self.covariance.spreads(structure))
-        white = self.covariance.whitened(changes[self.covariance.cells], structure.correlation)
-        scaled = columns * spread
-        gram = np.eye(len(spread)) + scaled.T @ scaled
-        return np.asarray(white - scaled @ np.linalg.solve(gram, scaled.T @ white))
+        white = self.covariance.whiten(changes[self.covariance.cells], structure.correlation)
+        scaled_columns = columns * spread
+        gram = np.eye(len(spread)) + scaled_columns.T @ scaled_columns
+        return np.asarray(white - scaled_columns @ np.linalg.solve(gram, scaled_columns.T @ white))

@@ -58,11 +58,11 @@ class Folds:
     Attributes
     ----------
     cells : (n_cells,) those that judge.
-    declared, recalibrated : of the model as declared, and with its calibrated numbers refitted.
-    best : with the effects that were chosen, claimed or not.
-    described : with those that describe best, whether a claim could rest on them or not.
-    carried : of the description, with what of its training residual is expected to come again (``carried_over``); NaN
-        where that is not asked for.
+    declared_curve, recalibrated_curve : of the model as declared, and with its calibrated numbers refitted.
+    best_curve : with the effects that were chosen, claimed or not.
+    described_curve : with those that describe best, whether a claim could rest on them or not.
+    carried_curve : of the description, with what of its training residual is expected to come again (``carried_over``);
+        NaN where that is not asked for.
     open_recalibrated, open_best, open_described, open_carried : standard deviations that the training cells leave open,
         and by which they scatter from position to position.
     models : name of the model that was chosen in each fold; "" for none.
@@ -74,11 +74,11 @@ class Folds:
     """
 
     cells: Truth
-    declared: Real
-    recalibrated: Real
-    best: Real
-    described: Real
-    carried: Real
+    declared_curve: Real
+    recalibrated_curve: Real
+    best_curve: Real
+    described_curve: Real
+    carried_curve: Real
     open_recalibrated: Real
     open_best: Real
     open_described: Real
@@ -89,13 +89,13 @@ class Folds:
     common_share: float
     in_sample: bool = False
 
-    def curves(self, claimed: bool) -> dict[str, tuple[Real, Real]]:
+    def curves(self, is_claimed: bool) -> dict[str, tuple[Real, Real]]:
         """Prediction and its open standard deviation by stage; after is refitted where no effect is claimed."""
-        refitted = self.recalibrated, self.open_recalibrated
+        refitted_curve = self.recalibrated_curve, self.open_recalibrated
         return {
-            "declared": (self.declared, np.zeros_like(self.declared)),
-            "recalibrated": refitted,
-            "after": (self.best, self.open_best) if claimed else refitted,
+            "declared": (self.declared_curve, np.zeros_like(self.declared_curve)),
+            "recalibrated": refitted_curve,
+            "after": (self.best_curve, self.open_best) if is_claimed else refitted_curve,
         }
 
 
@@ -112,9 +112,9 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
     fitter = selector.fitter
     data = selector.problem.data
     declared_angle = fitter.predict(Model(), fitter.start(Model())).angle
-    declared = np.full(len(data), np.nan)
-    predicted, left_open = np.full((4, len(data)), np.nan), np.full((4, len(data)), np.nan)
-    models, shares, right = [], [], np.zeros((2, 2))
+    declared_curve = np.full(len(data), np.nan)
+    predicted_curves, left_open = np.full((4, len(data)), np.nan), np.full((4, len(data)), np.nan)
+    models, shares, right_squares = [], [], np.zeros((2, 2))
     splits = splits_of(data, visible)
     for training, judged_cells in splits:
         if len(splits) == 1:
@@ -124,29 +124,47 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
             fitter = fold.fitter
             fits = _fold(fold, selection, training, judged_cells)
         models.append(fits[1].model.name)
-        declared[judged_cells] = (declared_angle + fitter.offsets(declared_angle, training, fitter.problem.data.sigma))[
-            judged_cells
-        ]
+        declared_curve[judged_cells] = (
+            declared_angle + fitter.offsets(declared_angle, training, fitter.problem.data.sigma)
+        )[judged_cells]
         distinct_fits = {id(fit): fit for fit in fits}
-        opened = {number: _left_open(fitter, fit, training) for number, fit in distinct_fits.items()}
-        open_of_fit = {number: rows.deviations for number, rows in opened.items()}
-        right += [opened[id(fit)].squares(fitter.problem.data.sigma, judged_cells) for fit in fits[:2]]
+        open_parts = {number: _left_open(fitter, fit, training) for number, fit in distinct_fits.items()}
+        open_of_fit = {number: rows.deviations for number, rows in open_parts.items()}
+        right_squares += [open_parts[id(fit)].squares(fitter.problem.data.sigma, judged_cells) for fit in fits[:2]]
         for number, fit in enumerate(fits):
-            predicted[number, judged_cells] = fit.predicted_angle[judged_cells]
-            deviation = _unknown(fitter.problem.data, fit, training, open_of_fit[id(fit)])
+            predicted_curves[number, judged_cells] = fit.predicted_angle[judged_cells]
+            deviation = _prediction_deviation(fitter.problem.data, fit, training, open_of_fit[id(fit)])
             left_open[number, judged_cells] = deviation[judged_cells]
         if carry_over:
-            angle, deviation, common_share = _carried(fitter, fits[2], training)
-            predicted[3, judged_cells] = angle[judged_cells]
+            angle, deviation, common_share = _with_systematic_part(fitter, fits[2], training)
+            predicted_curves[3, judged_cells] = angle[judged_cells]
             left_open[3, judged_cells] = np.hypot(open_of_fit[id(fits[2])], deviation)[judged_cells]
             shares.append(common_share)
-    cells = np.isfinite(declared + predicted[:3].sum(axis=0))  # errors are compared over the same cells
+    cells = np.isfinite(declared_curve + predicted_curves[:3].sum(axis=0))  # errors are compared over the same cells
     in_sample = splits[0][0] is splits[0][1]
-    refitted, best, described, carried = predicted
+    refitted_curve, best_curve, described_curve, carried_curve = predicted_curves
     open_refitted, open_best, open_described, open_carried = left_open
-    angles = refitted, best, described, carried, open_refitted, open_best, open_described, open_carried
+    angles = (
+        refitted_curve,
+        best_curve,
+        described_curve,
+        carried_curve,
+        open_refitted,
+        open_best,
+        open_described,
+        open_carried,
+    )
     common_share = float(np.mean(shares or np.nan))
-    return Folds(cells, declared, *angles, tuple(models), right[0], right[1], common_share, in_sample=in_sample)
+    return Folds(
+        cells,
+        declared_curve,
+        *angles,
+        tuple(models),
+        right_squares[0],
+        right_squares[1],
+        common_share,
+        in_sample=in_sample,
+    )
 
 
 def splits_of(data: Data, visible: Truth) -> list[tuple[Truth, Truth]]:
@@ -171,13 +189,13 @@ def _fold(selector: Selector, selection: Selection, training: Truth, judged_cell
     judge = Judge(fitter, training, len(selector.testable))
     name = judge.chosen_without(selection, part) if selection.members else selection.answer.fit.model.name
     model = selection.trials[name].fit.model if name else Model()
-    chosen = selector.refitted(model, training, base)
+    chosen_fit = selector.refit(model, training, base)
     if selection.description is selection.answer:
-        return base, chosen, chosen
-    return base, chosen, selector.refitted(selection.description.fit.model, training, base)
+        return base, chosen_fit, chosen_fit
+    return base, chosen_fit, selector.refit(selection.description.fit.model, training, base)
 
 
-def _unknown(data: Data, fit: Fit, training: Truth, left_open: Real) -> Real:
+def _prediction_deviation(data: Data, fit: Fit, training: Truth, left_open: Real) -> Real:
     """Standard deviation [arcmin] (n_cells,) of what a fit cannot know of other cells, beside their noise.
 
     What the training cells leave open of the fit (n_cells,); and where a whole position is predicted, the scatter
@@ -188,17 +206,17 @@ def _unknown(data: Data, fit: Fit, training: Truth, left_open: Real) -> Real:
     return np.hypot(left_open, np.where(unseen, scatter.significant_size if scatter else 0.0, 0.0))
 
 
-def _carried(fitter: Fitter, fit: Fit, training: Truth) -> tuple[Real, Real, float]:
+def _with_systematic_part(fitter: Fitter, fit: Fit, training: Truth) -> tuple[Real, Real, float]:
     """A fit with the misfit that is expected to come again at other cells, and the common share of its variance.
 
     Prediction and standard deviation [arcmin] (n_cells,) of that misfit, what positions scatter by included.
     """
     data = fitter.problem.data
     residual = data.angle - fit.predicted_angle
-    expected = expected_misfit(data.torque, data.senses, data.position, residual, data.sigma, training)
-    angle = fit.predicted_angle + expected.mean
+    expected_part = expected_misfit(data.torque, data.senses, data.position, residual, data.sigma, training)
+    angle = fit.predicted_angle + expected_part.mean
     angle += fitter.offsets(angle, training, data.sigma)
-    return angle, expected.deviation, expected.common_share
+    return angle, expected_part.deviation, expected_part.common_share
 
 
 @dataclass(frozen=True)
@@ -242,9 +260,9 @@ def precision_of(fitter: Fitter, fit: Fit, visible: Truth) -> Real:
     return precision + 1e-12 * np.trace(precision) * np.eye(len(precision))
 
 
-def angle_error(data: Data, cranks: Real, predicted: Real, left_open: Real, cells: Truth) -> AngleError:
+def angle_error(data: Data, cranks: Real, predicted_angle: Real, left_open: Real, cells: Truth) -> AngleError:
     """Error of a prediction (n_cells,) [arcmin] over the cells that judge; ``cranks`` by position [deg]."""
-    misfit = np.where(cells, data.angle - predicted, np.nan)
+    misfit = np.where(cells, data.angle - predicted_angle, np.nan)
     is_finite = np.isfinite(misfit)
     by_crank = {
         float(crank): _rms(misfit, data, is_finite & (data.position == position))

@@ -16,13 +16,13 @@ from pipeline.identification.fitting.problem import Model, candidates, limit_cas
 from pipeline.identification.selection.criteria import ODDS, Judge, Selection, Trial, prior_log_odds
 from pipeline.identification.selection.evidence import Covariance, Evidence
 from pipeline.identification.selection.pairs import promising_pairs
-from pipeline.identification.selection.screening import Promise, screened
+from pipeline.identification.selection.screening import Promise, screen_effects
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
 Truth = NDArray[np.bool_]
 
-NEAR = 1.5
+NEAR_MISFIT = 1.5
 """Further starts are followed where their misfit is within this ratio of the best."""
 FIRST_ITERATIONS = 3
 """Steps of a fit from each of several starts before the best of them is fitted in full."""
@@ -30,7 +30,7 @@ FIRST_SHARE, EDGE = 0.1, 0.01
 """Share of its bounds by which a parameter starts off no effect in either sense, and least one from a bound."""
 FURTHER_STARTS = 2
 """Starts of the calibrated numbers within their ranges, beyond the declared one."""
-APART = 0.5
+LEAST_DISTANCE = 0.5
 """Standard deviations of the priors from which a fit from a further start is not on its way to where one ended already.
 """
 FAR_FROM_DECLARED = 0.3
@@ -84,58 +84,58 @@ class Selector:
         bases = [base]
         if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
             zero_steps = np.zeros_like(base.unknowns.scales), np.zeros_like(base.unknowns.modes)
-            declared = replace(base.unknowns, scales=zero_steps[0], modes=zero_steps[1])
-            bases.append(self.fitter.fit(base.model, cells, declared, 0))
-        nested = limit_cases()
-        included = {effect.name for effect in base.model.effects}
-        included |= {name for name, simpler in nested.items() if simpler in included} | {
-            nested.get(name, name) for name in included
+            declared_unknowns = replace(base.unknowns, scales=zero_steps[0], modes=zero_steps[1])
+            bases.append(self.fitter.fit(base.model, cells, declared_unknowns, 0))
+        nested_effects = limit_cases()
+        included_names = {effect.name for effect in base.model.effects}
+        included_names |= {name for name, simpler in nested_effects.items() if simpler in included_names} | {
+            nested_effects.get(name, name) for name in included_names
         }
-        wanted = set(offered_names or self.testable)
-        effects = [effect for name, effect in self.testable.items() if name in wanted - included]
-        return screened(self.fitter, cells, bases, effects)
+        wanted_names = set(offered_names or self.testable)
+        effects = [effect for name, effect in self.testable.items() if name in wanted_names - included_names]
+        return screen_effects(self.fitter, cells, bases, effects)
 
     def trial(self, fit: Fit, cells: Truth, covariance: Covariance, base: Trial | None = None) -> Trial:
         """A fitted model with its evidence."""
         data = self.problem.data
-        near = base.evidence.structure if base else None
+        start_structure = base.evidence.structure if base else None
         misfit = ((data.angle - fit.predicted_angle) / data.sigma)[cells]
         rms = float(np.sqrt(np.mean(misfit**2)))
-        return Trial(fit, Evidence(covariance, self.fitter, fit, near), rms)
+        return Trial(fit, Evidence(covariance, self.fitter, fit, start_structure), rms)
 
     def select(self, cells: Truth) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most."""
         data, judge = self.problem.data, Judge(self.fitter, cells, len(self.testable))
         covariance = Covariance(data, cells, parts_of(data, cells))
-        base = self.trial(self.recalibrated(cells), cells, covariance)
+        base = self.trial(self.recalibrate(cells), cells, covariance)
         promises = self.screen(cells, base.fit)
         fits = self.fits(base.fit, cells, promises)
         least_fall = 2 * (ODDS - prior_log_odds(2, len(self.testable)))
         for model, start in promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, least_fall):
             fits.append(self.fitter.fit(model, cells, start))
         trials = {fit.model.name: self.trial(fit, cells, covariance, base) for fit in fits if np.isfinite(fit.cost)}
-        selection = judge.judged(base, trials, {name: promise.misfit for name, promise in promises.items()})
-        return self._extended(selection, cells, covariance, judge)
+        selection = judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
+        return self._with_additions(selection, cells, covariance, judge)
 
-    def _extended(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
+    def _with_additions(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
         """The selection with effects added to its most probable model while structure is left: most only describe."""
         current = selection.answer
         while current.fit.model.effects and current.fit.model.n_effects < self.most_effects:
             if current.evidence.structure.size <= selection.limit:
                 break
             promises = self.screen(cells, current.fit)
-            best = dict(sorted(promises.items(), key=lambda item: item[1].misfit)[:ADDITIONS])
-            fits = [fit for fit in self.fits(current.fit, cells, best) if np.isfinite(fit.cost)]
-            added = {fit.model.name: self.trial(fit, cells, covariance, current) for fit in fits}
-            trials = {**selection.trials, **added}
-            selection = judge.judged(selection.base, trials, selection.screened)
-            further = max(added.values(), key=lambda trial: trial.evidence.value, default=current)
+            best_additions = dict(sorted(promises.items(), key=lambda item: item[1].misfit)[:ADDITIONS])
+            fits = [fit for fit in self.fits(current.fit, cells, best_additions) if np.isfinite(fit.cost)]
+            added_trials = {fit.model.name: self.trial(fit, cells, covariance, current) for fit in fits}
+            trials = {**selection.trials, **added_trials}
+            selection = judge.select(selection.base, trials, selection.promised_misfits)
+            further = max(added_trials.values(), key=lambda trial: trial.evidence.value, default=current)
             if further.evidence.value <= current.evidence.value:
                 break
             current = further
         return selection
 
-    def recalibrated(self, cells: Truth) -> Fit:
+    def recalibrate(self, cells: Truth) -> Fit:
         """Calibrated numbers and tolerances alone, the best from several starts."""
         start = self.fitter.start(Model())
         base = self.fitter.fit(Model(), cells, start)
@@ -146,7 +146,7 @@ class Selector:
             further_start = replace(start, scales=low + share * (high - low))
             refit = self.fitter.fit(Model(), cells, further_start, FIRST_ITERATIONS)
             distance = np.abs(refit.unknowns.scales - base.unknowns.scales) / self.problem.scale_spread
-            if np.all(distance < APART) or refit.cost > NEAR * base.cost:
+            if np.all(distance < LEAST_DISTANCE) or refit.cost > NEAR_MISFIT * base.cost:
                 continue
             refit = self.fitter.fit(Model(), cells, refit.unknowns, base_fit=refit)
             if refit.sound and refit.cost < base.cost:
@@ -158,12 +158,14 @@ class Selector:
         fits = []
         for name, promise in promises.items():
             model = Model((*base.model.effects, self.testable[name]))
-            first = _first_steps(self.fitter, model, cells, promise.starts, base)
-            complete = np.isfinite(first.cost)
-            fits.append(self.fitter.fit(model, cells, first.unknowns, base_fit=first) if complete else first)
+            first_steps = _first_steps(self.fitter, model, cells, promise.starts, base)
+            complete = np.isfinite(first_steps.cost)
+            fits.append(
+                self.fitter.fit(model, cells, first_steps.unknowns, base_fit=first_steps) if complete else first_steps
+            )
         return fits
 
-    def refitted(self, model: Model, cells: Truth, base: Fit) -> Fit:
+    def refit(self, model: Model, cells: Truth, base: Fit) -> Fit:
         """A model fitted to some cells from what they alone show, effect by effect on top of a base.
 
         From every start, those beside the declared numbers too: of a base that lacks its effect they stand in for it,
@@ -177,8 +179,8 @@ class Selector:
             starts = [*(promise.starts if promise else ()), self._from_declared(extended_model, cells, fit.unknowns)]
             trial_fits = [self.fitter.fit(extended_model, cells, start) for start in starts]
             fit = min([fit, *(trial_fit for trial_fit in trial_fits if trial_fit.sound)], key=lambda fit: fit.cost)
-        declared = self.fitter.start(fit.model, fit.unknowns.shares)
-        refit = self.fitter.fit(fit.model, cells, declared) if fit.model.effects else fit
+        declared_unknowns = self.fitter.start(fit.model, fit.unknowns.shares)
+        refit = self.fitter.fit(fit.model, cells, declared_unknowns) if fit.model.effects else fit
         return refit if refit.sound and refit.cost < fit.cost else fit
 
     def _from_declared(self, model: Model, cells: Truth, base: Vector) -> Vector:
@@ -187,15 +189,15 @@ class Selector:
         The numbers are near there by their plausible ranges, while those of a base may be at the ends of them.
         """
         bounds = self.problem.bounds(model.effects[-1])
-        declared = self.fitter.start(model, np.concatenate([base.shares, np.full(len(bounds), 0.5)]))
-        zero = self.fitter.centre(model, declared)[len(declared.scales) :][: model.n_parameters]
-        held = replace(declared, reach=np.zeros_like(declared.reach))
+        declared_unknowns = self.fitter.start(model, np.concatenate([base.shares, np.full(len(bounds), 0.5)]))
+        zero = self.fitter.centre(model, declared_unknowns)[len(declared_unknowns.scales) :][: model.n_parameters]
+        held = replace(declared_unknowns, reach=np.zeros_like(declared_unknowns.reach))
         fits = []
         for senses in product((-1.0, 1.0), repeat=len(bounds)):
             shares = np.clip(zero[-len(bounds) :] + FIRST_SHARE * np.array(senses), EDGE, 1 - EDGE)
             start = replace(held, shares=np.concatenate([base.shares, shares]))
             fits.append(self.fitter.fit(model, cells, start, FIRST_ITERATIONS))
-        return replace(min(fits, key=lambda fit: fit.cost).unknowns, reach=declared.reach)
+        return replace(min(fits, key=lambda fit: fit.cost).unknowns, reach=declared_unknowns.reach)
 
 
 def _first_steps(fitter: Fitter, model: Model, cells: Truth, starts: Sequence[Vector], base: Fit) -> Fit:

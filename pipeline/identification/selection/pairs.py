@@ -37,7 +37,7 @@ class _Probe:
     zero: Real
     change: Real
 
-    def at(self, amount: float) -> Real:
+    def shares_at(self, amount: float) -> Real:
         """Shares of the bounds at a share of this size."""
         return np.clip(self.zero + amount * (self.shares - self.zero), 0.0, 1.0)
 
@@ -58,23 +58,25 @@ def promising_pairs(
     """
     screening = Screening(fitter, cells, base, base.sigma)
     probes = [probe for name, promise in promises.items() for probe in _probes(screening, effects[name], promise)]
-    goal = screening.free(screening.left)
-    ranked, in_noise = [], base.cost / max(float(goal @ goal), 1e-300)
+    goal = screening.unfollowed_part(screening.residual_left)
+    ranked_pairs, in_noise = [], base.cost / max(float(goal @ goal), 1e-300)
     for first_probe, second in combinations(probes, 2):
         if first_probe.effect is not second.effect:
             amounts = _amounts(first_probe.change, second.change, goal)
             goal_left = goal - amounts[0] * first_probe.change - amounts[1] * second.change
-            ranked.append((float(goal_left @ goal_left), first_probe, second, amounts))
-    best: dict[str, tuple[Model, Vector]] = {}
-    for left, first_probe, second, amounts in sorted(ranked, key=lambda pair: pair[0]):
-        if (float(goal @ goal) - left) * in_noise < least_fall:
+            ranked_pairs.append((float(goal_left @ goal_left), first_probe, second, amounts))
+    best_vectors: dict[str, tuple[Model, Vector]] = {}
+    for misfit_left, first_probe, second, amounts in sorted(ranked_pairs, key=lambda pair: pair[0]):
+        if (float(goal @ goal) - misfit_left) * in_noise < least_fall:
             break
         model = Model((first_probe.effect, second.effect))
-        start = replace(base.unknowns, shares=np.concatenate([first_probe.at(amounts[0]), second.at(amounts[1])]))
-        best.setdefault(model.name, (model, start))
-        if len(best) == count:
+        start = replace(
+            base.unknowns, shares=np.concatenate([first_probe.shares_at(amounts[0]), second.shares_at(amounts[1])])
+        )
+        best_vectors.setdefault(model.name, (model, start))
+        if len(best_vectors) == count:
             break
-    return list(best.values())
+    return list(best_vectors.values())
 
 
 def _probes(screening: Screening, effect: Candidate, promise: Promise) -> list[_Probe]:
@@ -90,7 +92,7 @@ def _probes(screening: Screening, effect: Candidate, promise: Promise) -> list[_
             ]
         )
         change = screening.change(effect, shares)
-        change = None if change is None else screening.free(change)
+        change = None if change is None else screening.unfollowed_part(change)
         if change is not None and change @ change > 0:
             evaluations.append(_Probe(effect, shares, zero, change))
     return evaluations
@@ -101,17 +103,19 @@ def _amounts(change: Real, second_change: Real, goal: Real) -> tuple[float, floa
     gram = np.array(
         [[change @ change, change @ second_change], [change @ second_change, second_change @ second_change]]
     )
-    right = np.array([change @ goal, second_change @ goal])
-    solution = np.linalg.lstsq(gram, right, rcond=None)[0]
+    right_side = np.array([change @ goal, second_change @ goal])
+    solution = np.linalg.lstsq(gram, right_side, rcond=None)[0]
     if np.all((solution >= 0) & (solution <= LARGEST_AMOUNT)):
         return float(solution[0]), float(solution[1])
     edges = []
     for fixed_side in (0, 1):
         for value in (0.0, LARGEST_AMOUNT):
-            free = np.clip(
-                (right[1 - fixed_side] - gram[0, 1] * value) / gram[1 - fixed_side, 1 - fixed_side], 0.0, LARGEST_AMOUNT
+            free_amounts = np.clip(
+                (right_side[1 - fixed_side] - gram[0, 1] * value) / gram[1 - fixed_side, 1 - fixed_side],
+                0.0,
+                LARGEST_AMOUNT,
             )
-            edges.append((value, float(free)) if fixed_side == 0 else (float(free), value))
+            edges.append((value, float(free_amounts)) if fixed_side == 0 else (float(free_amounts), value))
     return min(
-        edges, key=lambda corner: float(np.array(corner) @ gram @ np.array(corner) - 2 * right @ np.array(corner))
+        edges, key=lambda corner: float(np.array(corner) @ gram @ np.array(corner) - 2 * right_side @ np.array(corner))
     )

@@ -63,8 +63,8 @@ def _ends(trial: Trial, bounds: Sequence[tuple[float, float]]) -> tuple[Real, Re
     and a time constant trade in a valley of the misfit, it is wide upwards and never reaches zero.
     """
     unknowns = trial.fit.unknowns
-    shares, first = unknowns.shares, len(unknowns.scales)
-    deviation = trial.evidence.deviations[first : first + len(shares)]
+    shares, first_share = unknowns.shares, len(unknowns.scales)
+    deviation = trial.evidence.deviations[first_share : first_share + len(shares)]
     size = [
         share + low / (high - low) if low <= 0 <= high else 0.0
         for share, (low, high) in zip(shares, bounds, strict=True)

@@ -18,7 +18,7 @@ Truth = NDArray[np.bool_]
 
 LAWS = ("deflection of the pins' contacts", "deflection of the output's contacts")
 """Titles of the scales after those of the calibrated numbers."""
-ENTANGLED = 0.9
+ENTANGLED_SHARE = 0.9
 """Correlation from which only a combination of two numbers is determined."""
 LEARNT = 0.7
 """Standard deviation over that of the prior up to which the data have determined a number."""
@@ -64,7 +64,7 @@ def calibrated_numbers(fitter: Fitter, fit: Fit, evidence: Evidence) -> tuple[Ca
         note = ""
         if deviation[k] > LEARNT * problem.scale_spread[k]:
             note = "not determined by these data: its range alone holds it"
-        partners = [j for j in range(n) if j != k and abs(correlation[k, j]) > ENTANGLED]
+        partners = [j for j in range(n) if j != k and abs(correlation[k, j]) > ENTANGLED_SHARE]
         if partners:
             note = f"only a combination with {' and '.join(keys[j] for j in partners)} is determined"
         factor, ci_low, ci_high = np.exp([scale, scale - reach[k], scale + reach[k]]).tolist()
@@ -73,7 +73,7 @@ def calibrated_numbers(fitter: Fitter, fit: Fit, evidence: Evidence) -> tuple[Ca
     return tuple(numbers)
 
 
-def released(fitter: Fitter, fit: Fit, cells: Truth) -> Fit | None:
+def refit_with_free_numbers(fitter: Fitter, fit: Fit, cells: Truth) -> Fit | None:
     """The model refitted with its numbers free.
 
     None where no number is at an end of its range, or where the refit finds no equilibrium.

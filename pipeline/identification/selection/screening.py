@@ -79,21 +79,23 @@ class Screening:
         self.rows = np.vstack([base.jacobian[cells] * self.root[:, None], np.diag(penalty)[penalty > 0]])
         self.basis, self.triangle = np.linalg.qr(self.rows)
         self.centre = fitter.centre(base.model, base.unknowns)
-        self.left = self._scaled(data.angle - base.predicted_angle) - self._pulled(base.unknowns.flat)
-        self.nothing = self._misfit(self.free(self.left))
-        self.plain = fitter.predict(base.model, base.unknowns, self.positions).angle
+        self.residual_left = self._scaled_residuals(data.angle - base.predicted_angle) - self._prior_residuals(
+            base.unknowns.flat
+        )
+        self.base_misfit = self._misfit(self.unfollowed_part(self.residual_left))
+        self.base_angle = fitter.predict(base.model, base.unknowns, self.positions).angle
 
-    def _pulled(self, flat: Real) -> Real:
+    def _prior_residuals(self, flat: Real) -> Real:
         """Residuals of the priors at unknowns, below the cells' zeros."""
         penalty = self.penalty
         return np.concatenate([np.zeros(len(self.root)), (penalty * (flat - self.centre))[penalty > 0]])
 
-    def _scaled(self, angle: Real) -> Real:
+    def _scaled_residuals(self, angle: Real) -> Real:
         """Angles (n_cells,) without offsets, in sigmas of the cells that are looked at, zeros for the priors."""
         scaled_angle = self.fitter.centred_values(np.nan_to_num(angle), self.weight)[self.cells] * self.root
         return np.concatenate([scaled_angle, np.zeros(len(self.rows) - len(scaled_angle))])
 
-    def free(self, values: Real) -> Real:
+    def unfollowed_part(self, values: Real) -> Real:
         """What the base's unknowns cannot follow."""
         return values - self.basis @ (self.basis.T @ values)
 
@@ -101,7 +103,7 @@ class Screening:
         """Change of the curves [sigmas] by an effect at shares of its bounds; None without an equilibrium."""
         start = replace(self.base.unknowns, shares=np.concatenate([self.base.unknowns.shares, shares]))
         prediction = self.fitter.predict(Model((*self.base.model.effects, effect)), start, self.positions)
-        return self._scaled(prediction.angle - self.plain) if prediction.sound else None
+        return self._scaled_residuals(prediction.angle - self.base_angle) if prediction.sound else None
 
     @staticmethod
     def _misfit(values: Real) -> float:
@@ -120,12 +122,12 @@ class Screening:
             for sense, probe in enumerate(self._probes(model, np.where(grows, zero, shape), grows, length)):
                 if sense not in best_of_shape or probe[0] < best_of_shape[sense][0]:
                     best_of_shape[sense] = probe
-        confirmed = []
+        confirmed_starts = []
         for _, shares, unknowns in best_of_shape.values():
-            probes = [(self._at(model, start), start) for start in self._beside(shares, unknowns)]
-            confirmed.append(min(probes, key=lambda candidate_start: candidate_start[0]))
-        confirmed += self._directional_starts(model, zero, grows)
-        return [candidate_start for candidate_start in confirmed if np.isfinite(candidate_start[0])]
+            probes = [(self._misfit_at(model, start), start) for start in self._starts_beside_base(shares, unknowns)]
+            confirmed_starts.append(min(probes, key=lambda candidate_start: candidate_start[0]))
+        confirmed_starts += self._directional_starts(model, zero, grows)
+        return [candidate_start for candidate_start in confirmed_starts if np.isfinite(candidate_start[0])]
 
     def _directional_starts(self, model: Model, zero: Real, grows: Truth) -> list[tuple[float, Vector]]:
         """Starts about no effect: in all directions at the first distance, in the best of them at the others."""
@@ -140,9 +142,9 @@ class Screening:
         """Misfit and start of an effect at shares of its bounds beside the base; infinite where they are beyond."""
         base = self.base.unknowns
         start = replace(base, shares=np.concatenate([base.shares, shares]))
-        return self._at(model, start) if np.all((shares > 0) & (shares < 1)) else np.inf, start
+        return self._misfit_at(model, start) if np.all((shares > 0) & (shares < 1)) else np.inf, start
 
-    def _beside(self, shares: Real, scale_step: Real) -> list[Vector]:
+    def _starts_beside_base(self, shares: Real, scale_step: Real) -> list[Vector]:
         """The effect beside the base as it stands, and as it would move."""
         base = self.base.unknowns
         moved_unknowns = base.like(base.flat + scale_step)
@@ -150,13 +152,17 @@ class Screening:
             replace(unknowns, shares=np.concatenate([unknowns.shares, shares])) for unknowns in (moved_unknowns, base)
         ]
 
-    def _at(self, model: Model, start: Vector) -> float:
+    def _misfit_at(self, model: Model, start: Vector) -> float:
         """Misfit of a model's prediction; infinite where an equilibrium was not found."""
         prediction = self.fitter.predict(model, start, self.positions)
         flat = np.concatenate([start.scales, start.shares[: len(self.base.unknowns.shares)], start.modes])
         data = self.fitter.problem.data
         return (
-            self._misfit(self.free(self._scaled(data.angle - prediction.angle) - self._pulled(flat)))
+            self._misfit(
+                self.unfollowed_part(
+                    self._scaled_residuals(data.angle - prediction.angle) - self._prior_residuals(flat)
+                )
+            )
             if prediction.sound
             else np.inf
         )
@@ -176,36 +182,45 @@ class Screening:
                 start = replace(base, shares=np.concatenate([base.shares, shares]))
                 if step:
                     prediction = self.fitter.predict(model, start, self.positions)
-                    secants += [(step, self._scaled(prediction.angle - self.plain))] if prediction.sound else []
+                    secants += (
+                        [(step, self._scaled_residuals(prediction.angle - self.base_angle))] if prediction.sound else []
+                    )
             sides.append(secants)
-        return [self._joined(shape, grows, sides_of_share) for sides_of_share in product(*sides)]
+        return [self._joint_fit(shape, grows, sides_of_share) for sides_of_share in product(*sides)]
 
-    def _joined(self, shape: Real, grows: Truth, secants: Sequence[tuple[float, Real]]) -> tuple[float, Real, Real]:
+    def _joint_fit(self, shape: Real, grows: Truth, secants: Sequence[tuple[float, Real]]) -> tuple[float, Real, Real]:
         """Linear least squares over one secant of each parameter and the base's unknowns."""
         steps = np.array([step for step, _ in secants])
         changes = np.column_stack([change for _, change in secants])
-        free = changes - self.basis @ (self.basis.T @ changes)
-        amounts = lsq_linear(free, self.free(self.left), (0.0, REACH), method="bvls").x
+        unfollowed_changes = changes - self.basis @ (self.basis.T @ changes)
+        amounts = lsq_linear(
+            unfollowed_changes, self.unfollowed_part(self.residual_left), (0.0, REACH), method="bvls"
+        ).x
         shares = shape.copy()
         shares[grows] = np.clip(shape[grows] + amounts * steps, 0.0, 1.0)
-        residual = self.left - changes @ amounts
+        residual = self.residual_left - changes @ amounts
         scale_step = np.linalg.lstsq(self.triangle, self.basis.T @ residual, rcond=None)[0]
-        return self._misfit(self.free(residual)), shares, scale_step
+        return self._misfit(self.unfollowed_part(residual)), shares, scale_step
 
     def _of_ripple(self, effect: Candidate) -> Callable[[Real], float]:
-        """As ``_at`` over one position, by shares of the effect's bounds: its drive and its backbone are made once."""
+        """As ``_misfit_at`` over one position, by shares of the effect's bounds: drive and backbone are made once."""
         fitter, base, data = self.fitter, self.base.unknowns, self.fitter.problem.data
         drives, instrument = fitter.drives(self.base.model, base, self.positions)
         forward, bounds, (position,) = fitter.forward(self.base.model), fitter.problem.bounds(effect), self.positions
-        inside, pulled = data.position == position, self._pulled(base.flat)
+        inside, prior_residuals = data.position == position, self._prior_residuals(base.flat)
 
         def misfit(shares: Real) -> float:
-            rippled = cast(InstrumentEffect, effect).apply(instrument, values_at_shares(bounds, shares).tolist())
-            reading, angle = forward.read(drives[position], position, rippled), np.full(len(data), np.nan)
+            instrument_with_ripple = cast(InstrumentEffect, effect).apply(
+                instrument, values_at_shares(bounds, shares).tolist()
+            )
+            reading, angle = (
+                forward.read(drives[position], position, instrument_with_ripple),
+                np.full(len(data), np.nan),
+            )
             if not reading.sound or not np.all(np.isfinite(reading.angle)):
                 return np.inf
             angle[inside] = reading.angle
-            return self._misfit(self.free(self._scaled(data.angle - angle) - pulled))
+            return self._misfit(self.unfollowed_part(self._scaled_residuals(data.angle - angle) - prior_residuals))
 
         return misfit
 
@@ -230,7 +245,7 @@ class Screening:
             values = np.array([*amplitudes[best_wave], waves[best_wave]])
             shares = np.clip((values - low) / (high - low), 0.0, 1.0)
             start = replace(base, shares=np.concatenate([base.shares, shares]))
-            return [(max(self.nothing - falls[best_wave], 1e-300), start)]
+            return [(max(self.base_misfit - falls[best_wave], 1e-300), start)]
 
         misfit_of = screening._of_ripple(effect)
 
@@ -247,20 +262,22 @@ class Screening:
         probes = [probe(SIZES[int(np.argmin(coarse))] * size, wave, WAVE_PHASES) for wave in waves]
         misfit = np.array([np.inf, *(evaluation[0] for evaluation in probes), np.inf])
         is_minimum = (misfit[1:-1] <= misfit[:-2]) & (misfit[1:-1] < misfit[2:])
-        best = sorted(
+        best_ripples = sorted(
             (evaluation for evaluation, minimum in zip(probes, is_minimum, strict=True) if minimum),
             key=lambda evaluation: evaluation[0],
         )[:PERIODS]
         as_fitted = np.array([base.scales, base.scales])  # with a ripple each derivative by them is many predictions
-        starts = [replace(start, reach=as_fitted) for _, start in best]
+        starts = [replace(start, reach=as_fitted) for _, start in best_ripples]
         descents = [Descent(self.fitter, model, self.cells, start, self.base) for start in starts]
         descents = [descent for descent in descents if np.isfinite(descent.cost)]
         for steps, count in zip(PERIOD_STEPS, (PERIODS, STARTS), strict=True):
             descents = sorted(descents, key=lambda descent: descent.in_noise)[:count]
             for descent in descents:
                 descent.run(steps)
-        fitted = [replace(descent.unknowns, reach=base.reach) for descent in descents if descent.prediction.sound]
-        return [(self._at(model, unknowns), unknowns) for unknowns in fitted]
+        fitted_unknowns = [
+            replace(descent.unknowns, reach=base.reach) for descent in descents if descent.prediction.sound
+        ]
+        return [(self._misfit_at(model, unknowns), unknowns) for unknowns in fitted_unknowns]
 
     def _small_ripples(self, waves: Real, slope: Real) -> tuple[list[float], list[Real]]:
         """Falls of the misfit by small ripples of some numbers of waves per radian, and amplitudes (2,) [N m].
@@ -268,12 +285,12 @@ class Screening:
         To first order a ripple moves the angle by the ``slope`` (n_cells,) [arcmin/(N m)] of the curve; a larger one
         opens the loop too, as constant friction does.
         """
-        data, goal = self.fitter.problem.data, self.free(self.left)
+        data, goal = self.fitter.problem.data, self.unfollowed_part(self.residual_left)
         falls, amplitudes = [], []
         for number in waves:
             phase = number * data.angle / ARCMIN
             columns = [slope * np.cos(phase), slope * np.sin(phase), slope * data.senses]
-            changes = np.column_stack([self.free(self._scaled(column)) for column in columns])
+            changes = np.column_stack([self.unfollowed_part(self._scaled_residuals(column)) for column in columns])
             amounts = np.asarray(np.linalg.lstsq(changes, goal, rcond=None)[0], float)
             falls.append(float(goal @ changes @ amounts))
             amplitudes.append(amounts[:2])
@@ -289,21 +306,23 @@ def _directions(zero: Real, grows: Truth) -> list[Real]:
     return [np.array([np.cos(phase), np.sin(phase)]) for phase in 2 * np.pi * np.arange(PHASES) / PHASES]
 
 
-def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequence[Candidate]) -> dict[str, Promise]:
+def screen_effects(
+    fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequence[Candidate]
+) -> dict[str, Promise]:
     """Promises of effects over the bases, misfits in shares of the first base's; of those that have an equilibrium."""
     screenings = [Screening(fitter, cells, base, bases[0].sigma) for base in bases if np.isfinite(base.cost)]
     promises = {}
     for effect in effects:
         screenings_of_effect = screenings[:1] if effect.starts == PERIODIC else screenings
-        ranked = sorted(
+        ranked_fits = sorted(
             (ranked_start for screening in screenings_of_effect for ranked_start in screening.starts(effect)),
             key=lambda ranked_start: ranked_start[0],
         )
-        if ranked:
-            least_misfit = ranked[0][0]
-            rivals = [start for misfit, start in ranked if misfit <= RIVAL * least_misfit]
+        if ranked_fits:
+            least_misfit = ranked_fits[0][0]
+            rivals = [start for misfit, start in ranked_fits if misfit <= RIVAL * least_misfit]
             rivals = rivals if effect.starts == PERIODIC else _by_sense(rivals, fitter.problem.bounds(effect))
-            promises[effect.name] = Promise(least_misfit / screenings[0].nothing, tuple(rivals[:STARTS]))
+            promises[effect.name] = Promise(least_misfit / screenings[0].base_misfit, tuple(rivals[:STARTS]))
     return promises
 
 
@@ -316,5 +335,5 @@ def _by_sense(ranked_starts: Sequence[Vector], bounds: Sequence[tuple[float, flo
     senses = [
         tuple(value > 0 for value in values_at_shares(bounds, start.shares[-len(bounds) :])) for start in ranked_starts
     ]
-    first = [senses.index(sense) for sense in dict.fromkeys(senses)]
-    return [ranked_starts[k] for k in dict.fromkeys([*first, *range(len(ranked_starts))])]
+    first_senses = [senses.index(sense) for sense in dict.fromkeys(senses)]
+    return [ranked_starts[k] for k in dict.fromkeys([*first_senses, *range(len(ranked_starts))])]

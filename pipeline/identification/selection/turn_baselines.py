@@ -24,14 +24,14 @@ def replay(data: Data, cycles: Cycles, training: Truth) -> Real:
     At an angle over the turn of the output that was not trained, that at the same angle of a turn of the crank.
     """
     crank = np.round(_turning(data).crank, 6)
-    replayed = np.full(len(data), np.nan)
+    replay_angle = np.full(len(data), np.nan)
     for place in (np.round(np.mod(crank, TURN_DEG), 6), crank):
         keys = np.unique(np.column_stack([cycles.kind, place]), axis=0, return_inverse=True)[1].ravel()
         count = np.bincount(keys[training], minlength=keys.max() + 1)
         total = np.bincount(keys[training], data.angle[training], minlength=keys.max() + 1)
-        known = count[keys] > 0
-        replayed[known] = total[keys][known] / count[keys][known]
-    return replayed
+        is_known = count[keys] > 0
+        replay_angle[is_known] = total[keys][is_known] / count[keys][is_known]
+    return replay_angle
 
 
 def harmonics(data: Data, cycles: Cycles, training: Truth) -> Real:

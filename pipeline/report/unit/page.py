@@ -173,4 +173,4 @@ def _tested(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str,
 
 def _after(identification: Identification) -> str:
     """What the third of the models is."""
-    return "With what is named" if identification.verdict.named else "After: no effect named, as refitted"
+    return "With what is named" if identification.verdict.named_effects else "After: no effect named, as refitted"

@@ -14,7 +14,7 @@ from pipeline.report.unit.numbers import digits, interval
 
 def remainder_cards(identification: Identification) -> list[tuple[str, str, str, str]]:
     """Cards of what the nearest effects leave that are not named: the share removed, and the rest beside noise."""
-    if identification.verdict.verdict != UNEXPLAINED or not identification.selection.best:
+    if identification.verdict.verdict != UNEXPLAINED or not identification.selection.best_model:
         return []
     remainder, floor = identification.remainder, identification.remainder.noise_arcmin
     title, best = min(identification.baselines.items(), key=lambda item: item[1].to_noise)

@@ -58,7 +58,7 @@ def test_a_state_becomes_a_unit_that_is_trained_on_its_first_position(tmp_path):
     assert [file.position for file in measurement.unit.files] == ["1", "2", "9"]
     assert [preload_turns(name) for name in ("a_runin", "a_b_3pre", "a_preload5", "a_new")] == [0, 3, 5, None]
     assert len(measurement.rows) == pytest.approx(3 * 2 * len(torque) / EVERY, abs=6)
-    assert not measurement.saturated.any()
+    assert not measurement.is_saturated.any()
     with pytest.raises(InputError, match="position1"):
         states_of([tmp_path / "unit"])
 
@@ -79,7 +79,7 @@ def test_saturation_is_what_the_files_of_a_state_show(tmp_path, limit):
     rig_file(tmp_path / "a_b", 1, torque, 2 * torque, command)
     measurement = measured(write_unit(tmp_path / "a_b", tmp_path / "unit"))
     is_cut = np.abs(measurement.rows.command) >= limit if limit < 40.0 else np.zeros(len(measurement.rows), bool)
-    np.testing.assert_array_equal(measurement.saturated, is_cut)
+    np.testing.assert_array_equal(measurement.is_saturated, is_cut)
 
 
 def turned_loop(torque: np.ndarray, number: int, values: dict) -> np.ndarray:

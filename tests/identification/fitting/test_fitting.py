@@ -20,7 +20,7 @@ from pipeline.identification.selection.evidence import Covariance, Evidence
 from pipeline.identification.selection.recalibration import (
     calibrated_numbers,
     implausible,
-    released,
+    refit_with_free_numbers,
 )
 from pipeline.model.effects import Conditions
 from pipeline.model.load_history.load_cycle import ARCMIN
@@ -152,10 +152,10 @@ def test_a_calibrated_number_stops_at_the_end_of_its_plausible_range_unless_rele
     assert bounded_fit.unknowns.scales[2] == pytest.approx(low[2])
     assert bounded_fit.unknowns.at_reach[2]
     assert np.all((bounded_fit.unknowns.scales >= low) & (bounded_fit.unknowns.scales <= high))
-    free = released(variant, bounded_fit, everything(exact_unit))
+    free = refit_with_free_numbers(variant, bounded_fit, everything(exact_unit))
     assert free.unknowns.scales[2] == pytest.approx(truth[2], abs=0.05)
     assert rms(variant.problem, free.predicted_angle)[0] < 0.5 * rms(variant.problem, bounded_fit.predicted_angle)[0]
-    assert released(variant, free, everything(exact_unit)) is None
+    assert refit_with_free_numbers(variant, free, everything(exact_unit)) is None
     law = replace(bounded_fit, unknowns=replace(bounded_fit.unknowns, scales=np.array([0.0, 0.0, 0.0, 0.0, high[4]])))
     assert law.unknowns.at_reach[4]
     numbers = {
@@ -294,8 +294,8 @@ def test_a_split_that_the_unit_gives_is_honoured(tmp_path, condensed, monkeypatc
             identification_of_rows.folds.cells, identification_of_rows.problem.data.position == 2
         )
         assert np.all(np.isfinite(identification_of_rows.curves["after"][identification_of_rows.folds.cells]))
-    assert identifications[0].verdict.named == ("coulomb",)
-    assert identifications[1].verdict.named == ()
+    assert identifications[0].verdict.named_effects == ("coulomb",)
+    assert identifications[1].verdict.named_effects == ()
     first_order, second = (identification_of_rows.selection.answer.fit for identification_of_rows in identifications)
     np.testing.assert_allclose(second.values, first_order.values, rtol=0.02)
     error_before, error_after = (

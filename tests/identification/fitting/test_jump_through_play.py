@@ -36,7 +36,7 @@ def test_a_zero_of_the_torque_within_the_cell_of_the_jump_is_named(tmp_path, con
     selector.testable = {name: selector.testable[name] for name in ("torque_zero", "pin_radius_error", "coulomb")}
     selection = selector.select(visible)
     verdict = judge(selector.fitter, selection, visible)
-    assert (verdict.verdict, verdict.named) == (IDENTIFIED, ("torque_zero",))
+    assert (verdict.verdict, verdict.named_effects) == (IDENTIFIED, ("torque_zero",))
     (zero,) = verdict.parameters
     assert zero.ci_low < ZERO < zero.ci_high
     assert zero.value == pytest.approx(ZERO, rel=0.15)

@@ -6,7 +6,7 @@ import pytest
 from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
 from pipeline.errors import InputError
-from pipeline.identification.measurement.faults.fault import determined
+from pipeline.identification.measurement.faults.fault import linear_algebra_faults
 from pipeline.identification.measurement.faults.shape_faults import gains_energy
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
@@ -295,7 +295,7 @@ def test_repeats_are_matched_by_sense_however_the_cycles_are_cut(tmp_path):
 def test_linear_algebra_that_fails_is_a_fault_with_a_reason():
     with (
         pytest.raises(InputError, match="u: fault: undetermined: the data do not determine .*Singular matrix"),
-        determined("u"),
+        linear_algebra_faults("u"),
     ):
         np.linalg.solve(np.ones((2, 2)), np.ones(2))
 

@@ -231,5 +231,5 @@ def test_few_torques_share_their_offset_and_the_random_noise_counts_it(tmp_path)
     angle = torque / 5 + np.tile(shared, 3) + 0.05 * rng.standard_normal(len(torque))
     table = pd.DataFrame({**columns, "torque_Nm": torque, "angle_arcmin": angle})
     noise, averaged = noise_of(tmp_path, table)
-    assert noise.shared
+    assert noise.is_shared
     assert noise.random.value == pytest.approx(0.05 * np.sqrt(np.mean(1 / averaged.count)), rel=0.08)

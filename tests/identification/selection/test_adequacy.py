@@ -21,8 +21,8 @@ def outcome(missed, curves=None, open_share=0.0, in_sample=False, form=0.3, name
     right = np.array([N * (1 + open_share), 2.0 * N * (1 + open_share) ** 2])
     folds = SimpleNamespace(
         cells=np.ones(N, bool),
-        recalibrated=np.full(N, 9.0 * named),
-        best=np.full(N, 9.0 * (not named)),
+        recalibrated_curve=np.full(N, 9.0 * named),
+        best_curve=np.full(N, 9.0 * (not named)),
         right_recalibrated=right if not named else np.zeros(2),
         right_best=right if named else np.zeros(2),
         in_sample=in_sample,

@@ -17,7 +17,7 @@ from pipeline.identification.selection.criteria import (
     Trial,
     form_limit,
     prior_log_odds,
-    unnamed,
+    without_names,
 )
 from pipeline.identification.selection.evidence import Covariance, Evidence, Structure
 from pipeline.identification.selection.model_selection import parts_of
@@ -56,7 +56,7 @@ def judged(trials, base_rms=1.05, blocks=24, bounds=(-2.0, 8.0), record=9.0):
     problem = SimpleNamespace(data=SimpleNamespace(block=np.arange(blocks)), record={"time": record, "cycles": record})
     fitter = SimpleNamespace(problem=problem, bounds=lambda model: [bounds] * model.n_parameters)
     base = trial("", Known(0.0, gain=0.0), base_rms)
-    return Judge(fitter, np.ones(blocks, bool), TRIED).judged(base, trials, {})
+    return Judge(fitter, np.ones(blocks, bool), TRIED).select(base, trials, {})
 
 
 def named(**options):
@@ -79,9 +79,9 @@ def test_every_effect_has_to_beat_no_effect_by_the_same_odds(effect):
 def test_all_that_was_tried_counts_together():
     """Two effects of half the odds reject "no effect" as one does."""
     half = Known(SINGLE + ODDS - np.log(2) + 0.01)
-    assert judged({"coulomb": trial("coulomb", half)}).best == ""
+    assert judged({"coulomb": trial("coulomb", half)}).best_model == ""
     both = {name: trial(name, half) for name in ("coulomb", "presliding")}
-    assert judged(both).best
+    assert judged(both).best_model
     assert judged(both).members == ()  # neither of them by itself is more probable than a discrepancy
 
 
@@ -96,7 +96,7 @@ def test_all_that_was_tried_counts_together():
 def test_each_clause_withholds_a_name_and_says_why(options, reason):
     trials = {"torque_gain": trial("torque_gain", Known(**{"value": 40.0, **options}))}
     selection = judged(trials)
-    assert selection.best == "torque_gain"
+    assert selection.best_model == "torque_gain"
     assert selection.members == ()
     assert reason in selection.reasons["torque_gain"]
 
@@ -109,7 +109,7 @@ def test_a_shape_near_its_bound_vetoes_nothing_and_a_size_there_does():
         problem = SimpleNamespace(data=SimpleNamespace(block=np.arange(24)), record={"time": 99.0, "cycles": 99.0})
         fitter = SimpleNamespace(problem=problem, bounds=lambda model: [(0.0, 30.0), (1.0, 10.0)])
         base = trial("", Known(0.0, gain=0.0))
-        selection = Judge(fitter, np.ones(24, bool), TRIED).judged(base, {"run_in": run_in}, {})
+        selection = Judge(fitter, np.ones(24, bool), TRIED).select(base, {"run_in": run_in}, {})
         assert bool(selection.members) == is_named
 
 
@@ -137,7 +137,7 @@ def test_a_pair_is_named_where_it_beats_the_best_single_effect_by_the_odds():
 def test_a_pair_of_which_one_size_may_be_zero_leaves_the_single_effect():
     pair = trial("coulomb+preload", Known(80.0, distance={"coulomb": 5.0, "preload": 0.5}))
     selection = judged({"coulomb": trial("coulomb", Known(40.0)), "coulomb+preload": pair})
-    assert selection.best == "coulomb+preload"
+    assert selection.best_model == "coulomb+preload"
     assert selection.members == ("coulomb",)
 
 
@@ -148,20 +148,20 @@ def test_models_within_the_odds_are_one_class():
         "rayleigh": trial("rayleigh", Known(40.0 - ODDS - 0.01)),
     }
     assert judged(trials).members == ("coulomb", "presliding")
-    assert judged(trials).nearest == "rayleigh"
+    assert judged(trials).nearest_model == "rayleigh"
 
 
 @pytest.mark.parametrize("rms", [1.5, 15.0, 45.0])
 def test_an_effect_is_not_named_while_structure_is_left_however_much_it_removes(rms):
     selection = judged({"coulomb": trial("coulomb", Known(value=400.0, limited=-400.0), rms=rms)}, base_rms=50.0)
-    assert selection.best == "coulomb"
+    assert selection.best_model == "coulomb"
     assert selection.members == ()
 
 
 def test_a_refused_name_stays_the_nearest_with_its_reason():
-    selection = unnamed(judged({"coulomb": trial("coulomb", Known(40.0))}), "unused data are missed")
+    selection = without_names(judged({"coulomb": trial("coulomb", Known(40.0))}), "unused data are missed")
     assert selection.members == ()
-    assert selection.best == selection.nearest == "coulomb"
+    assert selection.best_model == selection.nearest_model == "coulomb"
     assert selection.reasons["coulomb"] == "unused data are missed"
 
 
@@ -189,7 +189,7 @@ def verdict_on(angle, designs):
         model = Model((candidates()[name],)) if name else model_of(0)
         fit = fitter.fit(model, cells, fitter.start(model))
         trials[name] = Trial(fit, Evidence(covariance, fitter, fit), 1.0)
-    return Judge(fitter, cells, len(designs)).judged(trials.pop(""), trials, {}).members
+    return Judge(fitter, cells, len(designs)).select(trials.pop(""), trials, {}).members
 
 
 def test_an_effect_is_named_on_at_most_a_few_of_a_hundred_empty_units_and_on_all_that_have_it():

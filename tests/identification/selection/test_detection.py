@@ -64,9 +64,9 @@ def test_an_effect_of_either_size_is_noticed_or_named_in_at_least_90_percent_of_
         for size, found in ((limit.noticed, noticed), (limit.named, named)):
             angle = 0.1 * rng.standard_normal(len(DATA)) + size * columns["coulomb"]
             fitter, base, trials = unit(angle, columns)
-            selection = Judge(fitter, EVERYTHING, len(NAMES)).judged(base, trials, {})
+            selection = Judge(fitter, EVERYTHING, len(NAMES)).select(base, trials, {})
             right = "coulomb" in selection.members and len(selection.members) <= 3
-            found.append(right if found is named else bool(selection.best))
+            found.append(right if found is named else bool(selection.best_model))
     assert np.mean(noticed) >= 0.85
     assert np.mean(named) >= 0.85
     assert (np.mean(ratios) > 1.2) == (alike > 0.5)

@@ -56,7 +56,7 @@ def dense(structure, design, columns=2):
     steps = np.abs(np.arange(len(DATA))[:, None] - np.arange(len(DATA)))
     noise = np.where(DATA.block[:, None] == DATA.block, structure.correlation**steps, 0.0)
     free = design[:, :columns] * prior
-    sizes = unit**2 * (structure.common**2 * alike + structure.own**2 * alike * same)
+    sizes = unit**2 * (structure.common**2 * alike + structure.own_size**2 * alike * same)
     return free @ free.T + zero @ zero.T + sizes + SIGMA**2 * noise
 
 
@@ -116,8 +116,8 @@ def test_structure_is_found_where_it_is():
         fitter, fit = fitted(angle + change, design)
         found[name] = Evidence(COVARIANCE, fitter, fit).structure
     assert found["none"].size <= 0.5
-    assert found["common"].common > 2 > found["common"].own
-    assert found["own"].own > 2 > found["own"].common
+    assert found["common"].common > 2 > found["common"].own_size
+    assert found["own"].own_size > 2 > found["own"].common
     fitter, fit = fitted(design @ [0.1, 0.4] + SIGMA * walk, design)
     assert Evidence(COVARIANCE, fitter, fit).structure.correlation >= 0.3
 

@@ -11,7 +11,7 @@ from pipeline.identification.fitting.parameters import Vector
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection.criteria import FORM, Trial
 from pipeline.identification.selection.parameter_intervals import intervals
-from pipeline.identification.selection.recalibration import calibrated_numbers, released, tolerance_share
+from pipeline.identification.selection.recalibration import calibrated_numbers, refit_with_free_numbers, tolerance_share
 
 COULOMB = Model((candidates()["coulomb"],))
 WIDTH = BOUNDS[1] - BOUNDS[0]
@@ -70,7 +70,7 @@ def test_numbers_are_released_only_from_the_ends_of_their_ranges():
     )
     for scale, released_range in ((0.5, False), (2.0, True)):
         unknowns = Vector(np.array([scale]), np.zeros(0), np.zeros(0), np.array([[-2.0], [2.0]]))
-        refit = released(fitter, SimpleNamespace(model=None, unknowns=unknowns), None)
+        refit = refit_with_free_numbers(fitter, SimpleNamespace(model=None, unknowns=unknowns), None)
         assert (refit is not None) == released_range
     assert refits[0].reach.tolist() == [[-4.4], [4.4]]
 

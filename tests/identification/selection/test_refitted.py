@@ -24,7 +24,7 @@ def test_a_fold_ends_where_a_fit_from_the_truth_does(name, values, position, tmp
     base = fitter.fit(Model(), training, fitter.start(Model()))
     reference = fitter.fit(model, training, fitter.start(model, shares_of_values(fitter.bounds(model), values)))
     assert base.cost > 20 * reference.cost
-    refit = fold.refitted(model, training, base)
+    refit = fold.refit(model, training, base)
     assert refit.cost < 1.05 * reference.cost
     np.testing.assert_allclose(refit.values, reference.values, rtol=0.1)
 

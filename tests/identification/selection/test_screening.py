@@ -19,7 +19,7 @@ from pipeline.identification.selection.screening import (
     REACH,
     STEPS,
     Screening,
-    screened,
+    screen_effects,
 )
 
 TWO, THREE = Bench(), Bench(cranks=CRANKS)
@@ -77,14 +77,14 @@ def least(fitter, columns):
 def test_promise_of_a_linear_effect_is_what_its_fit_leaves():
     fitter, look, _ = looked(0.3)
     ((misfit, start),) = look.starts(EFFECT)
-    assert look.nothing == pytest.approx(least(fitter, 1), rel=1e-6)
+    assert look.base_misfit == pytest.approx(least(fitter, 1), rel=1e-6)
     assert misfit == pytest.approx(least(fitter, 2), rel=1e-6)
     assert start.shares[0] == pytest.approx(0.3, abs=0.03)
 
 
 def promised(look):
     """Share of the misfit that the effect leaves at least."""
-    return min(misfit for misfit, _ in look.starts(EFFECT)) / look.nothing
+    return min(misfit for misfit, _ in look.starts(EFFECT)) / look.base_misfit
 
 
 def test_what_the_base_can_follow_or_goes_the_other_way_promises_nothing():
@@ -101,13 +101,13 @@ def test_secants_reach_no_further_than_they_may():
 def test_effects_without_an_equilibrium_promise_nothing_at_all():
     fitter, look, base = looked(0.3)
     cells = np.ones(len(fitter.problem.data), bool)
-    assert screened(fitter, cells, [base], [EFFECT]).keys() == {EFFECT.name}
+    assert screen_effects(fitter, cells, [base], [EFFECT]).keys() == {EFFECT.name}
     base_prediction = fitter.predict
     fitter.predict = lambda model, *arguments, **options: base_prediction(model, *arguments, **options)._replace(
         sound=model.n_effects == 0
     )
     assert look.starts(EFFECT) == []
-    assert screened(fitter, cells, [base], [EFFECT]) == {}
+    assert screen_effects(fitter, cells, [base], [EFFECT]) == {}
 
 
 def test_promises_beside_several_bases_are_shares_of_the_first():
@@ -115,16 +115,16 @@ def test_promises_beside_several_bases_are_shares_of_the_first():
     cells = np.ones(len(fitter.problem.data), bool)
     distant = fitter.fit(base.model, cells, replace(base.unknowns, scales=np.array([1.5])), 0)
     stiff = replace(distant, jacobian=0.0 * base.jacobian, sigma=base.sigma)  # cannot move back: it leaves more
-    (from_one_base,) = screened(fitter, cells, [base], [EFFECT]).values()
-    (worst,) = screened(fitter, cells, [stiff], [EFFECT]).values()
-    (pair,) = screened(fitter, cells, [stiff, base], [EFFECT]).values()
-    residuals = [Screening(fitter, cells, item, base.sigma).nothing for item in (base, stiff)]
+    (from_one_base,) = screen_effects(fitter, cells, [base], [EFFECT]).values()
+    (worst,) = screen_effects(fitter, cells, [stiff], [EFFECT]).values()
+    (pair,) = screen_effects(fitter, cells, [stiff, base], [EFFECT]).values()
+    residuals = [Screening(fitter, cells, item, base.sigma).base_misfit for item in (base, stiff)]
     assert residuals[1] > 1.01 * residuals[0]
     assert pair.misfit < worst.misfit
     assert pair.misfit == pytest.approx(from_one_base.misfit * residuals[0] / residuals[1])
     np.testing.assert_array_equal(pair.starts[0].flat, from_one_base.starts[0].flat)
     failed_fit = replace(base, cost=np.inf)
-    (from_failed_base,) = screened(fitter, cells, [base, failed_fit], [EFFECT]).values()
+    (from_failed_base,) = screen_effects(fitter, cells, [base, failed_fit], [EFFECT]).values()
     assert from_failed_base.misfit == from_one_base.misfit
 
 
@@ -135,7 +135,7 @@ def test_a_ripple_over_one_position_is_looked_at_as_any_effect(tmp_path, condens
     look, effect = Screening(fitter, first, base, problem.data.sigma), candidates()["motor_cogging"]
     for shares in (np.array([0.6, 0.45, 0.3]), np.array([0.5, 0.7, 0.8])):
         start = replace(base.unknowns, shares=shares)
-        assert look._of_ripple(effect)(shares) == look._at(Model((effect,)), start)
+        assert look._of_ripple(effect)(shares) == look._misfit_at(Model((effect,)), start)
 
 
 def test_an_effect_is_looked_at_in_all_directions_and_further_in_the_best_two():

@@ -13,8 +13,8 @@ from pipeline.identification.selection.criteria import Selection
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements import verdict as verdicts
 from pipeline.identification.selection.statements.remainder import Remainder
-from pipeline.identification.selection.statements.statement import place_of_largest, stated, title_of
-from pipeline.identification.selection.statements.verdict import judge, untested
+from pipeline.identification.selection.statements.statement import place_of_largest, statement_of_verdict, title_of
+from pipeline.identification.selection.statements.verdict import judge, verdict_without_test
 from pipeline.statistics.curve_scatter import CurveScatter
 
 SINGLES = ("coulomb", "flank_wear", "preload", "seat_compliance")
@@ -32,7 +32,7 @@ TOLERATED = ("flank_wear", "preload")
 @pytest.fixture(autouse=True)
 def plain_numbers(monkeypatch):
     monkeypatch.setattr(verdicts, "calibrated_numbers", lambda *_: ())
-    monkeypatch.setattr(verdicts, "released", lambda *_: None)
+    monkeypatch.setattr(verdicts, "refit_with_free_numbers", lambda *_: None)
 
 
 def fitter():
@@ -55,7 +55,7 @@ def selection_of(members, left=0.1, best="", modes=()):
 def statement(result, selection, where=""):
     errors = [AngleError(2.0 * floors, 9.0, {}, floors, 1.0, 10) for floors in (5.0, 1.0)]
     remainder = Remainder(1.0, 0.8, 1.0, 1.0, CurveScatter(1.0, 0.5, 3.0, 3), 0.1)
-    return stated(result, selection, *errors, remainder, in_sample="", where=where)
+    return statement_of_verdict(result, selection, *errors, remainder, in_sample="", where=where)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -64,7 +64,7 @@ def test_terms_of_the_verdict(name):
     selection = selection_of(members)
     result = judge(fitter(), selection, np.ones(4, bool))
     message = statement(result, selection)
-    assert (result.verdict, result.named) == (term, members)
+    assert (result.verdict, result.named_effects) == (term, members)
     if len(members) <= 3:
         assert all(title_of(member) in message.sentence for member in members)
     assert [p.effect for p in result.parameters] == [part for member in members for part in member.split("+")] or (
@@ -109,7 +109,7 @@ def test_structure_a_withheld_name_or_odd_tolerances_are_never_adequate(options,
 )
 def test_adequate_needs_a_passed_test(testable, term):
     adequate = judge(fitter(), selection_of(()), np.ones(4, bool))
-    result = untested(adequate, "a reason", testable)
+    result = verdict_without_test(adequate, "a reason", testable)
     assert result.verdict == term
     assert result.findings[-1] == "a reason"
 
@@ -129,6 +129,6 @@ def test_unit_with_a_data_fault_has_no_model(tmp_path):
     unit = load_measured_unit(write_unit(tmp_path / "u", {"rows.csv": rows}), ROOT)
     identification = identify(unit, lambda *_: pytest.fail("nothing is to be computed of faulty data"))
     assert identification.verdict.verdict == "data fault"
-    assert identification.verdict.named == ()
+    assert identification.verdict.named_effects == ()
     assert isinstance(identification, FaultyUnit)
     assert all(fault.message in identification.statement.sentence for fault in identification.measurement.fatal)

@@ -54,7 +54,7 @@ def distances(unit_made: Made, folder: Path, root: Path) -> dict[str, float]:
         name: tuple(value.tolist()) if np.ndim(value := getattr(unit_made.dimensions, name)[0]) else float(value)
         for name in DIMENSIONS
     }
-    true_unit = replace(unit, designed=unit_made.unit.study, dimensions=Case(label="true", **true_errors))
+    true_unit = replace(unit, design_study=unit_made.unit.study, dimensions=Case(label="true", **true_errors))
     nominal = unit_made.reducer.truth.design.disk.thickness_mm / unit_made.unit.study.design.disk.thickness_mm
 
     def softened(study: Study, cranks: Sequence[float]) -> list[Real]:

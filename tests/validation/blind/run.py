@@ -138,7 +138,7 @@ def _row(
 ) -> Row:
     truth, verdict = unit.truth, identification.verdict
     kind, size = truth["kind"], truth["size_over_noise"]
-    parts = [frozenset(name.split("+")) for name in verdict.named]
+    parts = [frozenset(name.split("+")) for name in verdict.named_effects]
     true = frozenset(truth["truth"].split(";"))
     nearest = min(distances, key=lambda name: distances[name], default="")
     declared, recalibrated, best = errors_of(identification)
@@ -148,8 +148,8 @@ def _row(
         truth=truth["truth"],
         size_over_noise=size,
         verdict=verdict.verdict,
-        named=";".join(verdict.named),
-        class_size=len(verdict.named),
+        named=";".join(verdict.named_effects),
+        class_size=len(verdict.named_effects),
         correct=is_correct(kind, size, true, parts, verdict.verdict),
         oracle_separates=distances[nearest] >= 1 if distances else None,
         rms_declared_arcmin=declared,

@@ -23,10 +23,10 @@ def branch_faults(rows: Rows, blocks: BranchBlocks, usable: Truth) -> Iterator[F
     """Cycles that are missing or do not load in both senses, and branches of too few rows."""
     yield from _missing(rows)
     yield from _one_sense(rows, blocks, usable)
-    yield from _few(rows, blocks, usable)
+    yield from _few_point_faults(rows, blocks, usable)
 
 
-def _listed(names: Sequence[str]) -> str:
+def _name_list(names: Sequence[str]) -> str:
     """The first of some names, and how many there are beyond."""
     remainder_text = f" and {len(names) - SHOWN_ROWS} more" if len(names) > SHOWN_ROWS else ""
     return ", ".join(names[:SHOWN_ROWS]) + remainder_text
@@ -35,29 +35,29 @@ def _listed(names: Sequence[str]) -> str:
 def _missing(rows: Rows) -> Iterator[Fault]:
     gap_names = []
     for position, crank in enumerate(rows.cranks):
-        cycles = np.unique(rows.cycle[(rows.position == position) & ~rows.misnumbered])
+        cycles = np.unique(rows.cycle[(rows.position == position) & ~rows.is_misnumbered])
         gaps = np.setdiff1d(np.arange(cycles.min(), cycles.max() + 1), cycles) if cycles.size else cycles
         gap_names += [f"cycle {gap} at crank {crank:g} deg" for gap in gaps]
     if gap_names:
-        yield Fault("missing cycle", f"{_listed(gap_names)} is not there", "note")
+        yield Fault("missing cycle", f"{_name_list(gap_names)} is not there", "note")
 
 
 def _one_sense(rows: Rows, blocks: BranchBlocks, usable: Truth) -> Iterator[Fault]:
-    names, chosen = [], np.zeros(len(rows), bool)
+    names, is_chosen = [], np.zeros(len(rows), bool)
     for position, crank in enumerate(rows.cranks):
-        for cycle in np.unique(rows.cycle[(rows.position == position) & ~rows.misnumbered]):
+        for cycle in np.unique(rows.cycle[(rows.position == position) & ~rows.is_misnumbered]):
             branches = (blocks.position == position) & (blocks.cycle == cycle)
             of_cycle = (rows.position == position) & (rows.cycle == cycle) & usable
             torque = rows.torque[of_cycle]
             if branches.sum() < 2 or not torque.size or torque.min() * torque.max() >= 0:
                 names.append(f"cycle {cycle} at crank {crank:g} deg")
-                chosen |= of_cycle
+                is_chosen |= of_cycle
     if names:
-        message = f"{_listed(names)}: the usable rows do not load and unload in both senses"
-        yield fault_of_rows(rows, chosen, "one sense", "note", message)
+        message = f"{_name_list(names)}: the usable rows do not load and unload in both senses"
+        yield fault_of_rows(rows, is_chosen, "one sense", "note", message)
 
 
-def _few(rows: Rows, blocks: BranchBlocks, usable: Truth) -> Iterator[Fault]:
+def _few_point_faults(rows: Rows, blocks: BranchBlocks, usable: Truth) -> Iterator[Fault]:
     counts = np.array([usable[span].sum() for span in blocks.rows], dtype=int)
     short = np.flatnonzero(counts < FEWEST_BRANCH_ROWS)
     if short.size:
@@ -65,9 +65,9 @@ def _few(rows: Rows, blocks: BranchBlocks, usable: Truth) -> Iterator[Fault]:
             f"crank {rows.cranks[blocks.position[b]]:g} deg, cycle {blocks.cycle[b]}, branch {blocks.branch[b]}"
             for b in short
         ]
-        chosen = np.concatenate([np.arange(blocks.start[b], blocks.stop[b]) for b in short])
-        message = f"fewer than {FEWEST_BRANCH_ROWS} usable rows on {_listed(names)}"
-        yield fault_of_rows(rows, chosen, "too few points", "note", message)
+        chosen_rows = np.concatenate([np.arange(blocks.start[b], blocks.stop[b]) for b in short])
+        message = f"fewer than {FEWEST_BRANCH_ROWS} usable rows on {_name_list(names)}"
+        yield fault_of_rows(rows, chosen_rows, "too few points", "note", message)
     branches = int(np.sum(counts >= FEWEST_BRANCH_ROWS))
     if branches < FEWEST_BLOCKS:
         yield Fault(

@@ -59,7 +59,7 @@ def data_faults(measurement: MeasuredRows) -> list[Fault]:
         faults += _implausible(unit, rows, finite)
     if not good.any() or any(fault.severity == "fatal" for fault in unread):
         return faults
-    faults += _left_out(rows, measurement.saturated & good, measurement.clipped, measurement.spikes)
+    faults += _left_out(rows, measurement.is_saturated & good, measurement.is_clipped, measurement.spikes)
     usable, blocks = measurement.usable, measurement.branches
     faults += [*branch_faults(rows, blocks, usable), *_offsets(unit, rows, usable)]
     if not any(fault.severity == "fatal" for fault in faults):
@@ -81,12 +81,14 @@ def _unknown_noise(measurement: MeasuredRows) -> Iterator[Fault]:
 
 def _standing_out(measurement: MeasuredRows) -> Iterator[Fault]:
     repeats = measurement.repeatability.repeats.value
-    for position, distance, largest in standing_out(mean_loops(measurement.branches, measurement.cells), repeats):
+    for position, distance, largest_distance in standing_out(
+        mean_loops(measurement.branches, measurement.cells), repeats
+    ):
         yield Fault(
             "position stands out",
             f"the loop at crank {measurement.rows.cranks[position]:g} deg differs by {distance:.3g} arcmin from all "
-            f"others, which differ by {largest:.3g} arcmin at most: is the output or its locking plate loose there? "
-            "Measure that position again after mounting it anew",
+            f"others, which differ by {largest_distance:.3g} arcmin at most: is the output or its locking plate loose "
+            "there? Measure that position again after mounting it anew",
             "note",
         )
 
@@ -105,7 +107,7 @@ def _not_numbers(rows: Rows) -> Iterator[Fault]:
     missing_columns = {(rows.files.index(file), quantity) for file, _, quantity in rows.missing}
     bad = {
         "crank_deg": rows.position < 0,
-        "cycle": rows.misnumbered & (rows.cycle == -1),
+        "cycle": rows.is_misnumbered & (rows.cycle == -1),
         "torque_Nm": ~np.isfinite(rows.torque),
         "angle_arcmin": ~np.isfinite(rows.angle),
         "time_s": None if rows.time is None else ~np.isfinite(rows.time),
@@ -189,8 +191,8 @@ def _turning_crank(rows: Rows, good: Truth) -> Iterator[Fault]:
 
 
 def _constant(rows: Rows, good: Truth) -> Iterator[Fault]:
-    measured = {"torque_Nm": rows.torque, "angle_arcmin": rows.angle, "command_torque_Nm": rows.command}
-    for quantity, values in measured.items():
+    measured_quantities = {"torque_Nm": rows.torque, "angle_arcmin": rows.angle, "command_torque_Nm": rows.command}
+    for quantity, values in measured_quantities.items():
         for position, crank in enumerate(rows.cranks):
             rows_here = good & (rows.position == position)
             if values is not None and rows_here.any() and np.ptp(values[rows_here]) == 0:
@@ -212,7 +214,7 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
     loops = [good & (rows.position == position) for position in np.unique(rows.position[good])]
     span = float(max(np.ptp(rows.angle[loop]) for loop in loops))
     top = float(np.max(np.abs(rows.torque[good])))
-    limit = largest_span(unit.study.design, top) if unit.designed else np.inf
+    limit = largest_span(unit.study.design, top) if unit.design_study else np.inf
     column = unit.settings.columns.angle_arcmin
     findings.append(implausible_angle(span, resolution, limit, column.unit))
     if all(columns_exchanged(rows.torque[loop], rows.angle[loop]) for loop in loops):
@@ -260,16 +262,16 @@ def _angle_falls(rows: Rows, file_rows: NDArray[np.intp]) -> bool:
     return bool(angle[torque >= high].mean() - angle[torque <= low].mean() < -0.1 * np.ptp(angle))
 
 
-def _left_out(rows: Rows, cut: Truth, clipped: Truth, jumps: Truth) -> Iterator[Fault]:
-    if clipped.any():
-        frequent = clipped.mean() > CLIPPED_SHARE
-        ends = f"{rows.angle[clipped].min():.4g} to {rows.angle[clipped].max():.4g} arcmin"
+def _left_out(rows: Rows, cut: Truth, is_clipped: Truth, jumps: Truth) -> Iterator[Fault]:
+    if is_clipped.any():
+        frequent = is_clipped.mean() > CLIPPED_SHARE
+        ends = f"{rows.angle[is_clipped].min():.4g} to {rows.angle[is_clipped].max():.4g} arcmin"
         yield fault_of_rows(
             rows,
-            clipped,
+            is_clipped,
             "clipped angle",
             "fatal" if frequent else "note",
-            f"the angle stands still at the ends of its range ({ends}) in {clipped.sum()} of {len(rows)} rows while "
+            f"the angle stands still at the ends of its range ({ends}) in {is_clipped.sum()} of {len(rows)} rows while "
             f"the torque goes on; {'measure with a wider range' if frequent else 'these rows are left out'}",
         )
     if cut.any():

@@ -20,7 +20,7 @@ SHOWN_ROWS = 5
 
 
 @contextlib.contextmanager
-def determined(name: str) -> Iterator[None]:
+def linear_algebra_faults(name: str) -> Iterator[None]:
     """Turn linear algebra that fails into a fault of the data; ``name`` is that of the unit.
 
     Raises
@@ -65,7 +65,7 @@ class Fault:
         return f"{'fault' if self.severity == 'fatal' else 'note'}: {self.kind}: {self.message}{rows}"
 
 
-def fault_of_rows(rows: Rows, selected: NDArray, kind: str, severity: Severity, message: str) -> Fault:
+def fault_of_rows(rows: Rows, selected_rows: NDArray, kind: str, severity: Severity, message: str) -> Fault:
     """A fault of some rows, a mask (n,) or their indices."""
-    chosen = np.flatnonzero(selected) if selected.dtype == bool else selected
-    return Fault(kind, message, severity, rows.where(chosen[:SHOWN_ROWS]), len(chosen))
+    row_numbers = np.flatnonzero(selected_rows) if selected_rows.dtype == bool else selected_rows
+    return Fault(kind, message, severity, rows.where(row_numbers[:SHOWN_ROWS]), len(row_numbers))

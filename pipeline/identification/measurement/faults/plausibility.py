@@ -25,13 +25,13 @@ LIKELY_ANGLE = (0.2, 1200.0)
 """Span of a loop [arcmin], by which other units are suggested."""
 
 
-def implausible_torque(torque: Real, rated: float) -> str:
+def implausible_torque(torque: Real, rated_torque: float) -> str:
     """Why torques [N m] cannot be in N m, with the units that they could be in; empty if they can."""
     top = float(np.max(np.abs(torque)))
-    if SMALLEST_TORQUE * rated <= top <= LARGEST_TORQUE * rated:
+    if SMALLEST_TORQUE * rated_torque <= top <= LARGEST_TORQUE * rated_torque:
         return ""
-    advice = _advice(top, TORQUE_UNITS, (LIKELY_TORQUE[0] * rated, LIKELY_TORQUE[1] * rated), "torque_Nm")
-    return f"the largest torque is {top:.4g} N m, the rated torque {rated:g} N m; {advice}"
+    advice = _advice(top, TORQUE_UNITS, (LIKELY_TORQUE[0] * rated_torque, LIKELY_TORQUE[1] * rated_torque), "torque_Nm")
+    return f"the largest torque is {top:.4g} N m, the rated torque {rated_torque:g} N m; {advice}"
 
 
 def implausible_angle(span: float, resolution: float | None, limit: float, unit: str) -> str:
@@ -56,21 +56,21 @@ def implausible_angle(span: float, resolution: float | None, limit: float, unit:
     return f"the angle spans {span:.4g} arcmin, {reason}; {advice}"
 
 
-def doubtful_side(top: float, span: float, rated: float, ratio: float) -> str:
+def doubtful_side(top: float, span: float, rated_torque: float, ratio: float) -> str:
     """Why a loop up to ``top`` [N m] and ``span`` [arcmin] may be of the input or in another unit; empty if likely.
 
     Parameters
     ----------
-    rated : torque of the output [N m].
+    rated_torque : torque of the output [N m].
     ratio : input turns per turn of the output.
     """
-    if top >= DOUBTFUL_TORQUE * rated and span <= LIKELY_ANGLE[1]:
+    if top >= DOUBTFUL_TORQUE * rated_torque and span <= LIKELY_ANGLE[1]:
         return ""
-    found = f"the loops reach {top:.3g} N m of a rated torque of {rated:g} N m and span {span:.4g} arcmin"
-    at_output = LIKELY_TORQUE[0] * rated <= top * ratio <= LIKELY_TORQUE[1] * rated
+    found_text = f"the loops reach {top:.3g} N m of a rated torque of {rated_torque:g} N m and span {span:.4g} arcmin"
+    at_output = LIKELY_TORQUE[0] * rated_torque <= top * ratio <= LIKELY_TORQUE[1] * rated_torque
     if at_output and LIKELY_ANGLE[0] <= span / ratio <= LIKELY_ANGLE[1]:
-        return f'{found}: if torque and angle are of the input, say side = "input" (ratio {ratio:g})'
-    return f"{found}, which is unusual: check unit and factor in [columns]"
+        return f'{found_text}: if torque and angle are of the input, say side = "input" (ratio {ratio:g})'
+    return f"{found_text}, which is unusual: check unit and factor in [columns]"
 
 
 def _advice(value: float, units: dict[str, float], likely: tuple[float, float], quantity: str) -> str:

@@ -17,13 +17,13 @@ LOW, HIGH = 0.2, 0.5
 """Shares of the largest torque below which a row is near zero torque, and above which it is loaded."""
 BENT = 2.0
 """Ratio of the slopes near zero and under load by which a curve is bent: play makes it larger than 1, never half."""
-CLOSED = 0.02
+CLOSED_SHARE = 0.02
 """Torque, in parts of its range, up to which a drive counts as unloaded."""
-GAINED = 0.01
+GAINED_SHARE = 0.01
 """Work that a loop gives back, in parts of torque range times angle range; noise makes less than a tenth of it."""
 FEWEST_ROWS = 20
 """Rows of a sense below which its shape is not judged."""
-APART = 3.0
+DISTANCE_RATIO = 3.0
 """Distance of a position from its nearest neighbour in shape, in the largest distance between the others and in noise
 floors, from which it stands out."""
 FEWEST_POSITIONS = 3
@@ -74,14 +74,14 @@ def gains_energy(torque: Real, angle: Real) -> bool:
     """
     torque, angle = _with_crossings(torque, angle)
     angle = angle - drift_per_row(torque, angle) * np.arange(len(angle))
-    unloaded = np.flatnonzero(np.abs(torque) <= CLOSED * np.ptp(torque))
-    closed = slice(unloaded[0], unloaded[-1] + 1) if len(unloaded) else slice(None)
+    unloaded_points = np.flatnonzero(np.abs(torque) <= CLOSED_SHARE * np.ptp(torque))
+    closed_part = slice(unloaded_points[0], unloaded_points[-1] + 1) if len(unloaded_points) else slice(None)
     whole_range = float(np.ptp(torque))
-    torque, angle = torque[closed], angle[closed]
+    torque, angle = torque[closed_part], angle[closed_part]
     if np.ptp(torque) < 0.5 * whole_range:
         return False
     work = 0.5 * float(np.sum((torque + np.roll(torque, -1)) * (np.roll(angle, -1) - angle)))
-    return work < -GAINED * float(np.ptp(torque) * np.ptp(angle))
+    return work < -GAINED_SHARE * float(np.ptp(torque) * np.ptp(angle))
 
 
 def drift_per_row(torque: Real, angle: Real) -> float:
@@ -138,8 +138,8 @@ def standing_out(loops: list[Loop], floor: float) -> Iterator[tuple[int, float, 
     for position in range(n):
         remaining = np.delete(np.arange(n), position)
         distance_among_others = float(np.max(distances[np.ix_(remaining, remaining)]))
-        nearest = float(np.min(distances[position, remaining]))
-        if np.isfinite(nearest + distance_among_others) and nearest > APART * max(
+        nearest_distance = float(np.min(distances[position, remaining]))
+        if np.isfinite(nearest_distance + distance_among_others) and nearest_distance > DISTANCE_RATIO * max(
             distance_among_others, np.nan_to_num(floor)
         ):
-            yield position, nearest, distance_among_others
+            yield position, nearest_distance, distance_among_others

@@ -36,7 +36,7 @@ HELD_SHARE = 0.1
 """Share of the largest torque by which a row may differ from the torque held."""
 LEAST_TURN = 0.5
 """Share of a turn's intervals that it must have to count: pieces at the ends of a pass are left out."""
-CENTRED = 0.2
+CENTRED_SHARE = 0.2
 """Share of an interval by which the mean angle of its rows may lie off its middle."""
 
 
@@ -69,7 +69,7 @@ class Motion:
     left_out: int
 
 
-def unwrapped(crank: Real, run: Whole) -> Real:
+def unwrapped_crank(crank: Real, run: Whole) -> Real:
     """The crank (n,) [deg] counted on within each run (n,) of rows where it falls back by a turn."""
     counted_on = crank.copy()
     for number in np.unique(run):
@@ -89,23 +89,23 @@ def motion(crank: Real, run: Whole, torque: Real, pins: int, lobes: int) -> Moti
     run : (n,) number of the cycle and file of each row; -1 where that is unknown.
     torque : (n,) [N m] that the bench steers.
     """
-    known = np.isfinite(crank) & np.isfinite(torque) & (run >= 0)
-    largest = float(np.max(np.abs(torque[known]), initial=0.0))
-    sense, segment = stretches(crank, run, groups(torque, LEVEL_SHARE * largest), known)
+    is_known = np.isfinite(crank) & np.isfinite(torque) & (run >= 0)
+    largest_torque = float(np.max(np.abs(torque[is_known]), initial=0.0))
+    sense, segment = stretches(crank, run, groups(torque, LEVEL_SHARE * largest_torque), is_known)
     held = held_torques(torque, segment)
-    revolution = np.where(known, np.floor(np.where(known, crank, 0.0) / TURN_DEG), 0).astype(np.int64)
+    revolution = np.where(is_known, np.floor(np.where(is_known, crank, 0.0) / TURN_DEG), 0).astype(np.int64)
     keys = np.column_stack([segment, revolution])
     turn = np.full(len(crank), -1)
-    turn[known] = _numbered(keys[known])
-    level = groups(held, LEVEL_SHARE * largest)
+    turn[is_known] = _row_numbers(keys[is_known])
+    level = groups(held, LEVEL_SHARE * largest_torque)
     levels = np.array([held[level == number].mean() for number in range(int(level.max(initial=-1)) + 1)])
-    turn[np.abs(torque - held) > HELD_SHARE * largest] = -1
+    turn[np.abs(torque - held) > HELD_SHARE * largest_torque] = -1
     counts = np.bincount(turn[turn >= 0]) if np.any(turn >= 0) else np.ones(1, int)
     pitches = _pitches(float(np.median(counts[counts >= LEAST_TURN * counts.max()])), pins, lobes)
     width = TURN_DEG * pitches / pins
     interval = np.full(len(crank), -1)
-    interval[known] = np.floor(np.mod(crank[known], lobes * TURN_DEG) / width).astype(np.int64)
-    left_out = _thinned(turn, revolution, pins / pitches)
+    interval[is_known] = np.floor(np.mod(crank[is_known], lobes * TURN_DEG) / width).astype(np.int64)
+    left_out = _thin_revolutions(turn, revolution, pins / pitches)
     for number in np.unique(turn[turn >= 0]):
         of_turn = turn == number
         if len(np.unique(interval[of_turn])) < LEAST_TURN * pins / pitches:
@@ -114,28 +114,28 @@ def motion(crank: Real, run: Whole, torque: Real, pins: int, lobes: int) -> Moti
     return Motion(crank, sense, turn, level, levels, interval, pitches, width, left_out)
 
 
-def stretches(crank: Real, run: Whole, level: Whole, known: Truth) -> tuple[Whole, Whole]:
+def stretches(crank: Real, run: Whole, level: Whole, is_known: Truth) -> tuple[Whole, Whole]:
     """Sense of each row (n,), and number of the stretch of one torque in which the crank turns on; -1 if unknown."""
     sense, segment, count = np.ones(len(crank), np.int64), np.full(len(crank), -1), 0
-    rows = np.flatnonzero(known)
+    rows = np.flatnonzero(is_known)
     changes = np.flatnonzero((np.diff(run[rows]) != 0) | (np.diff(level[rows]) != 0)) + 1
     for stretch in np.split(rows, changes):
         turns = turning_points(crank[stretch], TURN_BACK_DEG) if len(stretch) > 1 else np.zeros(1, np.int64)
-        reached = [_reached(crank[stretch], int(last_turn)) for last_turn in turns]
+        first_rows = [_first_row_of_angle(crank[stretch], int(last_turn)) for last_turn in turns]
         for number, (first_turn, last_turn) in enumerate(zip(turns[:-1], turns[1:], strict=True)):
-            begin = first_turn + (number > 0 and reached[number] == first_turn)
-            part = stretch[begin : reached[number + 1] + 1 if number + 2 < len(turns) else last_turn + 1]
+            begin = first_turn + (number > 0 and first_rows[number] == first_turn)
+            part = stretch[begin : first_rows[number + 1] + 1 if number + 2 < len(turns) else last_turn + 1]
             sense[part] = 1 if crank[stretch[last_turn]] >= crank[stretch[first_turn]] else -1
             segment[part], count = count, count + 1
     return sense, segment
 
 
-def _reached(crank: Real, last: int) -> int:
+def _first_row_of_angle(crank: Real, last_row: int) -> int:
     """First of the rows of one angle up to the row ``last``: one sense ends there, the other begins at the last."""
-    first = last
-    while first > 0 and crank[first - 1] == crank[last]:
-        first -= 1
-    return first
+    first_row = last_row
+    while first_row > 0 and crank[first_row - 1] == crank[last_row]:
+        first_row -= 1
+    return first_row
 
 
 def held_torques(torque: Real, segment: Whole) -> Real:
@@ -156,7 +156,7 @@ def groups(values: Real, gap: float) -> Whole:
     return group
 
 
-def _numbered(keys: Whole) -> Whole:
+def _row_numbers(keys: Whole) -> Whole:
     """Numbers (n,) of equal rows of ``keys``, in the order in which they come first."""
     _, first_row, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     return np.asarray(np.argsort(np.argsort(first_row))[number.ravel()], np.int64)
@@ -176,7 +176,7 @@ def _pitches(rows: float, pins: int, lobes: int) -> int:
     return next((pitches for pitches in range(fewest, pins) if pins * lobes % pitches == 0), pins)
 
 
-def _thinned(turn: Whole, revolution: Whole, per_turn: float) -> int:
+def _thin_revolutions(turn: Whole, revolution: Whole, per_turn: float) -> int:
     """Leave revolutions of a long record out of its turns (n,), evenly; how many."""
     revolutions = np.unique(revolution[turn >= 0])
     stride = int(np.ceil(len(revolutions) * per_turn / MOST_POSITIONS))

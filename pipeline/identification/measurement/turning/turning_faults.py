@@ -37,7 +37,7 @@ def turning_faults(measurement: TurningMeasurement) -> list[Fault]:
     if any(fault.severity == "fatal" for fault in faults):
         return faults
     faults += _implausible(measurement)
-    return [*faults, *_few(measurement)]
+    return [*faults, *_few_point_faults(measurement)]
 
 
 def _turns(measurement: TurningMeasurement) -> Iterator[Fault]:
@@ -50,19 +50,19 @@ def _turns(measurement: TurningMeasurement) -> Iterator[Fault]:
             "fatal",
         )
         return
-    beside = good & (motion.turn < 0)
-    if beside.any():
-        frequent = beside.mean() > UNHELD_SHARE
+    is_beside = good & (motion.turn < 0)
+    if is_beside.any():
+        frequent = is_beside.mean() > UNHELD_SHARE
         yield fault_of_rows(
             rows,
-            beside,
+            is_beside,
             "torque not held",
             "fatal" if frequent else "note",
-            f"{beside.sum()} of {len(rows)} rows lie in less than half a turn, in a turn that is left out, or differ "
-            f"by more than {HELD_SHARE:.0%} of the largest torque from the one held; "
+            f"{is_beside.sum()} of {len(rows)} rows lie in less than half a turn, in a turn that is left out, or "
+            f"differ by more than {HELD_SHARE:.0%} of the largest torque from the one held; "
             + ("hold a torque over whole turns" if frequent else "these rows are left out"),
         )
-    cut = measurement.saturated & good
+    cut = measurement.is_saturated & good
     if cut.any():
         yield fault_of_rows(
             rows, cut, "saturation", "note", f"the torque is saturated in {cut.sum()} rows, which are left out"
@@ -101,7 +101,7 @@ def _implausible(measurement: TurningMeasurement) -> Iterator[Fault]:
         yield Fault("sign", "the angle falls with rising torque; give one of the two columns factor = -1", "fatal")
 
 
-def _few(measurement: TurningMeasurement) -> Iterator[Fault]:
+def _few_point_faults(measurement: TurningMeasurement) -> Iterator[Fault]:
     cells, motion = measurement.cells, measurement.motion
     fewest = fewest_pitches(measurement.unit.study.design.cycloid.pins)
     if motion.pitches > fewest:

@@ -16,14 +16,14 @@ from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.load_history import History
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.repeatability import Noise
-from pipeline.identification.measurement.rows import recorded, rows_of
+from pipeline.identification.measurement.rows import recorded_rows, rows_of
 from pipeline.identification.measurement.turning.motion import (
-    CENTRED,
+    CENTRED_SHARE,
     FEWEST_ROWS,
     LEVEL_SHARE,
     TURN_DEG,
     Motion,
-    unwrapped,
+    unwrapped_crank,
 )
 from pipeline.identification.measurement.turning.motion import motion as motion_of
 from pipeline.identification.measurement.turning.turning_faults import turning_faults
@@ -36,7 +36,7 @@ Truth = NDArray[np.bool_]
 
 ARCMIN_A_DEGREE = 60.0
 """Minutes of arc in a degree."""
-WHOLE = 1e-6
+WHOLE_TOLERANCE = 1e-6
 """Of an interval: what counts as a whole number of them."""
 FEWEST_LEVELS = 3
 """Held torques from which each is predicted from the others: of two, the one trained on knows no compliance."""
@@ -56,20 +56,20 @@ class TurningMeasurement(Measurement):
     @classmethod
     def read(cls, unit: UnitFile) -> TurningMeasurement:
         """The measurement of a unit; raises as ``read_rows``."""
-        record = recorded(unit)
+        record = recorded_rows(unit)
         gear = unit.study.design.cycloid
         cycle, integer = record.cycle
         run = np.where(integer, cycle * (int(record.source.max(initial=0)) + 1) + record.source, -1)
-        crank = unwrapped(record.quantity("crank_deg"), run)
+        crank = unwrapped_crank(record.quantity("crank_deg"), run)
         command = record.quantity("command_torque_Nm")
         torque = command if np.any(np.isfinite(command)) else record.quantity("torque_Nm")
         turning = motion_of(crank, run, torque, gear.pins, gear.lobes)
         if unit.settings.angle == "absolute":
             error = record.quantity("angle_arcmin") + ARCMIN_A_DEGREE * crank / gear.lobes
             record = replace(record, table=record.table.assign(angle_arcmin=error))
-        intervals, known = np.unique(turning.interval[turning.turn >= 0]), np.isfinite(crank)
-        last = max(len(intervals) - 1, 0)  # a row in no turn is of any position: it is not used
-        position = np.where(known, np.minimum(np.searchsorted(intervals, turning.interval), last), -1)
+        intervals, is_known = np.unique(turning.interval[turning.turn >= 0]), np.isfinite(crank)
+        last_interval = max(len(intervals) - 1, 0)  # a row in no turn is of any position: it is not used
+        position = np.where(is_known, np.minimum(np.searchsorted(intervals, turning.interval), last_interval), -1)
         rows = rows_of(record, unit, np.asarray((intervals + 0.5) * turning.width, float), position)
         return cls(unit, rows, _in_order(turning, np.argsort(position, kind="stable")))
 
@@ -81,9 +81,9 @@ class TurningMeasurement(Measurement):
     def summary(self) -> list[str]:
         rows, motion = self.rows, self.motion
         torques = ", ".join(f"{level:g}" for level in motion.levels)
-        counted = f"{motion.turn.max(initial=-1) + 1} turns of the crank at {torques} N m"
+        turn_count = f"{motion.turn.max(initial=-1) + 1} turns of the crank at {torques} N m"
         return [
-            f"{self.unit.name}: {len(rows)} rows in {len(rows.files)} files, {counted}",
+            f"{self.unit.name}: {len(rows)} rows in {len(rows.files)} files, {turn_count}",
             *shortened_list((fault.line for fault in self.faults), self.unit.name),
         ]
 
@@ -93,20 +93,20 @@ class TurningMeasurement(Measurement):
         return self.unit.settings.instrument.torque_noise_Nm or 0.0
 
     @cached_property
-    def fitted(self) -> Truth:
-        fitted = np.zeros(len(self.rows), bool)
-        fitted[self.cells.first_row[self.training_cells]] = True
-        return fitted
+    def is_fitted(self) -> Truth:
+        is_fitted = np.zeros(len(self.rows), bool)
+        is_fitted[self.cells.first_row[self.training_cells]] = True
+        return is_fitted
 
     @cached_property
-    def saturated(self) -> Truth:
+    def is_saturated(self) -> Truth:
         limit = self.unit.settings.instrument.torque_saturation_Nm
         return np.zeros(len(self.rows), bool) if limit is None else np.abs(self.rows.torque) >= limit
 
     @cached_property
     def usable(self) -> Truth:
         """Rows (n_rows,) that may be fitted: numbers of a whole turn at its held torque, not saturated."""
-        return self.numeric & ~self.saturated & (self.motion.turn >= 0)
+        return self.numeric & ~self.is_saturated & (self.motion.turn >= 0)
 
     @cached_property
     def branches(self) -> BranchBlocks:
@@ -136,24 +136,24 @@ class TurningMeasurement(Measurement):
         owner = motion.turn[usable] * (len(rows.cranks) + 1) + rows.position[usable]
         numbers, first_row, count = np.unique(owner, return_index=True, return_counts=True)
         parts = [usable[start : start + size] for start, size in zip(first_row, count, strict=True)]
-        parts = [part for part in parts if len(part) >= FEWEST_ROWS and self._centred(part)]
+        parts = [part for part in parts if len(part) >= FEWEST_ROWS and self._is_centred(part)]
         level = np.array([motion.level[part[0]] for part in parts], np.int64)
         parts = [parts[k] for k in np.argsort(level, kind="stable")]
-        first = np.array([part[0] for part in parts], np.int64)
-        block = motion.turn[first]
-        mean = {name: self._means(values, parts) for name, values in self._averaged.items()}
+        first_rows = np.array([part[0] for part in parts], np.int64)
+        block = motion.turn[first_rows]
+        mean = {name: self._means(values, parts) for name, values in self._averaged_quantities.items()}
         return Cells(
             block=block,
-            position=rows.position[first],
-            cycle=rows.cycle[first],
-            direction=-motion.sense[first],
+            position=rows.position[first_rows],
+            cycle=rows.cycle[first_rows],
+            direction=-motion.sense[first_rows],
             torque_mean=mean["torque"],
-            angle_mean=self._at_middles(mean["angle"], block, rows.position[first]),
+            angle_mean=self._at_middles(mean["angle"], block, rows.position[first_rows]),
             count=np.array([len(part) for part in parts], np.int64),
             angle_spread=np.array([self._spread(part) for part in parts]),
             time_mean=mean["time"],
             temperature_mean=mean["temperature"],
-            first_row=first,
+            first_row=first_rows,
         )
 
     def _at_middles(self, means: Real, block: Whole, position: Whole) -> Real:
@@ -167,31 +167,31 @@ class TurningMeasurement(Measurement):
         the mean stays.
         """
         number = np.round(self.rows.cranks / self.motion.width - 0.5).astype(np.int64)[position]
-        in_turn, around = TURN_DEG / self.motion.width, round(self._output_turn / self.motion.width)
-        turn = round(in_turn) if abs(in_turn - round(in_turn)) < WHOLE else 0
+        in_turn, in_output_turn = TURN_DEG / self.motion.width, round(self._output_turn / self.motion.width)
+        turn = round(in_turn) if abs(in_turn - round(in_turn)) < WHOLE_TOLERANCE else 0
         rows = {(b, k): row for row, (b, k) in enumerate(zip(block.tolist(), number.tolist(), strict=True))}
         angles = means.copy()
         for (b, k), row in rows.items():
             sides = []
             for step in (-1, 1):
-                places = ((k + step) % around, (k + step - step * turn) % around)
+                places = ((k + step) % in_output_turn, (k + step - step * turn) % in_output_turn)
                 sides.append(next((rows[b, place] for place in places if (b, place) in rows), None))
-            before, after = sides
-            if before is not None and after is not None and row not in sides:
-                angles[row] -= (means[before] - 2 * means[row] + means[after]) / 24
+            side_before, side_after = sides
+            if side_before is not None and side_after is not None and row not in sides:
+                angles[row] -= (means[side_before] - 2 * means[row] + means[side_after]) / 24
         return angles
 
     @property
-    def _averaged(self) -> dict[str, Real | None]:
+    def _averaged_quantities(self) -> dict[str, Real | None]:
         """Quantities of the rows that cells are means of; None where not measured."""
         rows = self.rows
         return {"torque": rows.torque, "angle": rows.angle, "time": rows.time, "temperature": rows.temperature}
 
-    def _centred(self, part: Whole) -> bool:
+    def _is_centred(self, part: Whole) -> bool:
         """Whether rows fill their interval about its middle: a piece of one would stand for another angle."""
         middle = self.rows.cranks[self.rows.position[part[0]]]
-        off = np.mod(self.motion.crank[part] - middle + 0.5 * self._output_turn, self._output_turn)
-        return bool(abs(off.mean() - 0.5 * self._output_turn) <= CENTRED * self.motion.width)
+        offset = np.mod(self.motion.crank[part] - middle + 0.5 * self._output_turn, self._output_turn)
+        return bool(abs(offset.mean() - 0.5 * self._output_turn) <= CENTRED_SHARE * self.motion.width)
 
     @property
     def _output_turn(self) -> float:
@@ -285,12 +285,15 @@ class TurningMeasurement(Measurement):
         }[self.held_out_by]
         reach = LEVEL_SHARE * float(np.max(np.abs(self.motion.levels))) if self.held_out_by == "torque" else 0.0
         matches = np.abs(values[:, None] - np.array(held_out.train)) <= reach
-        key, measured = f"{self.unit.name}/unit.toml: held_out.train", ", ".join(f"{v:g}" for v in np.unique(values))
-        unknown = [f"{v:g}" for v, match in zip(held_out.train, matches.any(axis=0), strict=True) if not match]
-        if unknown:
-            raise InputError(f"{key} = {', '.join(unknown)}; measured are {measured}")
+        key, measured_values = (
+            f"{self.unit.name}/unit.toml: held_out.train",
+            ", ".join(f"{v:g}" for v in np.unique(values)),
+        )
+        unknown_values = [f"{v:g}" for v, match in zip(held_out.train, matches.any(axis=0), strict=True) if not match]
+        if unknown_values:
+            raise InputError(f"{key} = {', '.join(unknown_values)}; measured are {measured_values}")
         if np.all(matches.any(axis=1)):
-            raise InputError(f"{key} = {measured}; leaves nothing to judge the model with; leave one out")
+            raise InputError(f"{key} = {measured_values}; leaves nothing to judge the model with; leave one out")
         return matches.any(axis=1)
 
     @staticmethod

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.measurement.cells import Cells
-from pipeline.identification.measurement.estimate import UNKNOWN, rms, robust
+from pipeline.identification.measurement.estimate import UNKNOWN_NOISE, rms, robust
 from pipeline.identification.measurement.repeatability import Noise
-from pipeline.identification.measurement.repeated_branches import Difference, centred
+from pipeline.identification.measurement.repeated_branches import Difference, centred_differences
 from pipeline.identification.measurement.turning.motion import TURN_DEG
 
 Real = NDArray[np.float64]
@@ -42,16 +42,16 @@ def turning_noise(
     place = np.round(crank / SAME_DEG).astype(np.int64)
     repeats = [*_repeats(cells, kind, place, np.zeros(len(cells), np.int64))]
     if not repeats:
-        folded = np.round(np.mod(crank, TURN_DEG) / SAME_DEG).astype(np.int64)
-        repeats = [*_repeats(cells, kind, folded, revolution)]
+        folded_crank = np.round(np.mod(crank, TURN_DEG) / SAME_DEG).astype(np.int64)
+        repeats = [*_repeats(cells, kind, folded_crank, revolution)]
     freedom = np.maximum(cells.count - 2, 0)
     row_variance = np.sum(freedom * cells.angle_spread**2) / np.sum(freedom) if freedom.any() else np.nan
     return Noise(
         repeats=rms(repeats, np.sqrt(2)),
-        random=UNKNOWN,
-        shared=False,
+        random=UNKNOWN_NOISE,
+        is_shared=False,
         within_branch=robust([*_from_neighbours(cells, crank)]),
-        between_positions=UNKNOWN,
+        between_positions=UNKNOWN_NOISE,
         row_scatter_arcmin=float(np.sqrt(row_variance)),
         torque_noise_Nm=torque_noise,
         resolution_arcmin=resolution / float(np.sqrt(12)),
@@ -63,13 +63,13 @@ def _repeats(cells: Cells, kind: Whole, place: Whole, order: Whole) -> Iterator[
     for number in np.unique(kind):
         blocks = np.unique(cells.block[kind == number])
         for position, block in enumerate(blocks):
-            first = np.flatnonzero(cells.block == block)
+            first_cells = np.flatnonzero(cells.block == block)
             for later in blocks[position + 1 :]:
                 second = np.flatnonzero(cells.block == later)
-                _, rows, repeated_rows = np.intersect1d(place[first], place[second], return_indices=True)
-                if len(rows) >= FEWEST_COMMON and order[first[0]] <= order[second[0]]:
-                    angle = cells.angle_mean[second[repeated_rows]] - cells.angle_mean[first[rows]]
-                    yield from centred([Difference(angle, np.ones(len(angle)))])
+                _, rows, repeated_rows = np.intersect1d(place[first_cells], place[second], return_indices=True)
+                if len(rows) >= FEWEST_COMMON and order[first_cells[0]] <= order[second[0]]:
+                    angle = cells.angle_mean[second[repeated_rows]] - cells.angle_mean[first_cells[rows]]
+                    yield from centred_differences([Difference(angle, np.ones(len(angle)))])
                     break
 
 

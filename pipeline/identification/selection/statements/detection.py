@@ -30,7 +30,7 @@ class DetectionLimit:
     Attributes
     ----------
     effect, parameter, unit : whose size it is; of two amplitudes the first, at the phase of the second one's zero.
-    noticed : from which "no effect" is rejected; NaN where not even the library's bound would be.
+    is_noticed : from which "no effect" is rejected; NaN where not even the library's bound would be.
     named : from which it is named, alone or in a class of three.
     """
 
@@ -51,17 +51,19 @@ def detection_limits(fitter: Fitter, base: Trial, testable: Mapping[str, Candida
     resampled: its sandwich variance, at least that of noise, says how far the size scatters from one such record to
     the next. Named is what leaves at most two other effects as probable.
     """
-    sought = {name: _Sought(fitter, base, effect, len(testable)) for name, effect in testable.items()}
-    patterns = np.column_stack([item.pattern for item in sought.values()])
+    searches = {name: _Sought(fitter, base, effect, len(testable)) for name, effect in testable.items()}
+    patterns = np.column_stack([item.pattern for item in searches.values()])
     products = base.evidence.information(patterns)
-    priors = np.array([item.prior for item in sought.values()])
+    priors = np.array([item.prior for item in searches.values()])
     limits = []
-    for number, item in enumerate(sought.values()):
-        own = products[number, number]
+    for number, item in enumerate(searches.values()):
+        own_product = products[number, number]
         rivals = [k for k in range(len(patterns.T)) if k != number and products[k, k] > 0]
-        left = sorted(own - products[number, k] ** 2 / (products[k, k] + 1 / priors[k] ** 2) for k in rivals)
-        apart = left[LARGEST_CLASS - 1] if len(left) >= LARGEST_CLASS else own
-        limits.append(item.limit(own, max(apart, 1e-12 * own)))
+        products_left = sorted(
+            own_product - products[number, k] ** 2 / (products[k, k] + 1 / priors[k] ** 2) for k in rivals
+        )
+        product_apart = products_left[LARGEST_CLASS - 1] if len(products_left) >= LARGEST_CLASS else own_product
+        limits.append(item.limit(own_product, max(product_apart, 1e-12 * own_product)))
     return tuple(limits)
 
 
@@ -75,13 +77,13 @@ class _Sought:
     prior : prior standard deviation of the size, in that size.
     """
 
-    def __init__(self, fitter: Fitter, base: Trial, effect: Candidate, tried: int):
-        self.fitter, self.base, self.effect, self.tried = fitter, base, effect, tried
+    def __init__(self, fitter: Fitter, base: Trial, effect: Candidate, n_tried: int):
+        self.fitter, self.base, self.effect, self.n_tried = fitter, base, effect, n_tried
         self.bounds = fitter.problem.bounds(effect)
         self.grows = next((k for k, (low, high) in enumerate(self.bounds) if low <= 0 <= high), 0)
-        self.plain = fitter.predict(Model(), base.fit.unknowns).angle
-        self.scatter, self.noticed, self.amplitude = 1.0, False, START
-        self.pattern = np.zeros_like(self.plain)
+        self.base_angle = fitter.predict(Model(), base.fit.unknowns).angle
+        self.scatter, self.is_noticed, self.amplitude = 1.0, False, START
+        self.pattern = np.zeros_like(self.base_angle)
         self._search()
 
     @property
@@ -100,36 +102,39 @@ class _Sought:
     def _change(self, amplitude: float) -> Real | None:
         unknowns = replace(self.base.fit.unknowns, shares=shares_of_values(self.bounds, self._values(amplitude)))
         prediction = self.fitter.predict(Model((self.effect,)), unknowns)
-        return prediction.angle - self.plain if prediction.sound else None
+        return prediction.angle - self.base_angle if prediction.sound else None
 
     def _search(self) -> None:
         for _ in range(STEPS):
             change = self._change(self.amplitude)
             if change is None or not np.all(np.isfinite(change)):
-                self.noticed = False
+                self.is_noticed = False
                 return
             self.pattern = change
-            seen = float(self.base.evidence.information(change[:, None])[0, 0])
+            information = float(self.base.evidence.information(change[:, None])[0, 0])
             scores = self.base.evidence.scores(change[:, None])[:, 0]
-            self.scatter = float(np.sqrt(max(1.0, np.sum(scores**2) / max(seen, 1e-300))))
-            ratio = self._needed(seen) / np.sqrt(max(seen, 1e-12))
-            self.noticed = ratio <= 1 + AGREEMENT
+            self.scatter = float(np.sqrt(max(1.0, np.sum(scores**2) / max(information, 1e-300))))
+            ratio = self._needed_information(information) / np.sqrt(max(information, 1e-12))
+            self.is_noticed = ratio <= 1 + AGREEMENT
             if abs(ratio - 1) < AGREEMENT or (ratio > 1 and self.amplitude >= 1.0):
                 return
             self.amplitude = float(np.clip(ratio * self.amplitude, 1e-6, 1.0))
 
-    def _needed(self, seen: float) -> float:
+    def _needed_information(self, information: float) -> float:
         """Root of the information that rejects "no effect" with 95 % probability."""
-        cost = 0.5 * np.log1p(seen * self.prior**2) - prior_log_odds(1, self.tried)
+        cost = 0.5 * np.log1p(information * self.prior**2) - prior_log_odds(1, self.n_tried)
         return float(np.sqrt(2 * (ODDS + cost)) + ndtri(CONFIDENCE) * self.scatter)
 
-    def limit(self, own: float, apart: float) -> DetectionLimit:
-        """Both sizes; ``own`` and ``apart``: information of the pattern, and less what the third rival takes up."""
+    def limit(self, own_product: float, product_apart: float) -> DetectionLimit:
+        """Both sizes, from the information of the pattern and of what the third rival leaves of it."""
         parameter = self.effect.parameters[self.grows]
         size = abs(self._values(self.amplitude)[self.grows])
         bound = max(abs(low_or_high) for low_or_high in self.bounds[self.grows])
         told_apart = np.sqrt(2 * ODDS) + ndtri(CONFIDENCE) * self.scatter
-        named = size * max(told_apart / np.sqrt(apart), self._needed(own) / np.sqrt(max(own, 1e-12)))
-        noticed = size if self.noticed else float("nan")
-        named = float(named) if self.noticed and named <= bound else float("nan")
-        return DetectionLimit(self.effect.name, parameter.name, parameter.unit, noticed, named)
+        named_size = size * max(
+            told_apart / np.sqrt(product_apart),
+            self._needed_information(own_product) / np.sqrt(max(own_product, 1e-12)),
+        )
+        noticed_size = size if self.is_noticed else float("nan")
+        named_size = float(named_size) if self.is_noticed and named_size <= bound else float("nan")
+        return DetectionLimit(self.effect.name, parameter.name, parameter.unit, noticed_size, named_size)

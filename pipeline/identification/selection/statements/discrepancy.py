@@ -63,7 +63,7 @@ class Discrepancy:
     error: Real
 
     @property
-    def plain(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Any]:
         """All of it as JSON takes it."""
         return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
 
@@ -88,7 +88,7 @@ def discrepancy(
     """
     n = jacobian.shape[1]
     random_columns = np.zeros((len(residual), 0)) if random is None else random
-    states, means, noise, columns = averaged(
+    states, means, noise, columns = averaged_cells(
         torque, sense, position, residual, sigma, np.hstack([jacobian, random_columns])
     )
     design = np.hstack([columns[:, :n], offset_columns(states[2])])
@@ -98,32 +98,34 @@ def discrepancy(
     design = design / scale
 
     def covariance(logs: Real) -> tuple[Real, Real]:
-        shared, position_kernel = kernels(states, states, np.exp(logs[2]) * top)
+        shared_kernel, position_kernel = kernels(states, states, np.exp(logs[2]) * top)
         sizes = unit**2 * np.exp(2 * logs[:2])
-        return sizes[0] * shared, sizes[1] * position_kernel
+        return sizes[0] * shared_kernel, sizes[1] * position_kernel
 
     def misfit(logs: Real) -> float:
         return -restricted_likelihood(sum(covariance(logs)) + base, design, means)
 
-    best = _most_likely(misfit)
-    shared, position_kernel = covariance(best)
+    most_likely = _most_likely(misfit)
+    shared, position_kernel = covariance(most_likely)
     factor = cho_factor(shared + position_kernel + base)
     spread = np.linalg.pinv(design.T @ cho_solve(factor, design))
     amounts = spread @ (design.T @ cho_solve(factor, means))
     weights = cho_solve(factor, means - design @ amounts)
-    common, predicted = shared @ weights, (shared + position_kernel) @ weights
-    worst = int(np.argmax(np.abs(common)))
-    centred = means - offset_columns(states[2]) @ np.linalg.lstsq(offset_columns(states[2]), means, rcond=None)[0]
-    sizes = unit * np.exp(best[:2])
+    common, predicted_means = shared @ weights, (shared + position_kernel) @ weights
+    largest_row = int(np.argmax(np.abs(common)))
+    centred_means = means - offset_columns(states[2]) @ np.linalg.lstsq(offset_columns(states[2]), means, rcond=None)[0]
+    sizes = unit * np.exp(most_likely[:2])
     single_position = len(np.unique(states[2])) == 1
     return Discrepancy(
         common_arcmin=float(np.hypot(*sizes) if single_position else sizes[0]),
         own_arcmin=float("nan") if single_position else float(sizes[1]),
-        reach_Nm=top * float(np.exp(best[2])),
-        structured=float(np.clip(1 - np.mean((means - design @ amounts - predicted) ** 2) / np.mean(centred**2), 0, 1)),
-        worst_torque_Nm=float(states[0][worst]),
-        worst_sense=int(states[1][worst]),
-        worst_arcmin=float(common[worst]),
+        reach_Nm=top * float(np.exp(most_likely[2])),
+        structured=float(
+            np.clip(1 - np.mean((means - design @ amounts - predicted_means) ** 2) / np.mean(centred_means**2), 0, 1)
+        ),
+        worst_torque_Nm=float(states[0][largest_row]),
+        worst_sense=int(states[1][largest_row]),
+        worst_arcmin=float(common[largest_row]),
         moved=(amounts / scale)[:n],
         error=(np.sqrt(np.diag(spread)) / scale)[:n],
     )
@@ -154,8 +156,8 @@ def discrepancy_of(fitter: Fitter, fit: Fit, direction: Whole, cells: Truth) -> 
     random = np.hstack([fit.jacobian[:, :first_share], fit.jacobian[:, last_share:]]) * spread
     residual = data.angle - fit.predicted_angle + random @ (np.concatenate([unknowns.scales, unknowns.modes]) / spread)
     bounds = fitter.bounds(fit.model)
-    perturbed = [values_at_shares(bounds, unknowns.shares + step) for step in (-SHARE_STEP, SHARE_STEP)]
-    shares_by_value = 2 * SHARE_STEP / (perturbed[1] - perturbed[0])
+    perturbed_values = [values_at_shares(bounds, unknowns.shares + step) for step in (-SHARE_STEP, SHARE_STEP)]
+    shares_by_value = 2 * SHARE_STEP / (perturbed_values[1] - perturbed_values[0])
     jacobian = fit.jacobian[:, first_share:last_share] * shares_by_value
     return discrepancy(
         data.torque[cells],
@@ -185,7 +187,7 @@ def restricted_likelihood(covariance: Real, design: Real, values: Real) -> float
     return float(-0.5 * (2 * np.sum(np.log(np.diag(factor[0]))) + size + residual @ cho_solve(factor, residual)))
 
 
-def averaged(
+def averaged_cells(
     torque: Real, sense: Real, position: Whole, residual: Real, sigma: Real, jacobian: Real
 ) -> tuple[tuple[Real, Real, Whole], Real, Real, Real]:
     """Cells of one position, sense and interval of torque as one: place, residual, noise, columns.

@@ -39,7 +39,7 @@ class Remainder:
     noise_arcmin: float
 
 
-def remainder(data: Data, predicted: Real, cells: Truth, structure: float, base_to_noise: float) -> Remainder:
+def remainder(data: Data, predicted_angle: Real, cells: Truth, structure: float, base_to_noise: float) -> Remainder:
     """Parts of the residual of a prediction (n_cells,) [arcmin]; ``structure`` and ``base_to_noise`` in noise floors.
 
     Notes
@@ -48,8 +48,8 @@ def remainder(data: Data, predicted: Real, cells: Truth, structure: float, base_
     positions is common to them. The offset of each position is removed.
     """
     if isinstance(data, TurningData):
-        return _of_turns(data, predicted, cells, structure, base_to_noise)
-    residual = data.angle[cells] - predicted[cells]
+        return _of_turns(data, predicted_angle, cells, structure, base_to_noise)
+    residual = data.angle[cells] - predicted_angle[cells]
     _, position = np.unique(data.position[cells], return_inverse=True)
     residual = residual - (np.bincount(position, residual) / np.bincount(position))[position]
     torque, sense = data.torque[cells], data.senses[cells]
@@ -66,14 +66,16 @@ def remainder(data: Data, predicted: Real, cells: Truth, structure: float, base_
         1 - structure / base_to_noise,
         float(np.sqrt(np.mean(residual**2))),
         float(np.sqrt(np.mean(common**2))) if mean.size else float("nan"),
-        position_scatter(data, predicted, cells),
+        position_scatter(data, predicted_angle, cells),
         data.noise,
     )
 
 
-def _of_turns(data: TurningData, predicted: Real, cells: Truth, structure: float, base_to_noise: float) -> Remainder:
+def _of_turns(
+    data: TurningData, predicted_angle: Real, cells: Truth, structure: float, base_to_noise: float
+) -> Remainder:
     """The same of turns: common is what all turns of one sense at one torque share at equal crank angle."""
-    residual = data.angle[cells] - predicted[cells]
+    residual = data.angle[cells] - predicted_angle[cells]
     residual = residual - residual.mean()
     places = np.column_stack([data.position[cells], data.level[cells], data.direction[cells]])
     place = np.unique(places, axis=0, return_inverse=True)[1].ravel()
@@ -88,19 +90,19 @@ def _of_turns(data: TurningData, predicted: Real, cells: Truth, structure: float
     )
 
 
-def position_scatter(data: Data, predicted: Real, cells: Truth) -> CurveScatter | None:
+def position_scatter(data: Data, predicted_angle: Real, cells: Truth) -> CurveScatter | None:
     """How far positions depart from each other [arcmin] beside a prediction (n_cells,), by some cells (n_cells,).
 
     None of a turning crank, whose positions are neighbours on a turn.
     """
     if isinstance(data, TurningData):
         return None
-    finite = cells & np.isfinite(predicted)
+    finite = cells & np.isfinite(predicted_angle)
     return curve_scatter(
         data.torque[finite],
         (data.senses[finite] > 0).astype(np.int64),
         data.position[finite],
-        (data.angle - predicted)[finite],
+        (data.angle - predicted_angle)[finite],
         data.sigma[finite],
         own_zero=not data.common_offset,
     )

@@ -19,14 +19,14 @@ from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
     IDENTIFIED,
     NOT_TESTABLE,
-    WITHIN,
+    WITHIN_TOLERANCE,
     Verdict,
 )
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
-EXPECTED = 1.1
+EXPECTED_RATIO = 1.1
 """Expected error in noise from which it is said."""
 ZONES = 12
 """Intervals of the torque, for each sense of loading, by which it is said where a misfit is largest."""
@@ -63,11 +63,11 @@ def fault_statement(fatal: Sequence[Fault]) -> Statement:
     return Statement(f"The data do not support a verdict: {reasons}", "")
 
 
-def stated(
+def statement_of_verdict(
     verdict: Verdict,
     selection: Selection,
-    refitted: AngleError,
-    best: AngleError,
+    refit_error: AngleError,
+    best_error: AngleError,
     remainder: Remainder,
     in_sample: str,
     where: str = "",
@@ -76,16 +76,16 @@ def stated(
 
     Parameters
     ----------
-    refitted, best : errors of the refitted model, and of the best one whether it is named or not.
+    refitted, best_model : errors of the refitted model, and of the best one whether it is named or not.
     remainder : what the best one leaves.
     in_sample : "loop" or "turn" where nothing but that was measured, so that nothing is held out; else "".
     where : in the loop what is named shows, or what is left.
     """
     findings = "".join(f" {finding}." for finding in verdict.findings)
     if in_sample:
-        sentence = _in_sample(selection, refitted, in_sample)
+        sentence = _in_sample(selection, refit_error, in_sample)
     else:
-        sentence = _sentence(verdict, selection, refitted, best, remainder)
+        sentence = _sentence(verdict, selection, refit_error, best_error, remainder)
     advice = MEASURE_MORE[in_sample] if in_sample else _advice(verdict, selection)
     return Statement(sentence + findings, advice, _glance(verdict, selection, remainder, where))
 
@@ -104,60 +104,63 @@ def place_of_largest(data: Data, change: Real, cells: Truth) -> str:
     edges = np.linspace(torque.min(), torque.max(), ZONES + 1)[1:-1]
     zone = 2 * np.searchsorted(edges, torque) + sense
     size = np.bincount(zone, (change[use] / data.sigma[use]) ** 2) / np.maximum(np.bincount(zone), 1)
-    largest = int(np.argmax(size))
-    at = zone == largest
-    branch = "rising" if largest % 2 else "falling"
-    return f"largest near {np.mean(torque[at]):.2g} N m on the branch of {branch} torque"
+    largest_zone = int(np.argmax(size))
+    in_zone = zone == largest_zone
+    branch = "rising" if largest_zone % 2 else "falling"
+    return f"largest near {np.mean(torque[in_zone]):.2g} N m on the branch of {branch} torque"
 
 
 def _error(error: AngleError) -> str:
     return f"{error.rms_arcmin:.3g} arcmin ({error.to_noise:.3g} times the measurement noise)"
 
 
-def _expected(error: AngleError) -> str:
+def _expected_clause(error: AngleError) -> str:
     """What a right model would leave, where that is clearly more than noise."""
-    if not error.expected_to_noise > EXPECTED:
+    if not error.expected_to_noise > EXPECTED_RATIO:
         return ""
     return f"; a correct model would be expected to leave {error.expected_to_noise:.3g} times the noise here"
 
 
-def _in_sample(selection: Selection, refitted: AngleError, measured: str) -> str:
+def _in_sample(selection: Selection, refit_error: AngleError, measured_text: str) -> str:
     """One loop or turn: a description, nothing more."""
-    nearest = max(selection.odds, key=lambda name: selection.odds[name], default="")
-    described = ""
-    if nearest:
-        rms = selection.trials[nearest].rms
-        described = (
-            f" {title_of(nearest).capitalize()} would fit to {rms:.3g} times the noise, but one {measured} cannot"
-        )
-        described += " confirm it."
+    nearest_model = max(selection.odds, key=lambda name: selection.odds[name], default="")
+    description = ""
+    if nearest_model:
+        rms = selection.trials[nearest_model].rms
+        title = title_of(nearest_model).capitalize()
+        description = f" {title} would fit to {rms:.3g} times the noise, but one {measured_text} cannot confirm it."
     return (
-        f"One {measured}, fitted in sample: the model with its calibrated numbers refitted leaves {_error(refitted)}."
-        f"{described} No data are left to test the fit."
+        f"One {measured_text}, fitted in sample: the model with its calibrated numbers refitted leaves "
+        f"{_error(refit_error)}.{description} No data are left to test the fit."
     )
 
 
 def _sentence(
-    verdict: Verdict, selection: Selection, refitted: AngleError, best: AngleError, remainder: Remainder
+    verdict: Verdict, selection: Selection, refit_error: AngleError, best_error: AngleError, remainder: Remainder
 ) -> str:
-    before = f"prediction error on unused data {_error(refitted)}"
+    error_text = f"prediction error on unused data {_error(refit_error)}"
     if verdict.verdict == ADEQUATE:
-        return f"The model with refitted numbers explains the unit: {before}{_expected(refitted)}."
+        return f"The model with refitted numbers explains the unit: {error_text}{_expected_clause(refit_error)}."
     if verdict.verdict == NOT_TESTABLE:
-        return f"These data do not decide whether the model explains the unit: {before}{_expected(refitted)}."
-    if not verdict.named:
-        nearest = selection.best or selection.nearest
+        expected_text = _expected_clause(refit_error)
+        return f"These data do not decide whether the model explains the unit: {error_text}{expected_text}."
+    if not verdict.named_effects:
+        nearest_model = selection.best_model or selection.nearest_model
         share = f"removes {remainder.removed:.0%} of this error and " if remainder.removed > 0 else ""
-        text = f" The nearest, {title_of(nearest)}, {share}leaves {_error(best)}." if selection.best else ""
-        return (
-            f"No cause named. The unit departs from the refitted model, {before}{_expected(refitted)}, and no effect "
-            f"of the library explains it.{text}"
+        text = (
+            f" The nearest, {title_of(nearest_model)}, {share}leaves {_error(best_error)}."
+            if selection.best_model
+            else ""
         )
-    gain = f"{before} before and {_error(best)} after{_expected(best)}"
-    names = verdict.named
+        return (
+            f"No cause named. The unit departs from the refitted model, {error_text}{_expected_clause(refit_error)}, "
+            f"and no effect of the library explains it.{text}"
+        )
+    gain = f"{error_text} before and {_error(best_error)} after{_expected_clause(best_error)}"
+    names = verdict.named_effects
     numbers = ", ".join(_number(p) for p in verdict.parameters)
     titles = "; ".join(title_of(name) for name in names)
-    if verdict.verdict == WITHIN:
+    if verdict.verdict == WITHIN_TOLERANCE:
         return f"The data call for a change that the tolerances allow. Within tolerance: {titles} ({gain})."
     if verdict.verdict == IDENTIFIED:
         return f"The unit shows {titles} ({numbers}): {gain}."
@@ -177,15 +180,15 @@ def _number(p: FittedParameter) -> str:
 
 def _advice(verdict: Verdict, selection: Selection) -> str:
     """What to measure next."""
-    names = verdict.named
-    if len(names) > 1 or verdict.verdict == WITHIN:
+    names = verdict.named_effects
+    if len(names) > 1 or verdict.verdict == WITHIN_TOLERANCE:
         return f"To tell them apart, measure {_measurements(names)}."
     if verdict.verdict == IDENTIFIED:
         return f"{CONFIRM} Independent evidence: {_measurements(names)}."
     if verdict.verdict == ADEQUATE:
         return LOWER_LIMITS
-    nearest = names[0] if names else selection.best or selection.nearest
-    check = f"Check first: {_measurements((nearest,))}. " if nearest else ""
+    nearest_model = names[0] if names else selection.best_model or selection.nearest_model
+    check = f"Check first: {_measurements((nearest_model,))}. " if nearest_model else ""
     return f"{check}Measure two more crank positions: they show whether the rest is the same at each of them."
 
 
@@ -196,7 +199,7 @@ def _measurements(names: Sequence[str]) -> str:
 
 def _glance(verdict: Verdict, selection: Selection, remainder: Remainder, where: str) -> tuple[tuple[str, str], ...]:
     """What is read first."""
-    names = verdict.named
+    names = verdict.named_effects
     cause = "; or ".join(title_of(name) for name in names) if names else "no cause named"
     rows = [("Cause", cause)]
     if names:
@@ -204,15 +207,15 @@ def _glance(verdict: Verdict, selection: Selection, remainder: Remainder, where:
         rows.append(("How large", "; ".join(_number(p) for p in verdict.parameters)))
     if where:
         rows.append(("Where in the loop", where))
-    if not names and selection.best:
+    if not names and selection.best_model:
         share = (
             f"removes {remainder.removed:.0%} of the error" if remainder.removed > 0 else "removes none of the error"
         )
-        reason = selection.reasons[selection.best]
-        rows.append(("Nearest effect", f"{title_of(selection.best)}: {share}. It is not named, because {reason}"))
-    nearest = selection.nearest
-    if nearest and (names or nearest != selection.best):
-        rows.append(("Next candidate", f"{title_of(nearest)}: {_comparison(selection, nearest)}"))
+        reason = selection.reasons[selection.best_model]
+        rows.append(("Nearest effect", f"{title_of(selection.best_model)}: {share}. It is not named, because {reason}"))
+    nearest_model = selection.nearest_model
+    if nearest_model and (names or nearest_model != selection.best_model):
+        rows.append(("Next candidate", f"{title_of(nearest_model)}: {_comparison(selection, nearest_model)}"))
     return tuple(rows)
 
 
@@ -225,9 +228,9 @@ def _sureness(log_odds: float) -> str:
 
 def _comparison(selection: Selection, name: str) -> str:
     """How near a model came to the one that is named, or to being named."""
-    reference = selection.odds[selection.claimed] if selection.claimed else 0.0
+    reference = selection.odds[selection.claimed_model] if selection.claimed_model else 0.0
     decades = (reference - selection.odds[name]) / np.log(10)
-    other = "the cause named" if selection.claimed else "no effect"
+    other_model = "the cause named" if selection.claimed_model else "no effect"
     if abs(decades) >= 6:
-        return f"more than a million times {'less' if decades > 0 else 'more'} probable than {other}"
-    return f"{10 ** abs(decades):.2g} times {'less' if decades > 0 else 'more'} probable than {other}"
+        return f"more than a million times {'less' if decades > 0 else 'more'} probable than {other_model}"
+    return f"{10 ** abs(decades):.2g} times {'less' if decades > 0 else 'more'} probable than {other_model}"

@@ -16,7 +16,7 @@ from pipeline.identification.selection.recalibration import (
     CalibratedNumber,
     calibrated_numbers,
     implausible,
-    released,
+    refit_with_free_numbers,
     tolerance_share,
 )
 
@@ -26,7 +26,7 @@ Truth = NDArray[np.bool_]
 ADEQUATE = "adequate"
 IDENTIFIED = "identified"
 EQUIVALENT = "equivalent"
-WITHIN = "within tolerance"
+WITHIN_TOLERANCE = "within tolerance"
 UNEXPLAINED = "not explained by the library"
 NOT_TESTABLE = "not testable with these data"
 FAULT = "data fault"
@@ -39,49 +39,50 @@ class Verdict:
     Attributes
     ----------
     verdict : one of the seven terms.
-    named : the effect (several joined by + act together), or the class of effects that the data do not tell apart.
+    named_effects : the effect (several joined by + act together), or the class of effects that the data do not tell
+        apart.
     parameters : of the named effects.
-    calibrated : refitted numbers of the model that is named, or of the one without effects.
+    calibrated_numbers : refitted numbers of the model that is named, or of the one without effects.
     findings : what else must be known to sign: numbers outside of their plausible ranges, tolerances that no unit has.
     structure : misfit of the named model, or of the one without effects, in noise.
     """
 
     verdict: str
-    named: tuple[str, ...] = ()
+    named_effects: tuple[str, ...] = ()
     parameters: tuple[FittedParameter, ...] = ()
-    calibrated: tuple[CalibratedNumber, ...] = ()
+    calibrated_numbers: tuple[CalibratedNumber, ...] = ()
     findings: tuple[str, ...] = ()
     structure: float = float("nan")
 
 
 def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     """The verdict of a selection over ``cells`` (n_cells,)."""
-    chosen = selection.chosen
+    chosen_trial = selection.chosen_trial
     share = tolerance_share(selection.base.fit, selection.base.evidence)
     if selection.members:
         verdict = _of_class(fitter, selection)
     else:
-        structured = selection.base.evidence.structure.size > selection.limit or selection.best
-        verdict = ADEQUATE if share >= UNLIKELY and not structured else UNEXPLAINED
+        is_structured = selection.base.evidence.structure.size > selection.limit or selection.best_model
+        verdict = ADEQUATE if share >= UNLIKELY and not is_structured else UNEXPLAINED
     parameters = tuple(p for name in selection.members for p in intervals(fitter, selection.trials[name]))
-    numbers = calibrated_numbers(fitter, chosen.fit, chosen.evidence)
+    numbers = calibrated_numbers(fitter, chosen_trial.fit, chosen_trial.evidence)
     findings = _findings(fitter, selection, cells, verdict, share)
-    return Verdict(verdict, selection.members, parameters, numbers, findings, chosen.rms)
+    return Verdict(verdict, selection.members, parameters, numbers, findings, chosen_trial.rms)
 
 
 def _of_class(fitter: Fitter, selection: Selection) -> str:
     """The term for what is named: tolerances stand for it, one effect or several alike."""
-    if any(_tolerated(fitter, selection.trials[name].fit) for name in selection.members):
-        return WITHIN
+    if any(_is_within_tolerance(fitter, selection.trials[name].fit) for name in selection.members):
+        return WITHIN_TOLERANCE
     return IDENTIFIED if len(selection.members) == 1 else EQUIVALENT
 
 
-def _tolerated(fitter: Fitter, fit: Fit) -> bool:
+def _is_within_tolerance(fitter: Fitter, fit: Fit) -> bool:
     """Whether tolerances within their limits can be what an effect of the model is."""
     return fitter.problem.within_tolerance(fit.model, fit.values.tolist())
 
 
-def untested(verdict: Verdict, reason: str, testable: bool) -> Verdict:
+def verdict_without_test(verdict: Verdict, reason: str, testable: bool) -> Verdict:
     """What ``adequate`` becomes where the test of unused data does not pass, or cannot be made."""
     word = UNEXPLAINED if testable else NOT_TESTABLE
     return replace(verdict, verdict=word, findings=(*verdict.findings, reason))
@@ -92,13 +93,15 @@ def _findings(fitter: Fitter, selection: Selection, cells: Truth, verdict: str, 
     findings = []
     if not selection.members and share < UNLIKELY:
         findings.append(f"The fit needs tolerances found in only {share:.1g} of the study's units")
-    if selection.best and not selection.members:
-        findings.append(f"The most probable, {selection.best}, is not named: {selection.reasons[selection.best]}")
+    if selection.best_model and not selection.members:
+        findings.append(
+            f"The most probable, {selection.best_model}, is not named: {selection.reasons[selection.best_model]}"
+        )
     if verdict == UNEXPLAINED:
-        free = released(fitter, selection.chosen.fit, cells)
-        misfit = np.inf if free is None else _misfit(fitter, free, cells)
-        if free is not None and misfit <= np.hypot(1.0, selection.limit):
-            numbers = implausible(calibrated_numbers(fitter, free, selection.chosen.evidence))
+        free_fit = refit_with_free_numbers(fitter, selection.chosen_trial.fit, cells)
+        misfit = np.inf if free_fit is None else _misfit(fitter, free_fit, cells)
+        if free_fit is not None and misfit <= np.hypot(1.0, selection.limit):
+            numbers = implausible(calibrated_numbers(fitter, free_fit, selection.chosen_trial.evidence))
             findings.append(f"The unit would be explained only by {numbers}")
     return tuple(findings)
 
