@@ -132,7 +132,7 @@ def _finite_motion(study: Study, sampled: Errors, plays: Sequence[RigidPlay]) ->
     """What finite motions add to the backlash (n, n_rigid_angles) [rad] at the largest ones of each unit; else 0."""
     backlash = np.stack([play.backlash for play in plays], axis=1)
     largest = np.argsort(-backlash, axis=1, kind="stable")[:, :LARGEST]
-    change, units = np.zeros(backlash.shape), Units.of(study, sampled)
+    change, units = np.zeros(backlash.shape), Units.from_errors(study, sampled)
     laws = assembly.contact_laws(study, assembly.reducer(study.design, 0.0))
     for number, crank in enumerate(rigid_angles(study)):
         rows = np.flatnonzero(np.any(largest == number, axis=1) & ~plays[number].preloaded)
@@ -168,7 +168,7 @@ def _solve(study: Study, chunk: Chunk) -> Tables:
             "backlash_arcmin": ARCMIN * np.stack([play.backlash for play in plays], axis=1).ravel(),
             "angle_minus_arcmin": ARCMIN * np.stack([play.ends[1] for play in plays], axis=1).ravel(),
             "angle_plus_arcmin": ARCMIN * np.stack([play.ends[0] for play in plays], axis=1).ravel(),
-            "finite_motion_arcmin": ARCMIN * _finite_motion(study, sampled, plays).ravel(),
+            "finite_motion_arcmin": ARCMIN * _finite_motion(study, sampled_errors, plays).ravel(),
             "overlap_um": UM_PER_MM * np.stack([play.overlap for play in plays], axis=1).ravel(),
             "preloaded": np.stack([play.preloaded for play in plays], axis=1).ravel(),
         },

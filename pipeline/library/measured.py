@@ -15,14 +15,14 @@ from pipeline.errors import InputError
 from pipeline.identification.change import results as change_results
 from pipeline.identification.change.results import ChangeAnswer
 from pipeline.identification.described import results as described_results
-from pipeline.identification.described.description import Description, described
+from pipeline.identification.described.description import Description, describe
 from pipeline.identification.identify import FaultyUnit, identify_measured
 from pipeline.identification.measurement.faults.fault import linear_algebra_faults
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.reading import read_measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit, load_measured_units
 from pipeline.identification.record import results as record_results
-from pipeline.identification.record.answer import RecordAnswer, answered
+from pipeline.identification.record.answer import RecordAnswer, record_answer
 from pipeline.identification.record.turn_record import TurnRecord
 from pipeline.identification.results import write as results
 from pipeline.identification.selection.statements.verdict import FAULT
@@ -111,7 +111,7 @@ def _description_answer(measurement: Measurement, folder: Path) -> UnitAnswer:
         sentence = described_results.write_fault(measurement, folder)
         return UnitAnswer(measurement, (f"{FAULT}: {sentence}",), folder, page="", verdict=FAULT)
     with linear_algebra_faults(measurement.unit.name):
-        description = described(measurement)
+        description = describe(measurement)
     residual_signatures, frames = described_results.write(description, folder)
     write_description_page(description, residual_signatures, folder, settings.shown(folder))
     sentences = _sentences(
@@ -136,7 +136,7 @@ def _of_record(record: TurnRecord, folder: Path) -> UnitAnswer:
         sentence = record_results.write_fault(record, folder)
         return UnitAnswer(record, (f"{FAULT}: {sentence}",), folder, page="", verdict=FAULT)
     with linear_algebra_faults(record.unit.name):
-        answer = answered(record)
+        answer = record_answer(record)
     frames = record_results.write(answer, folder)
     write_record_page(answer, frames, folder, settings.shown(folder))
     content = record_results.content(answer)

@@ -133,7 +133,8 @@ class TurnDrives:
             direction = contacts.normal[order] * np.exp(-1j * reducer.crank)
             parts.append((contacts.arm[order], contacts.gap[order], contacts.per_eccentricity[order], direction))
         return not reducers[0].displacements and all(
-            np.allclose(value_before, value_after, rtol=0, atol=SAME_LENGTH) for value_before, value_after in zip(*parts, strict=True)
+            np.allclose(value_before, value_after, rtol=0, atol=SAME_LENGTH)
+            for value_before, value_after in zip(*parts, strict=True)
         )
 
     @property

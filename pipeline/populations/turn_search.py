@@ -167,7 +167,7 @@ def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
         if drives.study.design.cycloid.pins > MANY_PINS:
             offsets, count = [offsets[0], offsets[-1]], 1
         _solve_beside(drives, units, _steps(best_values.step[:, is_ranked, :count]), offsets, best_values)
-    best.move_finitely(drives, units)
+    best_values.move_finitely(drives, units)
     return best_values.worst_values()
 
 
@@ -286,9 +286,9 @@ def audit(drives: TurnDrives, units: Units) -> tuple[Worst, Worst]:
     best_values = _Best(len(units))
     pitches, rows = np.meshgrid(np.arange(drives.pitches), np.arange(len(units)), indexing="ij")
     _solve_pairs(drives, units, np.stack([drives.phases * pitches.ravel(), rows.ravel()], axis=1), best_values)
-    of_pitches = deepcopy(best)
+    of_pitches = deepcopy(best_values)
     if drives.phases > 1:
         _solve_beside(drives, units, _steps(best_values.step), _offsets(drives), best_values)
-    for worst_values in (of_pitches, best):
+    for worst_values in (of_pitches, best_values):
         worst_values.move_finitely(drives, units)
     return of_pitches.worst_values(), best_values.worst_values()

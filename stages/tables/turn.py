@@ -175,7 +175,10 @@ def over_turn_columns(turns: Mapping[str, Turn]) -> dict[str, np.ndarray]:
     """Worst, mean and best of every metric over the turn (n,), by column; missing of a unit without a result."""
     columns: dict[str, np.ndarray] = {}
     for name, turn in turns.items():
-        worst_values, best_values = library()[name].over_turn(turn.worst_values)[0], library()[name].over_turn(turn.values)[1]
+        worst_values, best_values = (
+            library()[name].over_turn(turn.worst_values)[0],
+            library()[name].over_turn(turn.values)[1],
+        )
         # in the order of rows, in which a single unit is summed as among many: to the bit
         mean = np.ascontiguousarray(turn.values[:, turn.is_even]).mean(axis=1)
         columns |= {f"{name}_worst": worst_values, f"{name}_mean": mean, f"{name}_best": best_values}

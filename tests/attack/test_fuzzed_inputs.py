@@ -20,10 +20,10 @@ from pipeline import cli, settings
 from pipeline.cli.boundary import answer
 from pipeline.config import load_design, load_study
 from pipeline.errors import InputError
-from pipeline.identification.described.description import described
+from pipeline.identification.described.description import describe
 from pipeline.identification.measurement.turning.reading import read_measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.populations.comparison import compared, load_population
+from pipeline.populations.comparison import load_population, metric_comparisons
 
 ROOT = Path(__file__).parent.parent.parent
 POPULATION_METRICS = ("zero_torque_width_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")
@@ -102,7 +102,7 @@ def _read_unit(folder: Path, text: bytes, kind: str) -> Reading:
     if measurement.fatal:
         raise InputError(measurement.summary[1:])
     if kind == "generic":
-        described(measurement)
+        describe(measurement)
     _ = measurement.cells, measurement.repeatability, measurement.training_cells, measurement.history
     values = np.column_stack([measurement.rows.torque, measurement.rows.angle])
     return Reading(values, tuple(measurement.summary[1:]) != _said_of_sound(kind))

@@ -12,7 +12,7 @@ from scipy import stats
 
 from pipeline import cli, settings
 from pipeline.errors import InputError
-from pipeline.identification.change.comparison import CHANGED, NOTHING
+from pipeline.identification.change.comparison import CHANGE_SHOWN, NO_CHANGE
 from pipeline.identification.change.loops import State
 from pipeline.identification.change.results import ChangeAnswer, answer, write
 from pipeline.identification.change.scatter import POWER
@@ -88,8 +88,8 @@ def pair(folder: Path, changes: dict[str, float], mounting: float = 0.04, seed: 
 def test_what_changed_is_named_with_its_sign_and_size(tmp_path, changes, words, kind, true):
     result = pair(tmp_path, changes, mounting=0.02).comparison
     (change,) = (change for change in result.changes if change.number.kind.name == kind)
-    assert result.verdict == CHANGED
-    assert change in result.named
+    assert result.verdict == CHANGE_SHOWN
+    assert change in result.named_changes
     assert change.words == words
     assert change.low < change.mean < change.high
     assert change.mean == pytest.approx(true, rel=0.25)
@@ -103,26 +103,26 @@ def test_nothing_at_a_bound_is_claimed(tmp_path, monkeypatch):
         for change in pair(tmp_path / str(number), changes, mounting=0.0).comparison.changes:
             if change.number.kind.positive and np.isfinite(change.low):
                 assert -1 < change.low <= change.mean <= change.high
-            assert np.isfinite(change.low) or not change.shown
+            assert np.isfinite(change.low) or not change.is_shown
 
 
 def test_loops_that_do_not_load_the_spring_say_nothing_of_it(tmp_path, monkeypatch):
     monkeypatch.setitem(DRIVE, "play", 200.0)
     monkeypatch.setitem(DRIVE, "friction", 4.0)
     monkeypatch.setitem(DRIVE, "load", 0.0)
-    table = loop_table([State.of(drive_measured(tmp_path / name, {}, 0.3, 1)) for name in "ab"], 2)
-    assert {number.kind.name for number in table.unmeasured} >= {"play"}
+    table = loop_table([State.from_measurement(drive_measured(tmp_path / name, {}, 0.3, 1)) for name in "ab"], 2)
+    assert {number.kind.name for number in table.unmeasured_numbers} >= {"play"}
     assert "width" in {number.kind.name for number in table.numbers}
 
 
 def test_where_nothing_changed_nothing_is_named(tmp_path):
     verdicts = [pair(tmp_path / str(seed), {}, seed=seed).comparison.verdict for seed in range(4)]
-    assert verdicts.count(NOTHING) >= 3
+    assert verdicts.count(NO_CHANGE) >= 3
 
 
 def test_two_changes_are_named_together(tmp_path):
     result = pair(tmp_path, {"friction": 0.6, "load": 0.6, "compliance": 0.25}, mounting=0.02).comparison
-    assert {"friction grows", "stiffness falls"} <= {change.words for change in result.named}
+    assert {"friction grows", "stiffness falls"} <= {change.words for change in result.named_changes}
 
 
 def test_further_states_show_what_three_positions_alone_do_not(tmp_path):
@@ -131,8 +131,8 @@ def test_further_states_show_what_three_positions_alone_do_not(tmp_path):
     state_after = drive_measured(tmp_path / "after", {"friction": 0.3, "load": 0.3}, 0.04, 1001, cranks)
     further = [drive_measured(tmp_path / str(seed), {}, 0.04, seed, cranks) for seed in (2001, 3001, 4001)]
     alone, result = answer(state_before, state_after), answer(state_before, state_after, further)
-    assert not alone.comparison.named
-    assert "friction grows" in [change.words for change in result.comparison.named]
+    assert not alone.comparison.named_changes
+    assert "friction grows" in [change.words for change in result.comparison.named_changes]
     assert result.comparison.freedom == 8
     assert "chance of 80 %" in alone.limits_sentence
     assert "2 states (2 degrees of freedom)" in alone.limits_sentence
@@ -170,13 +170,13 @@ def test_a_state_that_is_named_twice_is_refused(tmp_path):
 def test_a_torque_that_reads_another_zero_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(DRIVE, "ripple", 0.2)  # a ripple is part of the asymmetry
     result = pair(tmp_path, {"zero": 0.8}, mounting=0.02).comparison
-    (change,) = (change for change in result.named if change.number.kind.name == "torque_zero")
+    (change,) = (change for change in result.named_changes if change.number.kind.name == "torque_zero")
     assert change.mean == pytest.approx(0.8, rel=0.35)
 
 
 def test_one_position_claims_nothing_and_says_why(tmp_path):
     result = pair(tmp_path, {"friction": 0.5}, cranks=(0.0,))
-    assert result.comparison.verdict == NOTHING
+    assert result.comparison.verdict == NO_CHANGE
     assert "1 position" in result.sentence
     assert "3 or more crank positions" in result.advice
 
@@ -238,7 +238,7 @@ def test_false_alarms_and_power_on_drawn_pairs(tmp_path):
             drive_measured(tmp_path / f"{seed}-{k}", {}, 0.04, 10_000 * (k + 1) + seed, cranks) for k in range(3)
         ]
         result = answer(*further[:2], further[2:]).comparison
-        alarms += bool(result.named)
+        alarms += bool(result.named_changes)
         sizes += [change.detectable for change in result.changes if change.number.kind.name == "friction"]
     assert alarms <= stats.binom.ppf(0.99, 120, 0.02)
     growth = float(np.median(sizes))
@@ -247,7 +247,7 @@ def test_false_alarms_and_power_on_drawn_pairs(tmp_path):
         states = [drive_measured(tmp_path / f"p{seed}-{k}", {}, 0.04, 77_000 * (k + 1) + seed, cranks) for k in (0, 2)]
         changes = {"friction": growth, "load": growth}
         after = drive_measured(tmp_path / f"p{seed}-1", changes, 0.04, 88_000 + seed, cranks)
-        named = answer(states[0], after, states[1:]).comparison.named
+        named = answer(states[0], after, states[1:]).comparison.named_changes
         shown += "friction" in {change.number.kind.name for change in named}
     low, high = stats.binom.ppf([0.005, 0.995], 60, POWER)
     assert low <= shown <= high
@@ -306,9 +306,9 @@ def test_the_known_interventions_are_named_and_a_drive_measured_twice_is_not(rig
     """Width at zero torque of the small loops: 83, 67, 35, 38, 39 arcmin over the turns of the preload screw."""
     preloads = [rig(f"conic_onyx_{turns}pre") for turns in (1, 3, 4)]
     result = answer(rig("conic_onyx_runin"), rig("conic_onyx_2pre"), preloads).comparison
-    assert [change.number.kind.name for change in result.named] == ["width"]
-    assert -0.6 < result.named[0].mean < -0.3
+    assert [change.number.kind.name for change in result.named_changes] == ["width"]
+    assert -0.6 < result.named_changes[0].mean < -0.3
     for state_before, state_after in (("conic_onyx_2pre", "conic_onyx_3pre"), ("conic_onyx_3pre", "conic_onyx_4pre")):
         others = [rig(name) for name in ("conic_onyx_runin", "conic_onyx_1pre")]
-        assert answer(rig(state_before), rig(state_after), others).comparison.verdict == NOTHING
-    assert answer(rig("conic_onyx_runin"), rig("conic_onyx_runin", repeat=True)).comparison.verdict == NOTHING
+        assert answer(rig(state_before), rig(state_after), others).comparison.verdict == NO_CHANGE
+    assert answer(rig("conic_onyx_runin"), rig("conic_onyx_runin", repeat=True)).comparison.verdict == NO_CHANGE

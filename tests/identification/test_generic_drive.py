@@ -9,7 +9,7 @@ from measured_bench import ROOT, path_of, write_unit
 
 from pipeline import cli, settings
 from pipeline.errors import InputError
-from pipeline.identification.described.description import DESCRIBED, described
+from pipeline.identification.described.description import FULLY_DESCRIBED, describe
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
@@ -60,7 +60,7 @@ def drive_measured(folder, changes=None, by_angle=False, locked="input", noise=0
 
 @pytest.mark.parametrize(("by_angle", "locked"), [(False, "input"), (False, "output"), (True, "input")])
 def test_play_and_friction_are_claimed_with_their_size(tmp_path, by_angle, locked):
-    description = described(drive_measured(tmp_path / "u", by_angle=by_angle, locked=locked))
+    description = describe(drive_measured(tmp_path / "u", by_angle=by_angle, locked=locked))
     numbers = {number.term: number for number in description.numbers}
     assert numbers["torque_zero"].named is False
     for term in ("play", "friction", "load_friction"):
@@ -68,13 +68,13 @@ def test_play_and_friction_are_claimed_with_their_size(tmp_path, by_angle, locke
         assert numbers[term].value == pytest.approx(DRIVE[term], rel=0.1)
     assert numbers["compliance"].value == pytest.approx(DRIVE["compliance"], rel=0.05)
     if not by_angle:
-        assert description.verdict == DESCRIBED
+        assert description.verdict == FULLY_DESCRIBED
         assert description.errors["described"].rms_arcmin < 0.05 * description.errors["spring"].rms_arcmin
 
 
 def test_a_spring_alone_has_nothing_claimed(tmp_path):
     bare_spring = dict.fromkeys(("play", "friction", "load_friction", "softening"), 0.0)
-    description = described(drive_measured(tmp_path / "u", bare_spring))
+    description = describe(drive_measured(tmp_path / "u", bare_spring))
     assert not any(number.named for number in description.numbers)
     assert description.errors["described"].to_noise < 1.25
 
@@ -88,7 +88,7 @@ def test_held_out_rows_move_no_prediction_by_more_than_their_offset(tmp_path):
     (tmp_path / "a" / "unit.toml").write_text(text)
     write_unit(tmp_path / "b", {"rows.csv": rows}, text)
     description_before, description_after = (
-        described(Measurement.read(load_measured_unit(tmp_path / name, ROOT))) for name in "ab"
+        describe(Measurement.read(load_measured_unit(tmp_path / name, ROOT))) for name in "ab"
     )
     difference = (description_before.curves["described"] - description_after.curves["described"])[
         description_before.cells

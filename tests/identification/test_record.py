@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.record.answer import answered, effect_values
+from pipeline.identification.record.answer import effect_values, record_answer
 from pipeline.identification.record.results import sentences, write
 from pipeline.identification.record.turn_record import TurnRecord
 from pipeline.report.unit.record import write_record_page
@@ -82,7 +82,7 @@ def record_of(folder: Path) -> TurnRecord:
 @pytest.fixture(scope="module")
 def waving(tmp_path_factory):
     """The answer on a drive whose friction varies with the crank."""
-    return answered(record_of(unit_of(tmp_path_factory.mktemp("waving") / "u", Drive(friction_wave=1.2).table())))
+    return record_answer(record_of(unit_of(tmp_path_factory.mktemp("waving") / "u", Drive(friction_wave=1.2).table())))
 
 
 def test_rigidity_and_lost_motion_are_those_of_the_drive(waving):
@@ -144,7 +144,7 @@ def test_the_page_and_the_verdict_say_the_same(waving, tmp_path):
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_drive_without_an_effect_is_adequate_whichever_way_its_output_turns(tmp_path, sign):
-    answer = answered(record_of(unit_of(tmp_path / "u", Drive(sign=sign).table())))
+    answer = record_answer(record_of(unit_of(tmp_path / "u", Drive(sign=sign).table())))
     assert (answer.judgement.verdict, answer.judgement.members) == ("adequate", ())
 
 
@@ -154,19 +154,19 @@ def test_a_drive_without_an_effect_is_adequate_whichever_way_its_output_turns(tm
     ids=["compliance", "temperature"],
 )
 def test_other_effects_are_named_too_of_a_carrier_by_its_teeth(tmp_path, drive, name):
-    answer = answered(record_of(unit_of(tmp_path / "u", drive.table(), CARRIER)))
+    answer = record_answer(record_of(unit_of(tmp_path / "u", drive.table(), CARRIER)))
     assert (answer.judgement.verdict, answer.judgement.members) == ("identified", (name,))
 
 
 def test_an_order_of_no_shaft_that_grows_with_the_torque_is_no_adequate_unit(tmp_path):
-    answer = answered(record_of(unit_of(tmp_path / "u", Drive(outside=6.0).table())))
+    answer = record_answer(record_of(unit_of(tmp_path / "u", Drive(outside=6.0).table())))
     assert (answer.judgement.verdict, answer.judgement.members) == ("not explained by the library", ())
     assert any(row.per_torque > 2 and not row.of for row in answer.orders)
 
 
 def test_few_passes_name_nothing(tmp_path):
     few = Drive(friction_wave=1.2, torques=(200.0, 600.0), repeats=1, temperatures=(22.0,))
-    answer = answered(record_of(unit_of(tmp_path / "u", few.table())))
+    answer = record_answer(record_of(unit_of(tmp_path / "u", few.table())))
     assert answer.judgement.members == ()
 
 

@@ -27,7 +27,7 @@ from pipeline.identification.results.residual_signatures import (
     _over_time,
     _play,
     _rigidity,
-    judged,
+    judged_signature,
     trend,
 )
 from pipeline.identification.selection.held_out import AngleError
@@ -129,7 +129,7 @@ def test_a_coefficient_that_is_not_there_is_seen_in_one_residual_of_twenty() -> 
         for draw in range(800):
             residual = rng.standard_normal(len(block)) + 0.5 * rng.standard_normal(n_blocks)[block]
             cells = SimpleNamespace(residual=residual, position=np.zeros(len(block), int), block=block)
-            alarms.append(judged("", "", "", trend(cells, everything, columns, draw % 3)).significant)
+            alarms.append(judged_signature("", "", "", trend(cells, everything, columns, draw % 3)).significant)
     assert np.mean(alarms) == pytest.approx(0.05, abs=0.009)
 
 
@@ -168,7 +168,7 @@ def test_a_study_of_angles_evenly_over_the_turn_is_written_with_those_of_the_uni
     problem = SimpleNamespace(calibrated_keys=("a",), mean_unit=None, modes_of_errors=lambda modes: SimpleNamespace())
     identification = SimpleNamespace(measurement=measurement, problem=problem)
     trial = SimpleNamespace(fit=SimpleNamespace(unknowns=SimpleNamespace(scales=np.zeros(3), modes=np.zeros(0))))
-    written = tomllib.loads(corrected_design._study_text(identification, trial, corrected_design.BEST))
+    written = tomllib.loads(corrected_design._study_text(identification, trial, corrected_design.BEST_KIND))
     assert written["cycle"]["crank_deg"] == [0.0, 65.4545]
     assert "loaded_angles" not in written["cycle"]
 

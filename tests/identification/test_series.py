@@ -129,7 +129,7 @@ def test_a_runout_that_all_states_share_is_found_with_its_size_and_states_keep_t
     assert low < value < high
     errors = {name: np.sqrt(np.nanmean(loss)) for name, loss in answer.errors.items()}
     assert errors["after"] < 0.5 * errors["refitted"] < errors["before"]
-    friction = [values["friction_Nm"] for values in answer.effects.after.final.values]
+    friction = [values["friction_Nm"] for values in answer.effects.final_folds.final.values]
     np.testing.assert_allclose(friction, [1.0, 1.3, 1.7], rtol=0.15)
 
 
@@ -137,7 +137,7 @@ def test_without_a_shared_effect_none_is_claimed_and_no_trend(tmp_path):
     answer = identify_measurements(write_series(tmp_path, [1.0] * 3, [40.0] * 3, 0.0, (20.0, 140.0, 260.0), seed=5))
     assert answer.verdict == NOT_SHARED
     assert "No effect that all states share is shown" in answer.sentence
-    assert not any(trend.shown for trend in answer.trends)
+    assert not any(trend.is_shown for trend in answer.trends)
 
 
 def test_of_few_positions_the_other_states_show_the_class_with_its_size_and_control(tmp_path):
@@ -151,7 +151,7 @@ def test_of_few_positions_the_other_states_show_the_class_with_its_size_and_cont
     value, low, high, _ = effect_sizes(members[0])["amplitude"]
     assert value == pytest.approx(abs(RUNOUT), rel=0.2)
     assert low < value < high
-    assert members[0].folds.rms() < 0.3 * answer.effects.without.rms() < 0.3 * members[0].control
+    assert members[0].folds.rms() < 0.3 * answer.effects.folds_without.rms() < 0.3 * members[0].control
     assert np.all(np.isfinite(members[0].folds.loss).sum(axis=1) == 1)  # a unit trains on two of three by default
     assert "with its sign reversed" in answer.sentence
 
@@ -183,7 +183,7 @@ def test_one_state_without_an_effect_names_none(tmp_path):
 def test_two_positions_claim_no_shared_effect(tmp_path):
     answer = identify_measurements(write_series(tmp_path, [1.0, 1.5], [40.0] * 2, 0.0, (20.0, 110.0)))
     assert not answer.effects.classes
-    assert all("too few" in effect.note for effect in answer.effects.tried)
+    assert all("too few" in effect.note for effect in answer.effects.tried_effects)
 
 
 def test_play_that_closes_over_the_variable_is_a_trend(tmp_path):
@@ -191,10 +191,10 @@ def test_play_that_closes_over_the_variable_is_a_trend(tmp_path):
     series = series_of(measurements)
     assert series.variable == "turns"
     trends = {trend.number.kind.name: trend for trend in trends_of(series)[0]}
-    assert trends["play"].shown
+    assert trends["play"].is_shown
     assert trends["play"].slope == pytest.approx(0.5 ** (1 / 3) - 1, abs=0.04)
     assert trends["play"].p_differ < 0.01
-    assert not trends["compliance"].shown
+    assert not trends["compliance"].is_shown
 
 
 def test_what_the_distance_of_the_torques_makes_is_no_trend_and_what_is_real_is(tmp_path):
@@ -203,7 +203,7 @@ def test_what_the_distance_of_the_torques_makes_is_no_trend_and_what_is_real_is(
     for rows, shown in ((ROWS, set()), (40, {"friction"})):
         series = series_of(write_series(tmp_path / str(rows), frictions, [40.0] * 4, rows=rows))
         trends, table = trends_of(series)
-        assert {trend.number.kind.name for trend in trends if trend.shown} == shown
+        assert {trend.number.kind.name for trend in trends if trend.is_shown} == shown
         sentence = trend_sentence("turns", trends)
         assert ("measure at more torques about zero" in sentence) == (not shown)
         assert ("friction grows by +" in sentence and "for each 1 of turns" in sentence) == bool(shown)

@@ -23,7 +23,7 @@ CONFIDENCE = 0.95
 """Of the intervals of what changed, each by itself."""
 FAMILYWISE = 0.02
 """Chance of naming any change between two states that differ by mounting alone, over all numbers of a pair."""
-CHANGED, NOTHING = "changed", "no change shown"
+CHANGE_SHOWN, NO_CHANGE = "changed", "no change shown"
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Change:
         return self.number.kind.grows if self.mean > 0 else self.number.kind.falls
 
     @property
-    def shown(self) -> bool:
+    def is_shown(self) -> bool:
         """Whether mounting does not explain it, all numbers counted."""
         return self.p_family < FAMILYWISE
 
@@ -90,21 +90,21 @@ class Comparison:
     freedom: int
 
     @property
-    def named(self) -> tuple[Change, ...]:
+    def named_changes(self) -> tuple[Change, ...]:
         """What changed, the clearest first."""
-        return tuple(sorted((change for change in self.changes if change.shown), key=lambda change: change.p))
+        return tuple(sorted((change for change in self.changes if change.is_shown), key=lambda change: change.p))
 
     @property
-    def near(self) -> tuple[Change, ...]:
+    def near_changes(self) -> tuple[Change, ...]:
         """Where nothing is named, the changes whose intervals by themselves do not reach zero, the clearest first."""
-        if self.named:
+        if self.named_changes:
             return ()
         return tuple(sorted((change for change in self.changes if change.likely), key=lambda change: change.p))
 
     @property
     def verdict(self) -> str:
         """Changed, or no change shown."""
-        return CHANGED if self.named else NOTHING
+        return CHANGE_SHOWN if self.named_changes else NO_CHANGE
 
     @property
     def clearest(self) -> Change:
@@ -139,11 +139,11 @@ def compare_states(state_before: State, state_after: State, further: Sequence[St
 
 def _change(table: LoopTable, k: int, levels: tuple[Real, Real], contrast: Contrast | None) -> Change:
     """The change of number ``k``."""
-    before, after = (float(level[k]) for level in levels)
+    level_before, level_after = (float(level[k]) for level in levels)
     number, scatter = table.numbers[k], float(table.layout.scatter[k])
     if contrast is None:
-        mean = after / before - 1 if number.kind.positive else after - before
-        return Change(number, before, after, mean, *([float("nan")] * 6))
+        mean = level_after / level_before - 1 if number.kind.positive else level_after - level_before
+        return Change(number, level_before, level_after, mean, *([float("nan")] * 6))
     reach = contrast.reach(CONFIDENCE)[k]
     sizes = [contrast.mean[k], contrast.mean[k] - reach, contrast.mean[k] + reach]
     further = [contrast.detectable(FAMILYWISE)[k], scatter]
@@ -151,13 +151,13 @@ def _change(table: LoopTable, k: int, levels: tuple[Real, Real], contrast: Contr
         float(np.expm1(size)) if number.kind.positive else float(size) for size in (*sizes, *further)
     )
     p, p_family = float(contrast.p[k]), float(contrast.family.p[k])
-    return Change(number, before, after, mean, low, high, p, p_family, detectable, spread)
+    return Change(number, level_before, level_after, mean, low, high, p, p_family, detectable, spread)
 
 
 def _shared_labels(state_before: State, state_after: State) -> tuple[str, ...]:
     """Positions that both states have."""
-    shared = tuple(label for label in state_before.labels if label in state_after.labels)
-    if not shared:
-        found = " and ".join(f"{state.name} {', '.join(state.labels)}" for state in (state_before, state_after))
-        raise InputError(f"no position was measured in both: {found}; measure the same crank angles")
-    return shared
+    shared_labels = tuple(label for label in state_before.labels if label in state_after.labels)
+    if not shared_labels:
+        found_text = " and ".join(f"{state.name} {', '.join(state.labels)}" for state in (state_before, state_after))
+        raise InputError(f"no position was measured in both: {found_text}; measure the same crank angles")
+    return shared_labels

@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.identification.change.loops import Loop
 
-LOADED = 0.5
+LOADED_SHARE = 0.5
 """Share of the largest torque from which a loop shows the spring: the upper half."""
 PLAY_LOADS = 0.35, 0.7
 """Shares of the largest torque between which the centre line is extrapolated to no torque: above, after the turn, the
@@ -71,7 +71,9 @@ def compliance(loop: Loop) -> float:
     means = []
     for sense, angle in ((1, loop.rising), (-1, loop.falling)):
         load = sense * loop.torque / loop.torque[-1]
-        lower, upper = ((load >= low) & (load <= low + LOADED / 2) for low in (LOADED, 1 - LOADED / 2))
+        lower, upper = (
+            (load >= low) & (load <= low + LOADED_SHARE / 2) for low in (LOADED_SHARE, 1 - LOADED_SHARE / 2)
+        )
         slopes = [_slope(loop.torque[part], angle[part]) for part in (lower, upper, lower | upper)]
         if min(slopes) <= 0 or max(slopes[:2]) > STRAIGHT * min(slopes[:2]):
             return np.nan
@@ -97,16 +99,16 @@ def play(loop: Loop) -> float:
 def torque_zero(loop: Loop) -> float:
     """Torque [N m] about which the loop is symmetric; NaN where that lies at the end of the range of search."""
     top = float(loop.torque[-1])
-    tried = np.linspace(-LARGEST_ZERO, LARGEST_ZERO, TRIED_ZEROS) * top
+    zeros_tried = np.linspace(-LARGEST_ZERO, LARGEST_ZERO, TRIED_ZEROS) * top
     steps = np.linspace(0.0, (1 - LARGEST_ZERO) * top, len(loop.torque) // 2)
-    misfit = np.array([_asymmetry(loop, zero, steps) for zero in tried])
-    best = int(np.argmin(misfit))
-    if best in (0, TRIED_ZEROS - 1):
+    misfit = np.array([_asymmetry(loop, zero, steps) for zero in zeros_tried])
+    best_zero = int(np.argmin(misfit))
+    if best_zero in (0, TRIED_ZEROS - 1):
         return np.nan
-    before, lowest, after = misfit[best - 1 : best + 2]
-    curvature = before - 2 * lowest + after
-    shift = 0.5 * (before - after) / curvature if curvature > 0 else 0.0
-    return float(tried[best] + shift * (tried[1] - tried[0]))
+    misfit_before, lowest, misfit_after = misfit[best_zero - 1 : best_zero + 2]
+    curvature = misfit_before - 2 * lowest + misfit_after
+    shift = 0.5 * (misfit_before - misfit_after) / curvature if curvature > 0 else 0.0
+    return float(zeros_tried[best_zero] + shift * (zeros_tried[1] - zeros_tried[0]))
 
 
 def _asymmetry(loop: Loop, zero: float, steps: np.ndarray) -> float:

@@ -38,7 +38,7 @@ class State:
     reach: Real
 
     @classmethod
-    def of(cls, measurement: Measurement) -> State:
+    def from_measurement(cls, measurement: Measurement) -> State:
         """The state of a measurement without fatal faults."""
         data = data_of(measurement, np.ones(len(measurement.cells), bool))
         coordinate = np.abs(measurement.rows.coordinate)
@@ -54,8 +54,8 @@ class State:
     def labels(self) -> tuple[str, ...]:
         """Names (n_positions,) of the positions: as unit.toml says, else the crank angle [deg]."""
         rows, files = self.measurement.rows, self.measurement.unit.files
-        first = [np.flatnonzero(rows.position == number)[0] for number in range(len(rows.cranks))]
-        names = [files[rows.file[row]].position for row in first]
+        first_rows = [np.flatnonzero(rows.position == number)[0] for number in range(len(rows.cranks))]
+        names = [files[rows.file[row]].position for row in first_rows]
         return tuple(name or f"{crank:g} deg" for name, crank in zip(names, rows.cranks, strict=True))
 
     def cells_at(self, position: int, size: LoopSize) -> Numbers:
@@ -94,15 +94,15 @@ class Curves:
     torque: Mapping[int, Real]
     angle: Mapping[int, Real]
 
-    def half(self, first: int) -> Curves:
-        """Every second point of each sense from the ``first`` or second on, and its ends."""
-        kept = {}
+    def half(self, first_point: int) -> Curves:
+        """Every second point of each sense from the ``first_point`` or second on, and its ends."""
+        kept_points = {}
         for sense, values in self.torque.items():
             numbers = np.arange(len(values))
-            kept[sense] = (numbers % 2 == first) | (numbers == 0) | (numbers == len(values) - 1)
+            kept_points[sense] = (numbers % 2 == first_point) | (numbers == 0) | (numbers == len(values) - 1)
         return Curves(
-            {sense: self.torque[sense][chosen] for sense, chosen in kept.items()},
-            {sense: self.angle[sense][chosen] for sense, chosen in kept.items()},
+            {sense: self.torque[sense][points] for sense, points in kept_points.items()},
+            {sense: self.angle[sense][points] for sense, points in kept_points.items()},
         )
 
     @property
@@ -159,15 +159,15 @@ def curves_at(state: State, position: int, size: LoopSize) -> Curves:
     edges = np.concatenate([-levels[:0:-1], levels])[1:-1]
     rising = state.measurement.cells.direction[cells] > 0
     interval = np.searchsorted(edges, torque) + rising * (len(edges) + 1)
-    filled, place = np.unique(interval, return_inverse=True)
+    intervals, place = np.unique(interval, return_inverse=True)
     _, cycle = np.unique(state.data.cycle[cells], return_inverse=True)
     columns = np.column_stack([indicators(place), indicators(cycle)])
-    means = np.linalg.lstsq(columns, angle, rcond=None)[0][: len(filled)]
+    means = np.linalg.lstsq(columns, angle, rcond=None)[0][: len(intervals)]
     mean_torque = np.bincount(place, torque) / np.maximum(np.bincount(place), 1)
-    senses = {1: filled > len(edges), -1: filled <= len(edges)}
+    senses = {1: intervals > len(edges), -1: intervals <= len(edges)}
     return Curves(
-        {sense: np.asarray(mean_torque[chosen], float) for sense, chosen in senses.items()},
-        {sense: np.asarray(means[chosen], float) for sense, chosen in senses.items()},
+        {sense: np.asarray(mean_torque[points], float) for sense, points in senses.items()},
+        {sense: np.asarray(means[points], float) for sense, points in senses.items()},
     )
 
 

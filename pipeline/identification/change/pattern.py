@@ -55,14 +55,16 @@ def pattern(table: LoopTable, labels: Sequence[str]) -> Pattern:
     Bootstrap Tests of Hypotheses (2005)). Of more than six positions a sample of the pairings is taken.
     """
     n, size = len(labels), table.numbers[-1].size
-    before, after = (
+    loops_before, loops_after = (
         [
             table.loops[np.flatnonzero((table.state == state) & (np.array(table.label) == label))[0]][size]
             for label in labels
         ]
         for state in (0, 1)
     )
-    distance = np.array([[_distance(first, second) for first in before] for second in after])
+    distance = np.array(
+        [[_distance(loop_before, loop_after) for loop_before in loops_before] for loop_after in loops_after]
+    )
     if n < FEWEST:
         return Pattern(float("nan"), 1, distance)
     if n <= MOST_EXACT:
@@ -74,6 +76,8 @@ def pattern(table: LoopTable, labels: Sequence[str]) -> Pattern:
     return Pattern(float(np.mean(sums <= np.trace(distance) * (1 + 1e-12))), len(permutations_tried), distance)
 
 
-def _distance(before: Loop, after: Loop) -> float:
+def _distance(loop_before: Loop, loop_after: Loop) -> float:
     """Mean square difference [arcmin^2] of two loops, its offset removed."""
-    return float(np.var(np.concatenate([after.rising - before.rising, after.falling - before.falling])))
+    return float(
+        np.var(np.concatenate([loop_after.rising - loop_before.rising, loop_after.falling - loop_before.falling]))
+    )

@@ -92,25 +92,25 @@ class ChangeAnswer:
     def sentence(self) -> str:
         """The verdict in words."""
         comparison = self.comparison
-        if comparison.named:
-            return f"Shown: {'; '.join(change_text(change) for change in comparison.named)}."
+        if comparison.named_changes:
+            return f"Shown: {'; '.join(change_text(change) for change in comparison.named_changes)}."
         if comparison.freedom < FEWEST_FREEDOM:
             count = len(comparison.labels)
             return (
                 f"No change is shown: the states share {count} position{'s' * (count > 1)}, and the scatter of "
                 "mounting is unknown."
             )
-        if comparison.near:
+        if comparison.near_changes:
             return (
                 "No change is shown beyond the scatter of mounting. Significant by themselves, before "
-                f"{len(comparison.changes)} tests are counted: {'; '.join(map(change_text, comparison.near))}."
+                f"{len(comparison.changes)} tests are counted: {'; '.join(map(change_text, comparison.near_changes))}."
             )
         return "No change is shown: every number of the loops differs by no more than the scatter of mounting."
 
     @property
     def limits_sentence(self) -> str:
         """Sizes of change that would be shown, where nothing is named and the scatter is known."""
-        limits = () if self.comparison.named else detection_limits(self.comparison)
+        limits = () if self.comparison.named_changes else detection_limits(self.comparison)
         if not limits:
             return ""
         return (
@@ -121,7 +121,7 @@ class ChangeAnswer:
     @property
     def unmeasured_sentence(self) -> str:
         """Numbers that these loops do not show, in words; empty without any."""
-        titles = [number.title for number in self.comparison.table.unmeasured]
+        titles = [number.title for number in self.comparison.table.unmeasured_numbers]
         if not titles:
             return ""
         return f"Not measurable in these loops, which do not load the spring at every position: {'; '.join(titles)}."
@@ -143,9 +143,9 @@ class ChangeAnswer:
     @property
     def advice(self) -> str:
         """What to measure next."""
-        named = self.comparison.named
-        if named:
-            kinds = dict.fromkeys(change.number.kind for change in named)
+        named_changes = self.comparison.named_changes
+        if named_changes:
+            kinds = dict.fromkeys(change.number.kind for change in named_changes)
             return "A direct measurement: " + "; ".join(f"{kind.title}: {kind.measurement}" for kind in kinds) + "."
         if self.comparison.freedom < FEWEST_FREEDOM:
             return "Measure 3 or more crank positions in both states, or name further states of the drive."
@@ -185,9 +185,11 @@ def answer(
     InputError : a measurement is of a turning crank, has a fatal fault or is named twice, or they have nothing in
         common.
     """
-    first, second, *further_states = comparable_states([measurement_before, measurement_after, *further])
-    comparison = compare_states(first, second, further_states)
-    return ChangeAnswer(first, second, comparison, pattern(comparison.table, comparison.labels), tuple(further_states))
+    first_state, second_state, *further_states = comparable_states([measurement_before, measurement_after, *further])
+    comparison = compare_states(first_state, second_state, further_states)
+    return ChangeAnswer(
+        first_state, second_state, comparison, pattern(comparison.table, comparison.labels), tuple(further_states)
+    )
 
 
 def comparable_states(measurements: Sequence[Measurement]) -> list[State]:
@@ -213,7 +215,7 @@ def comparable_states(measurements: Sequence[Measurement]) -> list[State]:
         faults.append(f"locked = {ends_text}; measurements are compared with one end locked")
     if faults:
         raise InputError(faults)
-    return [State.of(measurement) for measurement in measurements]
+    return [State.from_measurement(measurement) for measurement in measurements]
 
 
 def write(change_answer: ChangeAnswer, folder: Path) -> dict[str, pd.DataFrame]:
@@ -235,10 +237,10 @@ def _verdict(change_answer: ChangeAnswer) -> dict[str, Any]:
         "pattern": change_answer.pattern_sentence,
         "pattern_p": change_answer.positions.p if math.isfinite(change_answer.positions.p) else None,
         "advice": change_answer.advice,
-        "named": [_change_record(change) for change in comparison.named],
-        "near": [_change_record(change) for change in comparison.near],
-        "detectable": [] if comparison.named else list(detection_limits(comparison)),
-        "unmeasured": [number.title for number in comparison.table.unmeasured],
+        "named": [_change_record(change) for change in comparison.named_changes],
+        "near": [_change_record(change) for change in comparison.near_changes],
+        "detectable": [] if comparison.named_changes else list(detection_limits(comparison)),
+        "unmeasured": [number.title for number in comparison.table.unmeasured_numbers],
         "others": [state.name for state in change_answer.further],
         "positions": list(comparison.labels),
         "data_faults": {
@@ -280,7 +282,7 @@ def change_rows(comparison: Comparison) -> Columns:
         "ci_high": values["high"],
         **{name: values[name] for name in names[5:]},
         "freedom": np.full(len(changes), comparison.freedom, np.int32),
-        "named": np.array([change.shown for change in changes]),
+        "named": np.array([change.is_shown for change in changes]),
     }
 
 

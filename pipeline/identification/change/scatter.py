@@ -18,7 +18,7 @@ Whole = NDArray[np.int64]
 
 POWER = 0.8
 """Chance with which a change of the detection limit is shown."""
-LARGEST = 1e3
+LARGEST_NONCENTRALITY = 1e3
 """Non-centrality beyond which no power is sought."""
 FEWEST_FREEDOM = 2
 """Degrees of freedom below which the scatter is unknown: with one the t distribution has no mean."""
@@ -74,7 +74,7 @@ class Contrast:
         By the noncentral t distribution of the scatter as estimated: Cohen, Statistical Power Analysis (1988), ch. 2.
         """
         critical = float(scipy.stats.t.isf(self.family.level(chance) / 2, self.freedom))
-        shift = brentq(lambda shift: scipy.stats.nct.sf(critical, self.freedom, shift) - POWER, critical / 4, LARGEST)
+        shift = brentq(lambda shift: scipy.stats.nct.sf(critical, self.freedom, shift) - POWER, critical / 4, LARGEST_NONCENTRALITY)
         return shift * self.error + self.bias
 
 
@@ -127,8 +127,8 @@ class Layout:
         size = float(np.linalg.norm(of_rows))
         mean = of_rows @ self.values
         error = np.maximum(size * self.scatter, LEAST_ERROR)
-        shared = np.broadcast_to(np.asarray(bias, float), mean.shape)
-        return Contrast(mean, error, size, self.residuals, self.freedom, shared)
+        shared_bias = np.broadcast_to(np.asarray(bias, float), mean.shape)
+        return Contrast(mean, error, size, self.residuals, self.freedom, shared_bias)
 
     def half_interval(self, confidence: float) -> Real:
         """Half of the confidence interval (n_kinds,) of what mounting adds to a single row; NaN where it is unknown."""
@@ -141,14 +141,14 @@ class Layout:
         """
         if self.freedom < FEWEST_FREEDOM:
             return np.full(self.values.shape[1], np.nan)
-        reduced = np.column_stack([columns, indicators(self.position)])
-        left = self.values - reduced @ np.linalg.lstsq(reduced, self.values, rcond=None)[0]
-        more = len(self.values) - int(np.linalg.matrix_rank(reduced)) - self.freedom
-        if more < 1:
+        reduced_columns = np.column_stack([columns, indicators(self.position)])
+        residuals = self.values - reduced_columns @ np.linalg.lstsq(reduced_columns, self.values, rcond=None)[0]
+        further_freedom = len(self.values) - int(np.linalg.matrix_rank(reduced_columns)) - self.freedom
+        if further_freedom < 1:
             return np.full(self.values.shape[1], np.nan)
-        departure = np.sum(left**2, axis=0) - np.sum(self.residuals**2, axis=0)
-        ratio = departure / more / np.maximum(self.scatter**2, LEAST_ERROR**2)
-        return np.asarray(scipy.stats.f.sf(ratio, more, self.freedom), float)
+        departure = np.sum(residuals**2, axis=0) - np.sum(self.residuals**2, axis=0)
+        ratio = departure / further_freedom / np.maximum(self.scatter**2, LEAST_ERROR**2)
+        return np.asarray(scipy.stats.f.sf(ratio, further_freedom, self.freedom), float)
 
     @cached_property
     def _columns(self) -> Real:

@@ -42,7 +42,7 @@ class LoopTable:
     ----------
     states : in order.
     numbers : that all loops of the compared states show.
-    unmeasured : numbers that some of these loops do not show.
+    unmeasured_numbers : numbers that some of these loops do not show.
     state, position : (n_rows,) number of each row; positions are numbered within an assembly.
     label : (n_rows,) name of the position of each row; equal names within an assembly are one position.
     values : (n_rows, n_numbers) in the unit of each.
@@ -54,7 +54,7 @@ class LoopTable:
 
     states: tuple[State, ...]
     numbers: tuple[LoopNumber, ...]
-    unmeasured: tuple[LoopNumber, ...]
+    unmeasured_numbers: tuple[LoopNumber, ...]
     state: Whole
     position: Whole
     label: tuple[str, ...]
@@ -81,18 +81,18 @@ class LoopTable:
         measured at the same torques err alike: what they have in common drops out. Of other torques the signs are
         unknown and sizes add; between them, by how far the torques lie apart. Infinite where a half lacks a number.
         """
-        first, second = (self._on_scale(half) for half in self.halves)
-        errors = 0.5 * (first - second), 0.5 * (first + second) - self.layout.values
+        first_half, second_half = (self._on_scale(half) for half in self.halves)
+        errors = 0.5 * (first_half - second_half), 0.5 * (first_half + second_half) - self.layout.values
         factors = np.asarray(weights, float)
-        known = np.flatnonzero(factors)  # a level without weight counts nothing, whatever its error
-        sizes = np.array([[_shared_error(error[self.state == state]) for error in errors] for state in known])
-        summed = np.abs(factors[known]) @ sizes.max(axis=1)
-        rows = [[np.flatnonzero((self.state == s) & (self.position == p)) for s in known] for p in set(self.position)]
+        numbers_of_keys = np.flatnonzero(factors)  # a level without weight counts nothing, whatever its error
+        sizes = np.array([[_shared_error(error[self.state == state]) for error in errors] for state in numbers_of_keys])
+        summed = np.abs(factors[numbers_of_keys]) @ sizes.max(axis=1)
+        rows = [[np.flatnonzero((self.state == s) & (self.position == p)) for s in numbers_of_keys] for p in set(self.position)]
         paired = np.array([np.concatenate(at) for at in rows if all(len(row) == 1 for row in at)], int)
         if paired.size:
-            common = [_shared_error(np.einsum("s,psk->pk", factors[known], error[paired])) for error in errors]
-            apart = max(_distance(self.curves[at[0]], self.curves[row]) for at in paired for row in at[1:])
-            summed = np.minimum(summed, np.max(common, axis=0) + apart * summed)
+            common = [_shared_error(np.einsum("s,psk->pk", factors[numbers_of_keys], error[paired])) for error in errors]
+            half_difference = max(_distance(self.curves[at[0]], self.curves[row]) for at in paired for row in at[1:])
+            summed = np.minimum(summed, np.max(common, axis=0) + half_difference * summed)
         return np.nan_to_num(summed, nan=np.inf)
 
     def _on_scale(self, values: Real) -> Real:
@@ -106,63 +106,63 @@ class LoopTable:
         return np.where(self.positive, np.exp(np.where(self.positive, means, 0.0)), means)
 
 
-def loop_table(states: Sequence[State], compared: int) -> LoopTable:
+def loop_table(states: Sequence[State], n_compared: int) -> LoopTable:
     """The numbers of all states.
 
     Parameters
     ----------
-    compared : number of states, the first ones, that are compared: what their loops do not all show is left out.
+    n_compared : number of states, the first ones, that are compared: what their loops do not all show is left out.
         Further states give the scatter of mounting; positions of theirs that lack a number are left out.
 
     Raises
     ------
     InputError : the compared states have no loops of one size, or a further state has no loop like theirs.
     """
-    sizes = [size for size in loop_sizes(states) if all(_has(state, size) for state in states[:compared])]
+    sizes = [size for size in loop_sizes(states) if all(_has(state, size) for state in states[:n_compared])]
     if not sizes:
-        found = "; ".join(f"{state.name} to {_labels(state)}" for state in states[:compared])
-        raise InputError(f"no loops of one size in all states: {found}; measure the same loops")
+        found_text = "; ".join(f"{state.name} to {_labels(state)}" for state in states[:n_compared])
+        raise InputError(f"no loops of one size in all states: {found_text}; measure the same loops")
     rows = [(number, place) for number, state in enumerate(states) for place in range(len(state.labels))]
     loops = [{size: curves_at(states[number], place, size) for size in sizes} for number, place in rows]
     tops = {size: _common_reach([curves[size] for curves in loops]) for size in sizes}
     halves = [
         [
             {
-                size: loop_of(curve.half(first), tops[size])
+                size: loop_of(curve.half(first_point), tops[size])
                 for size, curve in curves.items()
                 if curve.reach >= tops[size] > 0
             }
             for curves in loops
         ]
-        for first in (0, 1)
+        for first_point in (0, 1)
     ]
     read = [
         {size: loop_of(curve, tops[size]) for size, curve in curves.items() if curve.reach >= tops[size] > 0}
         for curves in loops
     ]
     every = tuple(LoopNumber(kind, size) for size in sizes for kind in KINDS)
-    values, first, second = (
+    values, first_point, second = (
         np.array([[_value(number, curves) for number in every] for curves in part]).reshape(len(rows), len(every))
         for part in (read, *halves)
     )
     state = np.array([number for number, _ in rows])
-    complete = np.isfinite(values[state < compared]).all(axis=0)
-    kept = np.isfinite(values[:, complete]).all(axis=1) & bool(complete.any())
+    complete = np.isfinite(values[state < n_compared]).all(axis=0)
+    is_complete = np.isfinite(values[:, complete]).all(axis=1) & bool(complete.any())
     for number, entry in enumerate(states):
-        if not kept[state == number].any():
+        if not is_complete[state == number].any():
             raise InputError(f"{entry.name}: no position has loops like those of the states that are compared")
-    label = [states[number].labels[place] for (number, place), is_kept in zip(rows, kept, strict=True) if is_kept]
+    label = [states[number].labels[place] for (number, place), is_kept in zip(rows, is_complete, strict=True) if is_kept]
     return LoopTable(
         tuple(states),
         tuple(number for number, is_kept in zip(every, complete, strict=True) if is_kept),
         tuple(number for number, is_kept in zip(every, complete, strict=True) if not is_kept),
-        state[kept],
-        _positions(states, state[kept], label, compared),
+        state[is_complete],
+        _positions(states, state[is_complete], label, n_compared),
         tuple(label),
-        values[np.ix_(kept, complete)],
-        (first[np.ix_(kept, complete)], second[np.ix_(kept, complete)]),
-        tuple(curves for curves, is_kept in zip(read, kept, strict=True) if is_kept),
-        tuple(curves for curves, is_kept in zip(loops, kept, strict=True) if is_kept),
+        values[np.ix_(is_complete, complete)],
+        (first_point[np.ix_(is_complete, complete)], second[np.ix_(is_complete, complete)]),
+        tuple(curves for curves, is_kept in zip(read, is_complete, strict=True) if is_kept),
+        tuple(curves for curves, is_kept in zip(loops, is_complete, strict=True) if is_kept),
     )
 
 
@@ -173,26 +173,26 @@ def _shared_error(errors: Real) -> Real:
     return np.asarray(np.maximum(np.abs(errors.mean(axis=0)) - scatter, 0.0), float)
 
 
-def _distance(first: dict[LoopSize, Curves], second: dict[LoopSize, Curves]) -> float:
+def _distance(first: dict[LoopSize, Curves], second_half: dict[LoopSize, Curves]) -> float:
     """Largest distance of the torques of two rows, over that of neighbouring torques; 1 where they do not pair."""
     largest = 0.0
     for size, curves in first.items():
         for sense, torque in curves.torque.items():
-            other = second[size].torque[sense]
+            other = second_half[size].torque[sense]
             if len(other) != len(torque) or len(torque) < 2:
                 return 1.0
             largest = max(largest, float(np.max(np.abs(other - torque)[1:] / np.diff(torque))))
     return min(largest, 1.0)
 
 
-def _positions(states: Sequence[State], state: Whole, label: Sequence[str], compared: int) -> Whole:
+def _positions(states: Sequence[State], state: Whole, label: Sequence[str], n_compared: int) -> Whole:
     """Number (n_rows,) of each position: a label within an assembly; the compared states are of one."""
     assemblies = [entry.measurement.unit.settings.state.assembly for entry in states]
-    own = set(assemblies[:compared])
-    groups = ["" if assembly in own else f"other {assembly}" for assembly in assemblies]
+    own_assemblies = set(assemblies[:n_compared])
+    groups = ["" if assembly in own_assemblies else f"other {assembly}" for assembly in assemblies]
     keys = [(groups[number], name) for number, name in zip(state, label, strict=True)]
-    known = {key: number for number, key in enumerate(dict.fromkeys(keys))}
-    return np.array([known[key] for key in keys])
+    numbers_of_keys = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    return np.array([numbers_of_keys[key] for key in keys])
 
 
 def _has(state: State, size: LoopSize) -> bool:

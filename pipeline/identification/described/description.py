@@ -29,7 +29,7 @@ from pipeline.statistics.jackknife import jackknife_interval
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
-DESCRIBED, PARTLY = "described", "partly described"
+FULLY_DESCRIBED, PARTLY_DESCRIBED = "described", "partly described"
 RESAMPLES, SEED = 2000, 81
 """Of the branches, for the familywise p."""
 NO_STRUCTURE = float(np.hypot(1.0, REMAINING_SHARE))
@@ -104,21 +104,21 @@ class Description:
     structure: Discrepancy | None
 
 
-def described(measurement: Measurement) -> Description:
+def describe(measurement: Measurement) -> Description:
     """The description of a measurement without fatal faults.
 
     Raises
     ------
     InputError : as ``training_rows``.
     """
-    chosen = measurement.unit.settings.held_out.train
-    training = measurement.training_cells if chosen else np.ones(len(measurement.cells), bool)
+    train = measurement.unit.settings.held_out.train
+    training = measurement.training_cells if train else np.ones(len(measurement.cells), bool)
     data = data_of(measurement, training)
     splits = splits_of(data, training)
-    numbers = _numbers(data, followed_torques(measurement), training, _tested(measurement, data, splits))
+    numbers = _numbers(data, followed_torques(measurement), training, _term_p_values(measurement, data, splits))
     curves = {
-        "spring": _predicted(measurement, data, splits, frozenset()),
-        "described": _predicted(measurement, data, splits, frozenset(TERMS)),
+        "spring": _predicted_angle(measurement, data, splits, frozenset()),
+        "described": _predicted_angle(measurement, data, splits, frozenset(TERMS)),
     }
     cells, zeros = np.isfinite(curves["spring"]), np.zeros(len(data))
     cranks = measurement.rows.cranks
@@ -136,7 +136,7 @@ def described(measurement: Measurement) -> Description:
         {title: angle_error(data, cranks, curve, zeros, cells) for title, curve in baseline_errors.items()},
         cells,
         splits[0][0] is splits[0][1],
-        None if verdict == DESCRIBED else _structure(measurement, data, training, numbers),
+        None if verdict == FULLY_DESCRIBED else _structure(measurement, data, training, numbers),
     )
 
 
@@ -169,7 +169,7 @@ def _structure(measurement: Measurement, data: Data, training: Truth, numbers: t
 def _verdict(errors: Mapping[str, AngleError], claims: bool) -> str:
     if not claims:
         return UNEXPLAINED
-    return DESCRIBED if errors["described"].to_noise <= NO_STRUCTURE else PARTLY
+    return FULLY_DESCRIBED if errors["described"].to_noise <= NO_STRUCTURE else PARTLY_DESCRIBED
 
 
 def _fit(data: Data, torque: Real, training: Truth, terms: frozenset[str]) -> PlayAndFriction:
@@ -177,9 +177,11 @@ def _fit(data: Data, torque: Real, training: Truth, terms: frozenset[str]) -> Pl
     return fit_play_and_friction(cells, training, terms)
 
 
-def _predicted(measurement: Measurement, data: Data, splits: list[tuple[Truth, Truth]], terms: frozenset[str]) -> Real:
+def _predicted_angle(
+    measurement: Measurement, data: Data, splits: list[tuple[Truth, Truth]], terms: frozenset[str]
+) -> Real:
     """Angle (n_cells,) [arcmin] of judged cells by fits of their training cells, whose noise alone weighs them."""
-    predicted, torque, top = (
+    predicted_angle, torque, top = (
         np.full(len(data), np.nan),
         followed_torques(measurement),
         float(np.max(np.abs(data.torque))),
@@ -187,15 +189,15 @@ def _predicted(measurement: Measurement, data: Data, splits: list[tuple[Truth, T
     for training, judged_cells in splits:
         fold = data_of(measurement, training)
         angle = _fit(fold, torque, training, terms).angle(torque, data.position, top)
-        predicted[judged_cells] = (angle + fold.offsets(angle, training, fold.sigma))[judged_cells]
-    return predicted
+        predicted_angle[judged_cells] = (angle + fold.offsets(angle, training, fold.sigma))[judged_cells]
+    return predicted_angle
 
 
-def _tested(measurement: Measurement, data: Data, splits: list[tuple[Truth, Truth]]) -> dict[str, float]:
+def _term_p_values(measurement: Measurement, data: Data, splits: list[tuple[Truth, Truth]]) -> dict[str, float]:
     """Familywise p of each term that is left out of all terms, over held-out branches; NaN with too few of them."""
     scores = {}
     for name in (None, *TERMS):
-        angle = _predicted(measurement, data, splits, frozenset(TERMS) - {name})
+        angle = _predicted_angle(measurement, data, splits, frozenset(TERMS) - {name})
         judged_cells = np.isfinite(angle)
         square = ((data.angle - angle)[judged_cells] / data.sigma[judged_cells]) ** 2
         _, block = np.unique(data.block[judged_cells], return_inverse=True)
@@ -206,13 +208,13 @@ def _tested(measurement: Measurement, data: Data, splits: list[tuple[Truth, Trut
     return dict(zip(TERMS, max_t(gains, RESAMPLES, SEED)[1].tolist(), strict=True))
 
 
-def _numbers(data: Data, torque: Real, training: Truth, tested: Mapping[str, float]) -> tuple[Number, ...]:
+def _numbers(data: Data, torque: Real, training: Truth, p_values: Mapping[str, float]) -> tuple[Number, ...]:
     """Every number, by the fit with all terms and by those without each group of the cells seen."""
     group = data.held_out_parts(training)
     left_out = [training & (group != number) for number in np.unique(group[training])]
     drive = _fit(data, torque, training, frozenset(TERMS))
-    resampled = len(left_out) >= FEWEST_GROUPS
-    jackknife_fits = [_fit(data, torque, cells, frozenset(TERMS)) for cells in left_out if resampled]
+    has_interval = len(left_out) >= FEWEST_GROUPS
+    jackknife_fits = [_fit(data, torque, cells, frozenset(TERMS)) for cells in left_out if has_interval]
     top = float(np.max(np.abs(data.torque)))
     at_bound = frozenset().union(*(some_drive.terms_at_bound(top) for some_drive in (drive, *jackknife_fits)))
     numbers = []
@@ -223,7 +225,7 @@ def _numbers(data: Data, torque: Real, training: Truth, tested: Mapping[str, flo
             if term in at_bound
             else jackknife_interval(value, [getattr(jackknife_fit, attribute) for jackknife_fit in jackknife_fits])
         )
-        p = tested.get(term, float("nan"))
+        p = p_values.get(term, float("nan"))
         note = "at the bound of the fit" if term in at_bound else ""
         numbers.append(Number(term, unit, meaning, value, low, high, p, p < 1 - CONFIDENCE and low * high > 0, note))
     return tuple(numbers)

@@ -12,7 +12,7 @@ import pandas as pd
 from pipeline.engine.frames import write_tables
 from pipeline.engine.store import write_json
 from pipeline.engine.table import Column, Columns, Table
-from pipeline.identification.described.description import DESCRIBED, FEWEST_GROUPS, Description, Number
+from pipeline.identification.described.description import FEWEST_GROUPS, FULLY_DESCRIBED, Description, Number
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.results.residual_signatures import Signature, signatures
 from pipeline.identification.results.tables import RESIDUAL, SIGNATURES, signature_rows
@@ -33,12 +33,22 @@ HELD = (
     "SERIES=<folder>."
 )
 """Of a drive without a design whose crank turns within its loops."""
-SHARED = ("position", "crank_deg", "cycle", "block", "direction", "torque_Nm", "angle_arcmin", "rows", "sigma_arcmin")
+SHARED_COLUMNS = (
+    "position",
+    "crank_deg",
+    "cycle",
+    "block",
+    "direction",
+    "torque_Nm",
+    "angle_arcmin",
+    "rows",
+    "sigma_arcmin",
+)
 DESCRIPTION = Table(
     "description",
     "cell: measured rows averaged over neighbouring torques of one branch",
     (
-        *(column for column in RESIDUAL.columns if column.name in SHARED),
+        *(column for column in RESIDUAL.columns if column.name in SHARED_COLUMNS),
         Column("held_out", "bool", "", "whether the cell judges; its predictions then come from fits without it"),
         *(
             Column(f"{name}_arcmin", "float64", "arcmin", f"angle by {title}, offset included")
@@ -83,14 +93,14 @@ def sentence(description: Description) -> str:
     doubts = "".join(f" {doubt}" for doubt in implausible_numbers(description))
     if not named_numbers:
         return f"No term beside a spring is claimed. {errors}{doubts}"
-    remaining_text = "" if description.verdict == DESCRIBED else " What is left is structured and not traced."
+    remaining_text = "" if description.verdict == FULLY_DESCRIBED else " What is left is structured and not traced."
     return f"{'; '.join(_words(number) for number in named_numbers)}. {errors}{remaining_text}{doubts}"
 
 
 def implausible_numbers(description: Description) -> list[str]:
     """Warnings of a play or a friction that no drive of this rated torque has, and of numbers at a bound."""
     values = {number.term: number for number in description.numbers}
-    rated = description.measurement.unit.rated_torque_Nm
+    rated_torque = description.measurement.unit.rated_torque_Nm
     check = "check side, unit and factor in unit.toml."
     doubts = [
         f"Warning: {number.term.replace('_', ' ')} is {number.note}." for number in values.values() if number.note
@@ -100,8 +110,8 @@ def implausible_numbers(description: Description) -> list[str]:
             f"Warning: a play of {values['play'].value:.3g} arcmin is implausible (at most {LARGEST_PLAY_ARCMIN:g} on "
             f"drives that were measured); {check}"
         )
-    if values["friction"].value > LARGEST_FRICTION * rated:
-        share = 100 * values["friction"].value / rated
+    if values["friction"].value > LARGEST_FRICTION * rated_torque:
+        share = 100 * values["friction"].value / rated_torque
         doubts.append(f"Warning: a friction of {share:.0f} % of the rated torque is implausible; {check}")
     if description.measurement.unit.settings.crank.moves != "fixed":
         doubts.append(HELD)
@@ -115,9 +125,9 @@ def advice(description: Description) -> str:
         return (
             f"Measure at least {FEWEST_GROUPS} positions or cycles: whole ones can then be held out and terms claimed."
         )
-    unsettled = [number.term.replace("_", " ") for number in description.numbers[:3] if not number.named]
-    if unsettled:
-        names = ", ".join(unsettled)
+    unsettled_terms = [number.term.replace("_", " ") for number in description.numbers[:3] if not number.named]
+    if unsettled_terms:
+        names = ", ".join(unsettled_terms)
         return f"Not claimed: {names}. Loops to a tenth, a half and all of the load part play from friction."
     return ""
 

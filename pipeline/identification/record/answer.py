@@ -11,7 +11,7 @@ from scipy.special import ndtri
 
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.evidence import CONFIDENCE, Points, RecordEvidence, points_of
-from pipeline.identification.record.judging import TOLERATED, Judgement, RecordJudge, Trial, parts_of
+from pipeline.identification.record.judging import TOLERATED_SHARE, Judgement, RecordJudge, Trial, parts_of
 from pipeline.identification.record.terms import LEAST_WAVES, POINTS_A_WAVE, Covariates, Term, base_terms, effects
 from pipeline.identification.record.turn_record import TurnRecord
 from pipeline.identification.selection.statements.verdict import ADEQUATE, UNEXPLAINED
@@ -107,7 +107,7 @@ class RecordAnswer:
     effects : those that were tested; ``why_not`` of the others.
     held_out_by : "torque", "temperature", "sense" or "".
     noise : of a point [arcmin].
-    predicted : (n_points,) by the claimed model with the zeros of all places [arcmin].
+    predicted_error : (n_points,) by the claimed model with the zeros of all places [arcmin].
     """
 
     record: TurnRecord
@@ -122,7 +122,7 @@ class RecordAnswer:
     held_out_by: str
     held_out: tuple[HeldOut, ...]
     noise: float
-    predicted: Real
+    predicted_error: Real
 
     @property
     def titles(self) -> dict[str, str]:
@@ -130,19 +130,19 @@ class RecordAnswer:
         return {effect.name: effect.title for effect in self.effects}
 
 
-def answered(record: TurnRecord) -> RecordAnswer:
+def record_answer(record: TurnRecord) -> RecordAnswer:
     """The answer on a record without a fatal fault."""
     points = points_of(record)
-    base, (tested, why_not) = base_terms(record), effects(record)
-    evidence = RecordEvidence(points, base, tested)
-    by, parts = parts_of(points, record.unit.settings.held_out.by)
-    everything_turned = points_of(record, loaded=False)
+    base, (tested_effects, why_not) = base_terms(record), effects(record)
+    evidence = RecordEvidence(points, base, tested_effects)
+    held_out_by, parts = parts_of(points, record.unit.settings.held_out.by)
+    everything_turned = points_of(record, under_load=False)
     orders = _orders(record, everything_turned)
     judgement = _with_orders(
-        RecordJudge(evidence, tested, parts, len(record.passes)).judgement(), orders, evidence.span
+        RecordJudge(evidence, tested_effects, parts, len(record.passes)).judgement(), orders, evidence.span
     )
     trial = judgement.answer
-    model = evidence.predicted(trial.effects, trial.posterior)
+    model = evidence.predict_error(trial.effects, trial.posterior)
     everything = np.ones(len(points), bool)
     levels = _levels(record, everything_turned)
     return RecordAnswer(
@@ -150,13 +150,13 @@ def answered(record: TurnRecord) -> RecordAnswer:
         points,
         evidence,
         judgement,
-        tuple(tested),
+        tuple(tested_effects),
         why_not,
         tuple(_values(record, levels)),
         tuple(levels),
         tuple(orders),
-        by,
-        tuple(_held_out(record, evidence, by, parts, trial)),
+        held_out_by,
+        tuple(_held_out(record, evidence, held_out_by, parts, trial)),
         evidence.unit,
         model + evidence.zeros(points.error - model, everything),
     )
@@ -164,13 +164,13 @@ def answered(record: TurnRecord) -> RecordAnswer:
 
 def _with_orders(judgement: Judgement, orders: Sequence[OrderRow], span: float) -> Judgement:
     """The judgement; no record is adequate of which an order grows with the torque beyond what tolerances cause."""
-    grown = [row for row in orders if row.significant and row.per_torque > 60 * TOLERATED * span]
-    if judgement.verdict != ADEQUATE or not grown:
+    growing_rows = [row for row in orders if row.significant and row.per_torque > 60 * TOLERATED_SHARE * span]
+    if judgement.verdict != ADEQUATE or not growing_rows:
         return judgement
-    largest = max(grown, key=lambda row: row.per_torque)
+    largest_row = max(growing_rows, key=lambda row: row.per_torque)
     finding = (
-        f"order {largest.order:.3g}{f' ({largest.of})' if largest.of else ''} grows with the torque to "
-        f"{largest.per_torque:.2g} arcsec, more than errors of parts within their tolerances cause"
+        f"order {largest_row.order:.3g}{f' ({largest_row.of})' if largest_row.of else ''} grows with the torque to "
+        f"{largest_row.per_torque:.2g} arcsec, more than errors of parts within their tolerances cause"
     )
     return replace(judgement, verdict=UNEXPLAINED, finding=finding)
 
@@ -196,16 +196,16 @@ def effect_values(answer: RecordAnswer) -> list[Value]:
 def _values(record: TurnRecord, levels: Sequence[LevelRow]) -> list[Value]:
     """Rigidity and lost motion with intervals, from mean and difference of the senses at the held torques."""
     values = [*_rigidities(record, levels)]
-    least = min(levels, key=lambda row: abs(row.torque))
-    if np.isfinite(least.difference):
-        half = WIDTH * least.difference_error
-        title = f"lost motion: difference of the senses at {abs(least.torque):.3g} N m"
-        value = abs(least.difference)
+    least_row = min(levels, key=lambda row: abs(row.torque))
+    if np.isfinite(least_row.difference):
+        half = WIDTH * least_row.difference_error
+        title = f"lost motion: difference of the senses at {abs(least_row.torque):.3g} N m"
+        value = abs(least_row.difference)
         values.append(Value("lost_motion", title, "arcmin", value, max(value - half, 0.0), value + half))
-    largest = max(levels, key=lambda row: abs(row.torque))
-    if np.isfinite(largest.difference) and largest is not least:
-        half, value = WIDTH * largest.difference_error, abs(largest.difference)
-        title = f"difference of the senses at {largest.torque:.3g} N m"
+    largest_row = max(levels, key=lambda row: abs(row.torque))
+    if np.isfinite(largest_row.difference) and largest_row is not least_row:
+        half, value = WIDTH * largest_row.difference_error, abs(largest_row.difference)
+        title = f"difference of the senses at {largest_row.torque:.3g} N m"
         values.append(Value("lag_at_top", title, "arcmin", value, max(value - half, 0.0), value + half))
     return values
 
@@ -213,11 +213,11 @@ def _values(record: TurnRecord, levels: Sequence[LevelRow]) -> list[Value]:
 def _rigidities(record: TurnRecord, levels: Sequence[LevelRow]) -> Iterator[Value]:
     """Rigidity of either sign of the torque between the largest one held and the next beyond half of it, or less."""
     for sign, name in ((1, "positive"), (-1, "negative")):
-        loaded = [row for row in levels if sign * row.torque >= LEVEL_SHARE * record.largest_torque]
-        if len(loaded) < 2:
+        loaded_rows = [row for row in levels if sign * row.torque >= LEVEL_SHARE * record.largest_torque]
+        if len(loaded_rows) < 2:
             continue
-        high, *others = sorted(loaded, key=lambda row: -abs(row.torque))
-        low = min(others, key=lambda row: abs(abs(row.torque) - 0.5 * abs(high.torque)))
+        high, *other_rows = sorted(loaded_rows, key=lambda row: -abs(row.torque))
+        low = min(other_rows, key=lambda row: abs(abs(row.torque) - 0.5 * abs(high.torque)))
         twist, torque = high.mean - low.mean, high.torque - low.torque
         half = WIDTH * float(np.hypot(high.mean_error, low.mean_error))
         if abs(twist) <= half:
@@ -233,22 +233,24 @@ def _levels(record: TurnRecord, points: Points) -> list[LevelRow]:
     for level, torque in enumerate(record.levels):
         of_sense = []
         for sense in (1, -1):
-            chosen = (points.level == level) & (points.sense == sense)
-            count = np.bincount(points.interval[chosen], minlength=record.n_intervals)
+            in_level = (points.level == level) & (points.sense == sense)
+            count = np.bincount(points.interval[in_level], minlength=record.n_intervals)
             with np.errstate(invalid="ignore"):
-                of_sense.append(np.bincount(points.interval[chosen], points.error[chosen], record.n_intervals) / count)
+                of_sense.append(
+                    np.bincount(points.interval[in_level], points.error[in_level], record.n_intervals) / count
+                )
         forward, backward = of_sense
         mean = np.nanmean(np.stack(of_sense)) - middle if np.any(np.isfinite(np.stack(of_sense))) else np.nan
         difference = forward - backward
-        known = difference[np.isfinite(difference)]
+        known_differences = difference[np.isfinite(difference)]
         noise = float(np.median(points.noise))
-        size = len(known)
+        size = len(known_differences)
         rows.append(
             LevelRow(
                 float(torque),
                 float(mean),
                 noise / np.sqrt(max(2 * size, 1)),
-                float(known.mean()) if size else float("nan"),
+                float(known_differences.mean()) if size else float("nan"),
                 float(np.sqrt(2) * noise / np.sqrt(size)) if size else float("nan"),
             )
         )
@@ -257,19 +259,22 @@ def _levels(record: TurnRecord, points: Points) -> list[LevelRow]:
 
 def _orders(record: TurnRecord, points: Points) -> list[OrderRow]:
     """Orders of the shafts and the largest others, from the zeros of all intervals."""
-    values = Covariates.of(record)
+    values = Covariates.from_record(record)
     torque, sense = (points.means(column[:, None])[:, 0] for column in (values.torque, values.sense))
     means = np.bincount(points.kind, points.error) / np.bincount(points.kind)
-    left = points.error - means[points.kind]
-    intervals, at = np.unique(points.interval, return_inverse=True)
-    signals = [np.bincount(at, left) / np.bincount(at), *(_slopes(column, left, at) for column in (torque, sense))]
+    residual = points.error - means[points.kind]
+    intervals, interval_of_point = np.unique(points.interval, return_inverse=True)
+    signals = [
+        np.bincount(interval_of_point, residual) / np.bincount(interval_of_point),
+        *(_slopes(column, residual, interval_of_point) for column in (torque, sense)),
+    ]
     turns = record.span_deg / 360.0
     place = 2 * np.pi * turns * (intervals + 0.5) / record.n_intervals
     highest = record.n_intervals / turns / POINTS_A_WAVE
     grid = np.arange(max(1.0, 1 / turns), highest, 1 / turns)
     shafts = {order: title for title, order in record.orders.waves.values()} | _mesh_orders(record)
-    named = {order: title for order, title in shafts.items() if LEAST_WAVES <= order * turns <= highest * turns}
-    of_signals = [np.bincount(at), *(_squares(column, at) for column in (torque, sense))]
+    named_orders = {order: title for order, title in shafts.items() if LEAST_WAVES <= order * turns <= highest * turns}
+    of_signals = [np.bincount(interval_of_point), *(_squares(column, interval_of_point) for column in (torque, sense))]
     noise = 60 * float(np.median(points.noise)) * np.sqrt(2 / len(intervals))
     errors = np.array([noise / np.sqrt(max(float(np.median(square)), 1e-12)) for square in of_signals])
     threshold = np.sqrt(-2 * np.log(FAMILY / max(len(signals) * len(grid), 1)))
@@ -280,15 +285,19 @@ def _orders(record: TurnRecord, points: Points) -> list[OrderRow]:
         sizes, *_ = np.linalg.lstsq(columns, np.nan_to_num(np.column_stack(signals)), rcond=None)
         return 60 * np.hypot(sizes[0], sizes[1]) / float(np.sinc(order * half / np.pi))
 
-    found = {float(order): amplitudes(order) for order in {*named, *grid}}
-    apart = [order for order in grid if all(abs(order - other) > 0.5 / turns for other in named)]
-    others = sorted(apart, key=lambda order: -float(np.max(found[float(order)] / errors)))[:SHOWN_ORDERS]
+    amplitudes_found = {float(order): amplitudes(order) for order in {*named_orders, *grid}}
+    separate_orders = [
+        order for order in grid if all(abs(order - other_order) > 0.5 / turns for other_order in named_orders)
+    ]
+    other_orders = sorted(separate_orders, key=lambda order: -float(np.max(amplitudes_found[float(order)] / errors)))[
+        :SHOWN_ORDERS
+    ]
     rows = []
-    for order in sorted({*named, *others}):
-        size, grown, lagged = found[float(order)].tolist()
+    for order in sorted({*named_orders, *other_orders}):
+        size, growth, lag = amplitudes_found[float(order)].tolist()
         low, high = max(size - WIDTH * errors[0], 0.0), size + WIDTH * errors[0]
-        strong = bool(np.any(found[float(order)] > threshold * errors))
-        rows.append(OrderRow(float(order), named.get(order, ""), size, low, high, grown, lagged, strong))
+        strong = bool(np.any(amplitudes_found[float(order)] > threshold * errors))
+        rows.append(OrderRow(float(order), named_orders.get(order, ""), size, low, high, growth, lag, strong))
     return [row for row in rows if row.of or row.significant]
 
 
@@ -311,32 +320,32 @@ def _slopes(x: Real, y: Real, group: NDArray[np.int64]) -> Real:
 
 
 def _held_out(
-    record: TurnRecord, evidence: RecordEvidence, by: str, parts: NDArray[np.int64], trial: Trial
+    record: TurnRecord, evidence: RecordEvidence, held_out_by: str, parts: NDArray[np.int64], trial: Trial
 ) -> list[HeldOut]:
     """Each part predicted from the others; nothing where none can be held out."""
-    if not by:
+    if not held_out_by:
         return []
     points, rows = evidence.points, []
     for number in np.unique(parts):
-        out = parts == number
+        is_held_out = parts == number
         errors = {}
         for name, names, structure in (("claimed", trial.effects, trial.structure), ("base", (), None)):
             posterior = evidence.posterior(names, structure or evidence.most_likely(()), int(number), parts)
-            model = evidence.predicted(names, posterior)
-            errors[name] = (points.error - model - evidence.zeros(points.error - model, ~out))[out]
-        repeated = (points.error - evidence.zeros(points.error, ~out))[out]
-        claimed, base, repeat = (
-            float(np.sqrt(np.nanmean(values**2))) for values in (errors["claimed"], errors["base"], repeated)
+            model = evidence.predict_error(names, posterior)
+            errors[name] = (points.error - model - evidence.zeros(points.error - model, ~is_held_out))[is_held_out]
+        repeat_error = (points.error - evidence.zeros(points.error, ~is_held_out))[is_held_out]
+        claimed_error, base, repeat = (
+            float(np.sqrt(np.nanmean(values**2))) for values in (errors["claimed"], errors["base"], repeat_error)
         )
-        to_noise = float(np.sqrt(np.nanmean((errors["claimed"] / points.noise[out]) ** 2)))
-        rows.append(HeldOut(_part_text(record, by, int(number)), claimed, base, repeat, to_noise))
+        to_noise = float(np.sqrt(np.nanmean((errors["claimed"] / points.noise[is_held_out]) ** 2)))
+        rows.append(HeldOut(_part_text(record, held_out_by, int(number)), claimed_error, base, repeat, to_noise))
     return rows
 
 
-def _part_text(record: TurnRecord, by: str, number: int) -> str:
-    if by == "torque":
+def _part_text(record: TurnRecord, held_out_by: str, number: int) -> str:
+    if held_out_by == "torque":
         return f"{record.levels[number]:.3g} N m"
-    if by == "sense":
+    if held_out_by == "sense":
         return "backward" if number else "forward"
     passes = record.passes
     return f"{passes.temperature[passes.temperature_group == number].mean():.3g} °C"

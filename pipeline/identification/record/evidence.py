@@ -82,31 +82,31 @@ class Points:
         return np.column_stack([np.bincount(self.of_cells, column) / counts for column in columns[self.cells].T])
 
 
-def points_of(record: TurnRecord, loaded: bool = True) -> Points:
-    """The points of a record, of passes under torque alone if ``loaded``, or else of all.
+def points_of(record: TurnRecord, under_load: bool = True) -> Points:
+    """The points of a record, of passes under torque alone if ``under_load``, or else of all.
 
     The noise is that of repeats of a kind less the mean difference of each pass from the others; without repeats it is
     that of the rows about their line in a cell.
     """
     passes, all_cells = record.passes, record.cells
     under_torque = np.abs(record.levels) >= LEVEL_SHARE * record.largest_torque
-    chosen = np.flatnonzero(under_torque[passes.level[all_cells.owner]] | (not loaded))
-    cells = RecordCells(**{name: values[chosen] for name, values in vars(all_cells).items()})
+    chosen_rows = np.flatnonzero(under_torque[passes.level[all_cells.owner]] | (not under_load))
+    cells = RecordCells(**{name: values[chosen_rows] for name, values in vars(all_cells).items()})
     kind = passes.kind[cells.owner]
-    keys, first, number, count = np.unique(
+    keys, first_cells, number, count = np.unique(
         kind * record.n_intervals + cells.interval, return_index=True, return_inverse=True, return_counts=True
     )
     number = number.ravel()
     error = np.bincount(number, cells.error) / count
-    left = cells.error - error[number]
-    left -= (np.bincount(cells.owner, left) / np.maximum(np.bincount(cells.owner), 1))[cells.owner]
-    repeated = count[number] > 1
-    freedom = float(np.sum((count - 1)[count > 1])) - len(np.unique(cells.owner[repeated]))
+    residual = cells.error - error[number]
+    residual -= (np.bincount(cells.owner, residual) / np.maximum(np.bincount(cells.owner), 1))[cells.owner]
+    is_repeated = count[number] > 1
+    freedom = float(np.sum((count - 1)[count > 1])) - len(np.unique(cells.owner[is_repeated]))
     if freedom > 0:
-        noise = float(np.sqrt(np.sum(left[repeated] ** 2) / freedom))
+        noise = float(np.sqrt(np.sum(residual[is_repeated] ** 2) / freedom))
     else:
         noise = float(np.sqrt(np.mean(cells.scatter**2 / cells.count)))
-    owner = cells.owner[first]
+    owner = cells.owner[first_cells]
     negative = record.levels[passes.level[owner]] < 0
     zeros = np.unique(keys % record.n_intervals + record.n_intervals * negative, return_inverse=True)[1].ravel()
     return Points(
@@ -119,7 +119,7 @@ def points_of(record: TurnRecord, loaded: bool = True) -> Points:
         warmth=passes.temperature_group[owner],
         zero=zeros,
         place=np.unique(keys % record.n_intervals + record.n_intervals * passes.level[owner], return_inverse=True)[1],
-        cells=chosen,
+        cells=chosen_rows,
         of_cells=number,
     )
 
@@ -130,18 +130,18 @@ class Structure:
 
     Attributes
     ----------
-    own, smooth : at each point, and smooth over the angle: what no term of the model is.
+    own_size, smooth : at each point, and smooth over the angle: what no term of the model is.
     closing : at each place and held torque, by contacts that close: the unit's own, as its zeros are.
     """
 
-    own: float
+    own_size: float
     smooth: float
     closing: float = 0.0
 
     @property
     def size(self) -> float:
         """Standard deviation of what no term of the model is."""
-        return float(np.hypot(self.own, self.smooth))
+        return float(np.hypot(self.own_size, self.smooth))
 
 
 @dataclass(frozen=True)
@@ -201,26 +201,28 @@ class RecordEvidence:
         bumps /= np.linalg.norm(bumps, axis=1)[:, None]
         return np.hstack([bumps * (points.kind == kind)[:, None] for kind in np.unique(points.kind)])
 
-    def _moments_of(self, own: float, closing: float, left_out: int, parts: bytes) -> tuple[Real, Real, float, float]:
+    def _moments_of(
+        self, own_size: float, closing: float, left_out: int, parts: bytes
+    ) -> tuple[Real, Real, float, float]:
         """Products of all columns, with the errors, and of these, of the points but of one part; and log det.
 
         Points of one place and held torque share a deviation of the variance u: about their weighted mean they have
         their own weights w, and the mean has the variance 1/sum w + u. The means share a zero.
         """
         points = self.points
-        chosen = np.ones(len(points), bool) if left_out < 0 else np.frombuffer(parts, np.int64) != left_out
-        weight = 1 / (points.noise[chosen] ** 2 + (own * self.unit) ** 2)
-        place = np.unique(points.place[chosen], return_inverse=True)[1].ravel()
+        is_chosen = np.ones(len(points), bool) if left_out < 0 else np.frombuffer(parts, np.int64) != left_out
+        weight = 1 / (points.noise[is_chosen] ** 2 + (own_size * self.unit) ** 2)
+        place = np.unique(points.place[is_chosen], return_inverse=True)[1].ravel()
         zero = np.empty(int(place.max()) + 1, np.int64)
-        zero[place] = points.zero[chosen]
+        zero[place] = points.zero[is_chosen]
         zero = np.unique(zero, return_inverse=True)[1].ravel()
-        columns = np.column_stack([self.columns[chosen], points.error[chosen]])
+        columns = np.column_stack([self.columns[is_chosen], points.error[is_chosen]])
         means, total = _weighted_means(columns, weight, place)
-        within = np.sqrt(weight)[:, None] * (columns - means[place])
+        within_places = np.sqrt(weight)[:, None] * (columns - means[place])
         variance = 1 / total + (closing * self.unit) ** 2
         zeros, of_zero = _weighted_means(means, 1 / variance, zero)
-        between = (means - zeros[zero]) / np.sqrt(variance)[:, None]
-        gram = within.T @ within + between.T @ between
+        between_places = (means - zeros[zero]) / np.sqrt(variance)[:, None]
+        gram = within_places.T @ within_places + between_places.T @ between_places
         log_det = float(np.sum(np.log(total * variance)) - np.sum(np.log(weight)) + np.sum(np.log(of_zero)))
         return gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]), log_det
 
@@ -228,22 +230,24 @@ class RecordEvidence:
         self, names: Sequence[str], structure: Structure, left_out: int = -1, parts: Whole | None = None
     ) -> Posterior:
         """The model of the base and some effects, given all points or those not of a part (n,)."""
-        kept = b"" if parts is None else np.ascontiguousarray(parts, np.int64).tobytes()
-        gram, product_, square, log_det = self._moments(structure.own, structure.closing, left_out, kept)
-        own = np.concatenate(
+        part_bytes = b"" if parts is None else np.ascontiguousarray(parts, np.int64).tobytes()
+        gram, product_, square, log_det = self._moments(structure.own_size, structure.closing, left_out, part_bytes)
+        own_columns = np.concatenate(
             [np.arange(self.n_base), *(np.arange(*self.place[n].indices(self.n_terms)) for n in names)]
         )
         smooth = np.arange(self.n_terms, len(gram)) if structure.smooth else np.zeros(0, int)
-        chosen = np.concatenate([own, smooth]).astype(int)
-        spread = np.concatenate([self.spread[own.astype(int)], np.full(len(smooth), structure.smooth * self.unit)])
-        normal = np.eye(len(chosen)) + spread[:, None] * gram[np.ix_(chosen, chosen)] * spread
-        right = spread * product_[chosen]
+        columns = np.concatenate([own_columns, smooth]).astype(int)
+        spread = np.concatenate(
+            [self.spread[own_columns.astype(int)], np.full(len(smooth), structure.smooth * self.unit)]
+        )
+        normal = np.eye(len(columns)) + spread[:, None] * gram[np.ix_(columns, columns)] * spread
+        right_side = spread * product_[columns]
         factor = cho_factor(normal)
-        solved = cho_solve(factor, right)
-        value = -0.5 * (square - right @ solved + log_det) - float(np.sum(np.log(np.diag(factor[0]))))
-        n = len(own)
-        inverse = cho_solve(factor, np.eye(len(chosen))[:, :n])[:n]
-        return Posterior(value, spread[:n] * solved[:n], spread[:n, None] * inverse * spread[:n])
+        solution = cho_solve(factor, right_side)
+        value = -0.5 * (square - right_side @ solution + log_det) - float(np.sum(np.log(np.diag(factor[0]))))
+        n = len(own_columns)
+        inverse = cho_solve(factor, np.eye(len(columns))[:, :n])[:n]
+        return Posterior(value, spread[:n] * solution[:n], spread[:n, None] * inverse * spread[:n])
 
     @property
     def n_base(self) -> int:
@@ -260,41 +264,41 @@ class RecordEvidence:
             start += width
         raise KeyError(name)
 
-    def most_likely(self, names: Sequence[str], largest: float = np.inf) -> Structure:
+    def most_likely(self, names: Sequence[str], largest_size: float = np.inf) -> Structure:
         """The structure of the largest evidence, that of no term no larger than a size: one size after the other."""
-        best = Structure(0.0, 0.0, SIZES[-1])
+        best_structure = Structure(0.0, 0.0, SIZES[-1])
         for _ in range(ROUNDS):
-            before = best
-            for name in ("closing", "own", "smooth"):
-                tried = [replace(best, **{name: size}) for size in SIZES]
-                allowed = [structure for structure in tried if structure.size <= largest]
-                best = max(allowed, key=lambda structure: self.posterior(names, structure).value)
-            if best == before:
+            former_structure = best_structure
+            for name in ("closing", "own_size", "smooth"):
+                structures = [replace(best_structure, **{name: size}) for size in SIZES]
+                allowed_structures = [structure for structure in structures if structure.size <= largest_size]
+                best_structure = max(allowed_structures, key=lambda structure: self.posterior(names, structure).value)
+            if best_structure == former_structure:
                 break
-        return best
+        return best_structure
 
-    def predicted(self, names: Sequence[str], posterior: Posterior) -> Real:
+    def predict_error(self, names: Sequence[str], posterior: Posterior) -> Real:
         """Errors (n,) [arcmin] by the sizes of a model, without the zeros of the intervals."""
-        own = [np.arange(self.n_base), *(np.arange(*self.place[n].indices(self.n_terms)) for n in names)]
-        return np.asarray(self.columns[:, np.concatenate(own).astype(int)] @ posterior.mean)
+        own_columns = [np.arange(self.n_base), *(np.arange(*self.place[n].indices(self.n_terms)) for n in names)]
+        return np.asarray(self.columns[:, np.concatenate(own_columns).astype(int)] @ posterior.mean)
 
-    def zero_variance(self, variance: Real, chosen: Truth) -> Real:
+    def zero_variance(self, variance: Real, is_chosen: Truth) -> Real:
         """Variance (n,) of each point's zero by chosen points of these variances, of which one place counts once."""
         points, size = self.points, int(self.points.zero.max()) + 1
-        places = np.unique(np.column_stack([points.zero, points.place])[chosen], axis=0)
+        places = np.unique(np.column_stack([points.zero, points.place])[is_chosen], axis=0)
         count = np.bincount(places[:, 0], minlength=size)
-        mean = np.bincount(points.zero[chosen], variance[chosen], size) / np.maximum(
-            np.bincount(points.zero[chosen], minlength=size), 1
+        mean = np.bincount(points.zero[is_chosen], variance[is_chosen], size) / np.maximum(
+            np.bincount(points.zero[is_chosen], minlength=size), 1
         )
         return np.where(count > 0, mean / np.maximum(count, 1), np.inf)[points.zero]
 
-    def zeros(self, left: Real, chosen: Truth) -> Real:
+    def zeros(self, residual: Real, is_chosen: Truth) -> Real:
         """Zero (n,) of each point: weighted mean of what is left (n,) of the chosen points; NaN of none."""
-        points, weight = self.points, np.where(chosen, 1 / self.points.noise**2, 0.0)
+        points, weight = self.points, np.where(is_chosen, 1 / self.points.noise**2, 0.0)
         size = int(points.zero.max()) + 1
         total = np.bincount(points.zero, weight, size)
         with np.errstate(invalid="ignore"):
-            return (np.bincount(points.zero, weight * left, size) / total)[points.zero]
+            return (np.bincount(points.zero, weight * residual, size) / total)[points.zero]
 
 
 def _weighted_means(columns: Real, weight: Real, group: Whole) -> tuple[Real, Real]:

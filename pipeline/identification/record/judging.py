@@ -25,9 +25,9 @@ from pipeline.identification.selection.statements.verdict import (
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
-PAIRED = 10
+PAIRED_PARTS = 10
 """Pairs of effects that are tried: those that promise most."""
-TOLERATED = 0.0025
+TOLERATED_SHARE = 0.0025
 """Amplitude of a compliance that varies with a shaft, over the range of the mean errors, that errors of parts within
 their tolerances cause. Calibrated: generated reducers without an effect have at most 0.15 %."""
 TOLERABLE = "errors of parts within their tolerances"
@@ -44,7 +44,7 @@ class Trial:
     effects : their names.
     predictive : (n_parts,) log density of each part, predicted from all others.
     rms : misfit of all points, in their noise.
-    limited : logarithm of the evidence where the structure is no larger than the form of the model may leave.
+    limited_evidence : logarithm of the evidence where the structure is no larger than the form of the model may leave.
     """
 
     effects: tuple[str, ...]
@@ -52,7 +52,7 @@ class Trial:
     posterior: Posterior
     predictive: Real
     rms: float
-    limited: float
+    limited_evidence: float
 
     @property
     def value(self) -> float:
@@ -71,7 +71,7 @@ class Judgement:
     odds : by name, logarithm of the posterior odds against "no effect".
     members : models that are named, the most probable first.
     reasons : by name of a model that is as probable as what may be named, why it is not.
-    best : the most probable model, or "".
+    best_model : the most probable model, or "".
     finding : why a record without a named effect is not adequate, or "".
     """
 
@@ -80,7 +80,7 @@ class Judgement:
     odds: Mapping[str, float] = field(default_factory=dict)
     members: tuple[str, ...] = ()
     reasons: Mapping[str, str] = field(default_factory=dict)
-    best: str = ""
+    best_model: str = ""
     finding: str = ""
 
     @property
@@ -91,14 +91,14 @@ class Judgement:
     @property
     def description(self) -> Trial:
         """The trial of the most probable model."""
-        return self.trials[self.members[0] if self.members else self.best]
+        return self.trials[self.members[0] if self.members else self.best_model]
 
 
-def parts_of(points: Points, by: str | None) -> tuple[str, Whole]:
+def parts_of(points: Points, held_out_by: str | None) -> tuple[str, Whole]:
     """What is left out at once, "torque", "temperature", "sense" or "" where nothing can be, and its numbers (n,)."""
     groups = {"torque": points.level, "temperature": points.warmth, "sense": (points.sense < 0).astype(np.int64)}
-    if by in groups and len(np.unique(groups[by])) > 1:
-        return by, groups[by]
+    if held_out_by in groups and len(np.unique(groups[held_out_by])) > 1:
+        return held_out_by, groups[held_out_by]
     for name, fewest in (("torque", 3), ("temperature", 2), ("sense", 2), ("torque", 2)):
         if len(np.unique(groups[name])) >= fewest:
             return name, groups[name]
@@ -126,51 +126,51 @@ class RecordJudge(Rule[Trial]):
         trials = {name: self._trial((name,), limit) for name in self.names}
         odds = self.odds(base.value, {name: trial.value for name, trial in trials.items()})
         leaders = sorted(self.names, key=lambda name: -odds[name])
-        pairs = sorted(combinations(leaders, 2), key=lambda pair: -(odds[pair[0]] + odds[pair[1]]))[:PAIRED]
+        pairs = sorted(combinations(leaders, 2), key=lambda pair: -(odds[pair[0]] + odds[pair[1]]))[:PAIRED_PARTS]
         trials |= {"+".join(pair): self._trial(pair, limit) for pair in pairs}
         choice = self.choice(base, trials)
         trials = {"": base} | trials
         if choice.members:
             word = IDENTIFIED if len(choice.members) == 1 else EQUIVALENT
-            return Judgement(word, trials, choice.odds, choice.members, choice.reasons, choice.best)
-        return self._without(trials, choice, limit)
+            return Judgement(word, trials, choice.odds, choice.members, choice.reasons, choice.best_model)
+        return self._judgement_without_names(trials, choice, limit)
 
-    def _without(self, trials: Mapping[str, Trial], choice: Choice, limit: float) -> Judgement:
+    def _judgement_without_names(self, trials: Mapping[str, Trial], choice: Choice, limit: float) -> Judgement:
         """The judgement where nothing is named."""
-        verdict, finding, best = UNEXPLAINED, "", choice.best
-        reason = choice.reasons.get(best, "")
-        if best and TOLERABLE in reason:
-            verdict, finding = WITHIN_TOLERANCE, f"{best.replace('_', ' ')}: {reason}"
-        elif best:
-            finding = f"the most probable, {best.replace('_', ' ')}, is not named: {reason}"
+        verdict, finding, best_model = UNEXPLAINED, "", choice.best_model
+        reason = choice.reasons.get(best_model, "")
+        if best_model and TOLERABLE in reason:
+            verdict, finding = WITHIN_TOLERANCE, f"{best_model.replace('_', ' ')}: {reason}"
+        elif best_model:
+            finding = f"the most probable, {best_model.replace('_', ' ')}, is not named: {reason}"
         elif trials[""].structure.size > limit:
             finding = f"structure of {trials[''].structure.size:.2g} times the noise is left, {limit:.2g} may be"
         elif len(np.unique(self.parts)) < 2:
             verdict, finding = NOT_TESTABLE, "nothing can be held out"
         else:
-            finding = self._missed(trials[""], trials[""])
+            finding = self._misfit_reason(trials[""], trials[""])
             verdict = UNEXPLAINED if finding else ADEQUATE
-        return Judgement(verdict, trials, choice.odds, (), choice.reasons, best, finding)
+        return Judgement(verdict, trials, choice.odds, (), choice.reasons, best_model, finding)
 
     def _trial(self, names: tuple[str, ...], limit: float) -> Trial:
         evidence = self.evidence
         structure = evidence.most_likely(names)
         posterior = evidence.posterior(names, structure)
         numbers = np.unique(self.parts)
-        without = [evidence.posterior(names, structure, int(number), self.parts).value for number in numbers]
-        predictive = posterior.value - np.array(without) if len(numbers) > 1 else np.zeros(0)
-        left = evidence.points.error - evidence.predicted(names, posterior)
-        left = (left - evidence.zeros(left, np.ones(len(left), bool))) / evidence.points.noise
-        freedom = len(left) - len(np.unique(evidence.points.zero))
-        rms = float(np.sqrt(np.sum(left**2) / max(freedom, 1)))
-        limited = posterior.value
+        evidence_without = [evidence.posterior(names, structure, int(number), self.parts).value for number in numbers]
+        predictive = posterior.value - np.array(evidence_without) if len(numbers) > 1 else np.zeros(0)
+        residual = evidence.points.error - evidence.predict_error(names, posterior)
+        residual = (residual - evidence.zeros(residual, np.ones(len(residual), bool))) / evidence.points.noise
+        freedom = len(residual) - len(np.unique(evidence.points.zero))
+        rms = float(np.sqrt(np.sum(residual**2) / max(freedom, 1)))
+        limited_evidence = posterior.value
         if structure.size > limit:
-            limited = evidence.posterior(names, evidence.most_likely(names, limit)).value
-        return Trial(names, structure, posterior, predictive, rms, limited)
+            limited_evidence = evidence.posterior(names, evidence.most_likely(names, limit)).value
+        return Trial(names, structure, posterior, predictive, rms, limited_evidence)
 
     def value(self, trial: Trial, limit: float = np.inf) -> float:
         """Logarithm of the evidence; with a limit, of the structure that the form of the model may leave."""
-        return trial.value if np.isinf(limit) else trial.limited
+        return trial.value if np.isinf(limit) else trial.limited_evidence
 
     def predictive(self, trial: Trial) -> Real:
         """Log density (n_parts,) of each part, predicted from all others."""
@@ -196,16 +196,16 @@ class RecordJudge(Rule[Trial]):
             if size > LARGEST_SHARE * self.evidence.span:
                 yield f"the size of {name} is larger than the twist of the drive"
             wave = columns.stop - columns.start > 1 and name.startswith("compliance_")
-            if wave and size < TOLERATED * self.evidence.span:
+            if wave and size < TOLERATED_SHARE * self.evidence.span:
                 yield f"{TOLERABLE} cause waves as large as {name}"
 
     def objections(self, trial: Trial, base: Trial) -> Iterator[str]:
         """The clauses (b) to (f) that a model does not meet."""
         yield from super().objections(trial, base)
-        if missed := self._missed(trial, base):
-            yield missed
+        if misfit := self._misfit_reason(trial, base):
+            yield misfit
 
-    def _missed(self, trial: Trial, base: Trial) -> str:
+    def _misfit_reason(self, trial: Trial, base: Trial) -> str:
         """Why unused data are not predicted as a right model would, or "".
 
         Notes
@@ -216,18 +216,20 @@ class RecordJudge(Rule[Trial]):
         evidence, points = self.evidence, self.evidence.points
         if len(np.unique(self.parts)) < 2:
             return "nothing is held out, so the fit cannot be tested"
-        square, plain, freedom = 0.0, 0.0, len(np.unique(points.kind))  # within a pass places are alike
+        square, plain_gain, freedom = 0.0, 0.0, len(np.unique(points.kind))  # within a pass places are alike
         variance = points.noise**2 + (trial.structure.closing**2 + form_limit(base.rms) ** 2) * evidence.unit**2
         for number in np.unique(self.parts):
-            out = self.parts == number
+            is_held_out = self.parts == number
             posterior = evidence.posterior(trial.effects, trial.structure, int(number), self.parts)
-            left = points.error - evidence.predicted(trial.effects, posterior)
-            of_zero = evidence.zero_variance(variance, ~out)
-            known = out & np.isfinite(of_zero)
-            missed = (left - evidence.zeros(left, ~out))[known]
-            square += float(np.sum(missed**2 / (variance + of_zero)[known]))
-            plain += float(np.sum((points.error - evidence.zeros(points.error, ~out))[known] ** 2) - np.sum(missed**2))
+            residual = points.error - evidence.predict_error(trial.effects, posterior)
+            of_zero = evidence.zero_variance(variance, ~is_held_out)
+            is_known = is_held_out & np.isfinite(of_zero)
+            misfit = (residual - evidence.zeros(residual, ~is_held_out))[is_known]
+            square += float(np.sum(misfit**2 / (variance + of_zero)[is_known]))
+            plain_gain += float(
+                np.sum((points.error - evidence.zeros(points.error, ~is_held_out))[is_known] ** 2) - np.sum(misfit**2)
+            )
         n = max(int(np.sum(np.isfinite(evidence.zeros(points.error, np.ones(len(points), bool))))), 1)
         if square > n * (1 + float(ndtri(CONFIDENCE)) * np.sqrt(2 / max(freedom, 1))):
             return f"unused data are missed by {np.sqrt(square / n):.2g} times what a right model would leave"
-        return "the mean of the other passes predicts unused data better" if plain < 0 else ""
+        return "the mean of the other passes predicts unused data better" if plain_gain < 0 else ""

@@ -83,13 +83,13 @@ def write_fault(record: TurnRecord, folder: Path) -> str:
 def sentences(answer: RecordAnswer) -> tuple[str, ...]:
     """The verdict in words, the numbers of the drive, and what to measure next."""
     judgement = answer.judgement
-    named = " or ".join(_named(answer, model) for model in judgement.members)
+    named_models = " or ".join(_model_title(answer, model) for model in judgement.members)
     sizes = "; ".join(words(value) for value in effect_values(answer)) if judgement.members else ""
     if judgement.members:
-        first = f"{judgement.verdict}: {sizes if len(judgement.members) == 1 else named}."
+        first_sentence = f"{judgement.verdict}: {sizes if len(judgement.members) == 1 else named_models}."
     else:
         reason = f" {judgement.finding[:1].upper()}{judgement.finding[1:]}." if judgement.finding else ""
-        first = f"{judgement.verdict}: no effect is named.{reason}"
+        first_sentence = f"{judgement.verdict}: no effect is named.{reason}"
     numbers = "; ".join(words(value) for value in answer.values)
     held_out = ""
     if answer.held_out:
@@ -100,11 +100,13 @@ def sentences(answer: RecordAnswer) -> tuple[str, ...]:
             f"{60 * base:.3g} without effects (noise {60 * answer.noise:.2g})."
         )
     return tuple(
-        filter(None, (first, f"{numbers[:1].upper()}{numbers[1:]}." if numbers else "", held_out, advice(answer)))
+        filter(
+            None, (first_sentence, f"{numbers[:1].upper()}{numbers[1:]}." if numbers else "", held_out, advice(answer))
+        )
     )
 
 
-def _named(answer: RecordAnswer, model: str) -> str:
+def _model_title(answer: RecordAnswer, model: str) -> str:
     return " and ".join(answer.titles[name] for name in model.split("+"))
 
 
@@ -164,7 +166,7 @@ def _points(answer: RecordAnswer) -> Columns:
         "temperature_C": warm[points.kind],
         "output_deg": (points.interval + 0.5) * record.span_deg / record.n_intervals,
         "error_arcmin": points.error,
-        "predicted_arcmin": answer.predicted,
+        "predicted_arcmin": answer.predicted_error,
         "noise_arcmin": points.noise,
     }
 

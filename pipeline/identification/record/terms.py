@@ -65,7 +65,7 @@ class Covariates:
     fast: Real
 
     @classmethod
-    def of(cls, record: TurnRecord) -> Covariates:
+    def from_record(cls, record: TurnRecord) -> Covariates:
         """Those of a record."""
         cells, passes = record.cells, record.passes
         torque = cells.torque / max(record.largest_torque, 1e-12)
@@ -88,8 +88,8 @@ def _lags(record: TurnRecord) -> Real:
         lags[number] = abs(senses[0].mean() - senses[1].mean()) if all(map(len, senses)) else np.nan
     if not np.all(np.isfinite(lags)) or not lags.max() > 0:
         return np.ones(len(level))
-    loaded = np.abs(record.levels) >= LEVEL_SHARE * record.largest_torque
-    return (lags / lags[loaded].max() if loaded.any() else lags / lags.max())[level]
+    is_loaded = np.abs(record.levels) >= LEVEL_SHARE * record.largest_torque
+    return (lags / lags[is_loaded].max() if is_loaded.any() else lags / lags.max())[level]
 
 
 def _middle(values: Real) -> float:
@@ -100,16 +100,22 @@ def _middle(values: Real) -> float:
 
 def base_terms(record: TurnRecord) -> list[Term]:
     """The terms that every drive has under torque, as far as the record can tell them apart."""
-    values = Covariates.of(record)
-    sizes, both = loaded_sizes(record), len(np.unique(record.passes.sense)) > 1
+    values = Covariates.from_record(record)
+    sizes, has_both_senses = loaded_sizes(record), len(np.unique(record.passes.sense)) > 1
     torque, sense = values.torque, values.sense
     candidates = {
         "compliance": ("compliance", torque, sizes > 1),
         "softening": ("growth of the twist with the torque squared", torque * np.abs(torque), sizes > MOST_STRAIGHT),
-        "friction": ("half of the lag between the senses, alike at all torques", sense, both),
-        "load_friction": ("half of the lag in proportion to the torque", sense * np.abs(torque), both and sizes > 1),
+        "friction": ("half of the lag between the senses, alike at all torques", sense, has_both_senses),
+        "load_friction": (
+            "half of the lag in proportion to the torque",
+            sense * np.abs(torque),
+            has_both_senses and sizes > 1,
+        ),
     }
-    return [Term(name, title, "", column[:, None]) for name, (title, column, known) in candidates.items() if known]
+    return [
+        Term(name, title, "", column[:, None]) for name, (title, column, is_usable) in candidates.items() if is_usable
+    ]
 
 
 def loaded_sizes(record: TurnRecord) -> int:
@@ -120,13 +126,13 @@ def loaded_sizes(record: TurnRecord) -> int:
 
 def effects(record: TurnRecord) -> tuple[list[Term], dict[str, str]]:
     """The effects that a record can test, and why not of the others, by name."""
-    values, tested, reasons = Covariates.of(record), [], {}
-    both, several = len(np.unique(record.passes.sense)) > 1, loaded_sizes(record) > 1
-    for name, title, physics, column, reason in _plain(values, both, several):
+    values, tested_terms, reasons = Covariates.from_record(record), [], {}
+    has_both_senses, several = len(np.unique(record.passes.sense)) > 1, loaded_sizes(record) > 1
+    for name, title, physics, column, reason in _thermal_and_speed_terms(values, has_both_senses, several):
         if reason:
             reasons[name] = reason
         else:
-            tested.append(Term(name, title, physics, column[:, None]))
+            tested_terms.append(Term(name, title, physics, column[:, None]))
     for wave, (title, order) in record.orders.waves.items():
         acting = {
             f"compliance_{wave}": (
@@ -135,17 +141,17 @@ def effects(record: TurnRecord) -> tuple[list[Term], dict[str, str]]:
                 values.torque,
                 len(record.levels) > 1,
             ),
-            f"friction_{wave}": (f"friction that varies {title}", FRICTION, values.sense, both),
+            f"friction_{wave}": (f"friction that varies {title}", FRICTION, values.sense, has_both_senses),
         }
-        missing = _untold(record, order)
-        for name, (of_effect, physics, factor, known) in acting.items():
-            reason = missing or ("" if known else ONE_LEVEL if factor is values.torque else ONE_SENSE)
+        missing = _order_refusal(record, order)
+        for name, (of_effect, physics, factor, is_usable) in acting.items():
+            reason = missing or ("" if is_usable else ONE_LEVEL if factor is values.torque else ONE_SENSE)
             if reason:
                 reasons[name] = reason
             else:
                 columns = factor[:, None] * np.column_stack(record.wave(order))
-                tested.append(Term(name, of_effect, physics, columns))
-    return tested, reasons
+                tested_terms.append(Term(name, of_effect, physics, columns))
+    return tested_terms, reasons
 
 
 COMPLIANCE = (
@@ -156,7 +162,7 @@ FRICTION = "the torque that friction takes varies over the turn: the senses lag 
 ONE_LEVEL, ONE_SENSE = "fewer than two sizes of torque beside zero are held", "the drive turns in one sense alone"
 
 
-def _untold(record: TurnRecord, order: float) -> str:
+def _order_refusal(record: TurnRecord, order: float) -> str:
     """Why waves of an order cannot be tested, or ""."""
     waves = order * record.span_deg / 360.0
     if waves < LEAST_WAVES:
@@ -166,27 +172,32 @@ def _untold(record: TurnRecord, order: float) -> str:
     return ""
 
 
-def _plain(values: Covariates, both: bool, several: bool) -> Iterator[tuple[str, str, str, Real, str]]:
+def _thermal_and_speed_terms(
+    values: Covariates, has_both_senses: bool, several: bool
+) -> Iterator[tuple[str, str, str, Real, str]]:
     """Name, title, physics, column and reason against it of the effects of temperature and speed."""
-    same, steady = "no temperature that varies", "no speed that varies"
+    same_temperature, steady = "no temperature that varies", "no speed that varies"
     warm, fast = np.any(values.warm), np.any(values.fast)
     yield (
         *("zero_over_temperature", "zero of the error that moves with the temperature"),
         "parts of unlike expansion, or the holder of an encoder, move as the drive warms",
-        *(values.warm, "" if warm else same),
+        *(values.warm, "" if warm else same_temperature),
     )
     yield (
         *("compliance_over_temperature", "compliance that changes with the temperature"),
         "clearances and moduli change: the spring of a warm drive differs",
-        *(values.warm * values.torque, (same if not warm else "" if several else ONE_LEVEL)),
+        *(values.warm * values.torque, (same_temperature if not warm else "" if several else ONE_LEVEL)),
     )
     yield (
         *("friction_over_temperature", "friction that changes with the temperature"),
         "the lubricant gets thinner",
-        *(values.warm * values.sense * values.lag, (same if not warm else "" if both else ONE_SENSE)),
+        *(
+            values.warm * values.sense * values.lag,
+            (same_temperature if not warm else "" if has_both_senses else ONE_SENSE),
+        ),
     )
     yield (
         *("friction_over_speed", "friction that changes with the speed"),
         "viscous or mixed friction of the lubricant (Stribeck)",
-        *(values.fast * values.sense * values.lag, (steady if not fast else "" if both else ONE_SENSE)),
+        *(values.fast * values.sense * values.lag, (steady if not fast else "" if has_both_senses else ONE_SENSE)),
     )

@@ -35,7 +35,7 @@ SAME_TEMPERATURE_K = 2.0
 """Temperatures of passes that lie nearer to each other are one."""
 DRIFT = 0.002
 """Share of the largest torque up to which a mean torque counts as none."""
-CROSSED = 1e-3
+CROSSED_SHARE = 1e-3
 """Share of an interval by which an angle may lie beyond the last one by rounding."""
 
 
@@ -176,15 +176,15 @@ class TurnRecord:
     @cached_property
     def _passes(self) -> tuple[Passes, Whole]:
         """The passes, and the number of each row's pass (n,), -1 in none."""
-        ratio, known = self.orders.ratio, self.numeric
-        sense, stretch = stretches(ratio * self.place, self.run, self._torque_group, known)
+        ratio, is_numeric = self.orders.ratio, self.numeric
+        sense, stretch = stretches(ratio * self.place, self.run, self._torque_group, is_numeric)
         number = np.full(len(self), -1)
         spans = {k: float(np.ptp(self.place[stretch == k])) for k in np.unique(stretch[stretch >= 0])}
         longest = max(spans.values(), default=0.0)
-        chosen = [k for k, span in spans.items() if span >= LEAST_PASS * longest > 0]
-        for position, k in enumerate(chosen):
+        chosen_passes = [k for k, span in spans.items() if span >= LEAST_PASS * longest > 0]
+        for position, k in enumerate(chosen_passes):
             number[stretch == k] = position
-        of_pass = [np.flatnonzero(number == k) for k in range(len(chosen))]
+        of_pass = [np.flatnonzero(number == k) for k in range(len(chosen_passes))]
         torque = np.array([self.torque[rows].mean() for rows in of_pass])
         temperature = np.array([self.temperature[rows].mean() for rows in of_pass])
         sense, group = (
@@ -210,9 +210,9 @@ class TurnRecord:
     def _torque_group(self) -> Whole:
         """Number (n,) of the torque held in each row's run: waves of a torque are no other torque."""
         held = held_torques(self.torque, np.where(self.numeric, self.run, -1))
-        apart = np.abs(self.torque - held) > LEVEL_SHARE * self.largest_torque
+        is_apart = np.abs(self.torque - held) > LEVEL_SHARE * self.largest_torque
         steps = groups_of(np.where(self.numeric, self.torque, np.nan), LEVEL_SHARE * self.largest_torque)
-        return np.where(apart, steps, -2) if np.mean(apart[self.numeric]) > LEVEL_SHARE else np.zeros(len(self), int)
+        return np.where(is_apart, steps, -2) if np.mean(is_apart[self.numeric]) > LEVEL_SHARE else np.zeros(len(self), int)
 
     @property
     def passes(self) -> Passes:
@@ -250,17 +250,17 @@ class TurnRecord:
         """Rows that are averaged, and the cell of each."""
         number = self._passes[1]
         rows = np.flatnonzero(number >= 0)
-        first = float(self.place[rows].min())
+        first_place = float(self.place[rows].min())
         width = self.span_deg / self.n_intervals
-        folded = np.mod(self.place[rows] - first, self.period_deg * (1 + CROSSED * width / self.period_deg))
-        interval = np.minimum((folded / width).astype(np.int64), self.n_intervals - 1)
+        folded_place = np.mod(self.place[rows] - first_place, self.period_deg * (1 + CROSSED_SHARE * width / self.period_deg))
+        interval = np.minimum((folded_place / width).astype(np.int64), self.n_intervals - 1)
         keys = number[rows] * self.n_intervals + interval
-        kept, cell, count = np.unique(keys, return_inverse=True, return_counts=True)
-        enough = count >= FEWEST_ROWS
-        renumbered = np.cumsum(enough) - 1
-        good = enough[cell]
-        del kept
-        return rows[good], renumbered[cell[good]]
+        kept_keys, cell, count = np.unique(keys, return_inverse=True, return_counts=True)
+        has_enough = count >= FEWEST_ROWS
+        new_numbers = np.cumsum(has_enough) - 1
+        good = has_enough[cell]
+        del kept_keys
+        return rows[good], new_numbers[cell[good]]
 
     def cell_means(self, values: Real) -> Real:
         """Means (n_cells,) over the rows of each cell of values (n,)."""
@@ -277,24 +277,24 @@ class TurnRecord:
         """The cells of all passes, pass by pass."""
         rows, cell = self._cell_of_row
         count = np.bincount(cell)
-        place = self.place - self.cell_means(self.place)[_filled(cell, rows, len(self))]
-        error = self.error - self.cell_means(self.error)[_filled(cell, rows, len(self))]
+        place = self.place - self.cell_means(self.place)[_fill_cells(cell, rows, len(self))]
+        error = self.error - self.cell_means(self.error)[_fill_cells(cell, rows, len(self))]
         slope = np.bincount(cell, (place * error)[rows]) / np.maximum(np.bincount(cell, (place**2)[rows]), 1e-300)
-        left = (error[rows] - slope[cell] * place[rows]) ** 2
+        squares = (error[rows] - slope[cell] * place[rows]) ** 2
         first_row = np.full(len(count), len(self))
         np.minimum.at(first_row, cell, rows)
         number = self._passes[1]
         width = self.span_deg / self.n_intervals
-        first = float(self.place[number >= 0].min())
+        first_place = float(self.place[number >= 0].min())
         owner, at_input = number[first_row], self.unit.settings.side == "input"
-        middle = np.mod(self.cell_means(self.place) - first, self.period_deg)
+        middle = np.mod(self.cell_means(self.place) - first_place, self.period_deg)
         return RecordCells(
             owner=owner,
             interval=np.minimum((middle / width).astype(np.int64), self.n_intervals - 1),
             error=self.cell_means(self.error),
             torque=self.passes.torque[owner] if at_input else self.cell_means(self.torque),
             count=count,
-            scatter=np.sqrt(np.bincount(cell, left) / np.maximum(count - 2, 1)),
+            scatter=np.sqrt(np.bincount(cell, squares) / np.maximum(count - 2, 1)),
         )
 
 
@@ -321,11 +321,11 @@ def torque_of_both_senses(torque: Real, sense: Whole, group: Whole, gap: float) 
     return found
 
 
-def _filled(cell: Whole, rows: Whole, n: int) -> Whole:
+def _fill_cells(cell: Whole, rows: Whole, n: int) -> Whole:
     """Cell (n,) of every row; of those in none the first."""
-    filled = np.zeros(n, np.int64)
-    filled[rows] = cell
-    return filled
+    filled_cells = np.zeros(n, np.int64)
+    filled_cells[rows] = cell
+    return filled_cells
 
 
 def _rate(place: Real, time: Real) -> float:
@@ -341,18 +341,18 @@ def _angles(record: Recorded, unit: UnitFile) -> tuple[Real, Real]:
     """
     ratio = orders_of(unit).ratio
     has_pair = {"input_deg", "output_deg"} <= set(record.table)
-    turned = record.quantity("input_deg" if has_pair else "crank_deg")
+    turned_angle = record.quantity("input_deg" if has_pair else "crank_deg")
     if not has_pair:
-        place, error = turned / ratio, record.quantity("angle_arcmin")
+        place, error = turned_angle / ratio, record.quantity("angle_arcmin")
         if unit.settings.angle == "error":
             return place, error
         output = error / ARCMIN_A_DEGREE
     else:
-        place, output = turned / ratio, record.quantity("output_deg")
-    known = np.isfinite(place) & np.isfinite(output)
+        place, output = turned_angle / ratio, record.quantity("output_deg")
+    is_known = np.isfinite(place) & np.isfinite(output)
     sign = (
-        1.0 if not known.any() or np.ptp(output[known] - place[known]) <= np.ptp(output[known] + place[known]) else -1.0
+        1.0 if not is_known.any() or np.ptp(output[is_known] - place[is_known]) <= np.ptp(output[is_known] + place[is_known]) else -1.0
     )
     place = sign * place
     error = ARCMIN_A_DEGREE * (output - place)
-    return place, error - (np.nanmedian(error) if known.any() else 0.0)
+    return place, error - (np.nanmedian(error) if is_known.any() else 0.0)

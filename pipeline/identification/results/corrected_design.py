@@ -40,13 +40,13 @@ DESCRIBES = {
     "reason": f"describes a measured unit best; NOT CLAIMED, its verdict is {UNEXPLAINED}",
 }
 BEST_READING = f"Describes the unit {{unit}} best. Not claimed: the verdict is {UNEXPLAINED}, structure is left."
-CORRECTED, BEST = "corrected", "best"
+CORRECTED_KIND, BEST_KIND = "corrected", "best"
 OF_TEMPERATURE = ("disk_growth", "pins_growth", "housing_growth", "crank_growth")
 """Growth by temperatures that a study draws: no dimension of a unit."""
-DESIGN_FILES = {CORRECTED: "design.toml", BEST: "best-design.toml"}
+DESIGN_FILES = {CORRECTED_KIND: "design.toml", BEST_KIND: "best-design.toml"}
 
 
-def study_file(unit: str, kind: str = CORRECTED) -> str:
+def study_file(unit: str, kind: str = CORRECTED_KIND) -> str:
     """Name of the study of a unit's corrected or best model; its run folder has the same stem."""
     return f"{kind}-{unit}.toml"
 
@@ -72,18 +72,20 @@ class Corrected:
 
 def write_corrected(identification: Identification, folder: Path) -> Corrected:
     """Write the corrected design and study into ``folder``, where it can be built."""
-    return _written(identification, corrected_trial(identification), CORRECTED, folder)
+    return _write_design(identification, corrected_trial(identification), CORRECTED_KIND, folder)
 
 
 def write_best(identification: Identification, folder: Path) -> Corrected:
     """Write the model that describes an unexplained unit best, marked as not claimed, and a study that runs it."""
     trial = best_trial(identification)
     return (
-        _written(identification, trial, BEST, folder) if trial else Corrected((), "the verdict's model is the best one")
+        _write_design(identification, trial, BEST_KIND, folder)
+        if trial
+        else Corrected((), "the verdict's model is the best one")
     )
 
 
-def _written(identification: Identification, trial: Trial, kind: str, folder: Path) -> Corrected:
+def _write_design(identification: Identification, trial: Trial, kind: str, folder: Path) -> Corrected:
     try:
         text, study_text = _design_text(identification, trial, kind), _study_text(identification, trial, kind)
     except InputError as error:
@@ -100,14 +102,14 @@ def _design_text(identification: Identification, trial: Trial, kind: str) -> str
     content: dict[str, Any] = scaled_design(
         design_before, problem.calibrated_keys, np.exp(fit.unknowns.scales[: len(problem.calibrated_keys)]).tolist()
     ).model_dump()
-    of_best = "description of" if kind == BEST else "corrected for"
+    of_best = "description of" if kind == BEST_KIND else "corrected for"
     content["title"] = f"{design_before.title}, {of_best} the unit {unit.name}"
     provenance = content.pop("provenance")
     for key in problem.calibrated_keys:
         content = with_value(content, key, float(f"{number_at(content, key):.{DIGITS}g}"))
-        provenance[key] = DESCRIBES if kind == BEST else _refitted(identification, key)
+        provenance[key] = DESCRIBES if kind == BEST_KIND else _refit_provenance(identification, key)
     intervals = {(p.effect, p.name): p for p in identification.verdict.parameters}
-    comments = [_reading(identification) if kind == CORRECTED else BEST_READING.format(unit=unit.name)]
+    comments = [_reading(identification) if kind == CORRECTED_KIND else BEST_READING.format(unit=unit.name)]
     for effect, values in fit.model.split(fit.values.tolist()):
         numbers = {p.name: float(f"{v:.{DIGITS}g}") for p, v in zip(effect.parameters, values, strict=True)}
         omission = _not_in_a_study(effect)
@@ -124,7 +126,7 @@ def _design_text(identification: Identification, trial: Trial, kind: str) -> str
                 "status": "calibrated",
                 "reason": f"{effect.title}, identified on the measured unit {unit.name}{ends}",
             }
-            provenance[f"effects.{effect.name}.{name}"] = DESCRIBES if kind == BEST else named_numbers
+            provenance[f"effects.{effect.name}.{name}"] = DESCRIBES if kind == BEST_KIND else named_numbers
     rise = float(np.mean([np.mean(of_position.temperature_rise) for of_position in problem.conditions]))
     if rise and content["effects"]:
         content["temperature_rise_K"] = round(rise, 3)
@@ -155,12 +157,16 @@ def _not_in_a_study(effect: Effect | InstrumentEffect) -> str:
     return ""
 
 
-def _refitted(identification: Identification, key: str) -> dict[str, str]:
+def _refit_provenance(identification: Identification, key: str) -> dict[str, str]:
     """Provenance of a refitted number; marked where it stands at an end of its plausible range."""
     reason = f"refitted to the measured unit {identification.measurement.unit.name}"
-    (number,) = (calibrated for calibrated in identification.verdict.calibrated_numbers if calibrated.key == key)
-    declared = number_at(identification.measurement.unit.study.design, key)
-    low, high = declared * number.plausible_low, declared * number.plausible_high
+    (number,) = (
+        calibrated_number
+        for calibrated_number in identification.verdict.calibrated_numbers
+        if calibrated_number.key == key
+    )
+    declared_value = number_at(identification.measurement.unit.study.design, key)
+    low, high = declared_value * number.plausible_low, declared_value * number.plausible_high
     mark = f"; AT AN END of its plausible range, {low:.4g} to {high:.4g}: not to be believed" if number.leaves else ""
     return {"status": "calibrated", "reason": reason + mark}
 
@@ -184,17 +190,20 @@ def _study_text(identification: Identification, trial: Trial, kind: str) -> str:
 def _study_content(study: Study, identification: Identification, trial: Trial, kind: str) -> Mapping[str, Any]:
     unit, problem = identification.measurement.unit, identification.problem
     content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude=OF_SAMPLES)
-    claim = ": a description, no effect is named" if kind == BEST else ""
+    claim = ": a description, no effect is named" if kind == BEST_KIND else ""
     content["title"] = f"{unit.settings.title}: {kind} model"
     content["description"] = f"The {kind} model of the measured unit {unit.name}{claim}."
     cranks = tuple(sorted({round(float(crank) % 360, 6) for crank in identification.measurement.drive_cranks}))
     cycle = {key: value for key, value in content["cycle"].items() if key != "loaded_angles"}
     content["cycle"] = {**cycle, "crank_deg": cranks, "keep_contacts": (0,)}
     factors = np.exp(trial.fit.unknowns.scales[len(problem.calibrated_keys) :]).tolist()
-    declared = study.springs.pin_deflection_factor, study.springs.output_deflection_factor
-    written = [float(f"{factor * before:.{DIGITS}g}") for factor, before in zip(factors, declared, strict=True)]
+    declared_factors = study.springs.pin_deflection_factor, study.springs.output_deflection_factor
+    written_factors = [
+        float(f"{factor * declared_factor:.{DIGITS}g}")
+        for factor, declared_factor in zip(factors, declared_factors, strict=True)
+    ]
     names = "pin_deflection_factor", "output_deflection_factor"
-    content["springs"] = {**content.get("springs", {}), **dict(zip(names, written, strict=True))}
+    content["springs"] = {**content.get("springs", {}), **dict(zip(names, written_factors, strict=True))}
     content["samples"] = {"experiment": "cases", "count": 1, "nominal_first": True}
     content["cases"] = (fitted_dimensions(identification, trial).model_dump(exclude_defaults=True),)
     return {"design": DESIGN_FILES[kind], **{key: value for key, value in content.items() if value != {}}}
@@ -204,18 +213,24 @@ def fitted_dimensions(identification: Identification, trial: Trial) -> Case:
     """The dimensions [um] of a unit: measured or usual ones, and on top the fitted amounts of the tolerances' modes."""
     problem, study = identification.problem, identification.measurement.unit.study
     counts = elements(study.design)
-    moved = vars(problem.modes_of_errors(trial.fit.unknowns.modes))
+    deviations = vars(problem.modes_of_errors(trial.fit.unknowns.modes))
     values: dict[str, Any] = {"label": "as fitted"}
     for name, dimension in dimension_library().items():
-        usual = getattr(problem.mean_unit, name, None)
-        alone = dimension.fewest_disks > study.design.disk.count
-        if usual is None or not np.size(usual) or name in OF_TEMPERATURE or alone or dimension.acts_on:
+        mean_value = getattr(problem.mean_unit, name, None)
+        needs_more_disks = dimension.fewest_disks > study.design.disk.count
+        if (
+            mean_value is None
+            or not np.size(mean_value)
+            or name in OF_TEMPERATURE
+            or needs_more_disks
+            or dimension.acts_on
+        ):
             continue
-        change = moved.get({"lobe_profile": "lobe"}.get(name, name))
-        total = usual[0] + (0.0 if change is None or np.iscomplexobj(change) else change.ravel() / MM_PER_UM)
-        rounded = np.round(total, 4).tolist()
-        is_list = name in counts and isinstance(rounded, list) and len(rounded) > 1
-        value = tuple(rounded) if is_list else float(np.ravel(rounded)[0])
+        change = deviations.get({"lobe_profile": "lobe"}.get(name, name))
+        total = mean_value[0] + (0.0 if change is None or np.iscomplexobj(change) else change.ravel() / MM_PER_UM)
+        rounded_values = np.round(total, 4).tolist()
+        is_list = name in counts and isinstance(rounded_values, list) and len(rounded_values) > 1
+        value = tuple(rounded_values) if is_list else float(np.ravel(rounded_values)[0])
         if np.any(value):
             values[name] = value
     return Case(**values)

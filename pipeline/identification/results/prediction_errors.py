@@ -26,8 +26,8 @@ NO_LOSS = "a measured loop alone does not part friction from play; branch_separa
 class LoopError:
     """A number read off the loops by one procedure, means over the loops that reach; why_not where none does."""
 
-    measured: float | None
-    predicted: Mapping[str, float]
+    measured_value: float | None
+    predicted_values: Mapping[str, float]
     loops: int
     why_not: str = ""
 
@@ -100,7 +100,7 @@ def _read(identification: Identification, loop: tuple[Numbers, Numbers], angle: 
     mark, low, high = definitions.lost_motion, definitions.rigidity_low, definitions.rigidity_high
     falling, rising = loop
 
-    def at(branch: Numbers, level: float) -> Real:
+    def angle_at(branch: Numbers, level: float) -> Real:
         """Angle of a branch at a torque, on that torque's side of zero (1,)."""
         side = branch[torque[branch] * np.sign(level) > 0]
         x, y = np.abs(torque[side]), angle[side]
@@ -113,16 +113,16 @@ def _read(identification: Identification, loop: tuple[Numbers, Numbers], angle: 
 
     tiny = 1e-9 * study.design.cycloid.rated_torque_Nm
     readings = LoopReadings.from_bench(
-        zero_falling=at(falling, tiny),
-        zero_rising=at(rising, -tiny),
-        lost_motion_plus=0.5 * (at(falling, mark) + at(rising, mark)),
-        lost_motion_minus=0.5 * (at(falling, -mark) + at(rising, -mark)),
-        low_plus=at(rising, low),
-        high_plus=at(rising, high),
-        low_minus=at(falling, -low),
-        high_minus=at(falling, -high),
+        zero_falling=angle_at(falling, tiny),
+        zero_rising=angle_at(rising, -tiny),
+        lost_motion_plus=0.5 * (angle_at(falling, mark) + angle_at(rising, mark)),
+        lost_motion_minus=0.5 * (angle_at(falling, -mark) + angle_at(rising, -mark)),
+        low_plus=angle_at(rising, low),
+        high_plus=angle_at(rising, high),
+        low_minus=angle_at(falling, -low),
+        high_minus=angle_at(falling, -high),
     )
     with np.errstate(divide="ignore"):
         metrics = {name: float(metric.value(readings, definitions)[0]) for name, metric in measurable_metrics().items()}
-    apart = [float((at(falling, end) - at(rising, end))[0]) for end in (low, -low)]
-    return metrics | {SEPARATION: 0.5 * sum(apart)}
+    hysteresis = [float((angle_at(falling, end) - angle_at(rising, end))[0]) for end in (low, -low)]
+    return metrics | {SEPARATION: 0.5 * sum(hysteresis)}

@@ -79,13 +79,13 @@ class SignatureCells:
     def near_zero(self) -> Truth:
         return np.abs(self.torque) <= LOW * np.max(np.abs(self.torque), initial=0.0)
 
-    def loaded(self) -> Truth:
+    def is_loaded(self) -> Truth:
         return np.abs(self.torque) >= HIGH * np.max(np.abs(self.torque), initial=0.0)
 
 
-def signatures(measurement: Measurement, data: Data, predicted: Real) -> tuple[Signature, ...]:
+def signatures(measurement: Measurement, data: Data, predicted_angle: Real) -> tuple[Signature, ...]:
     """Signatures of the residual of predicted angles (n_cells,) [arcmin]; cells without a prediction are left out."""
-    signature_cells = _cells(measurement, data, predicted)
+    signature_cells = _cells(measurement, data, predicted_angle)
     return (
         *_friction(signature_cells),
         *_play(signature_cells),
@@ -99,9 +99,9 @@ def signatures(measurement: Measurement, data: Data, predicted: Real) -> tuple[S
     )
 
 
-def _cells(measurement: Measurement, data: Data, predicted: Real) -> SignatureCells:
+def _cells(measurement: Measurement, data: Data, predicted_angle: Real) -> SignatureCells:
     cells = measurement.cells
-    residual = data.angle - predicted
+    residual = data.angle - predicted_angle
     finite = np.isfinite(residual)
     zero = cells.angle_mean - np.array([cells.angle_mean[cells.position == p].mean() for p in cells.position])
     return SignatureCells(
@@ -119,21 +119,21 @@ def _cells(measurement: Measurement, data: Data, predicted: Real) -> SignatureCe
 
 
 def trend(
-    cells: SignatureCells, selected: Truth, columns: Real, column: int, free_offset: bool = True
+    cells: SignatureCells, is_selected: Truth, columns: Real, column: int, free_offset: bool = True
 ) -> tuple[Real, Real, int]:
     """Coefficient (1,), its resamples (RESAMPLES,), number of blocks, of column ``column`` of ``columns`` (n, k)."""
-    residual, columns = cells.residual[selected], columns[selected]
+    residual, columns = cells.residual[is_selected], columns[is_selected]
     if not len(residual):
         return np.array([np.nan]), np.array([np.nan]), 0
     if free_offset:
-        _, group = np.unique(cells.position[selected], return_inverse=True)
+        _, group = np.unique(cells.position[is_selected], return_inverse=True)
         group_columns = np.eye(int(group.max()) + 1)[group]
         share = group_columns / group_columns.sum(axis=0)
         residual, columns = (
             residual - group_columns @ (share.T @ residual),
             columns - group_columns @ (share.T @ columns),
         )
-    _, block = np.unique(cells.block[selected], return_inverse=True)
+    _, block = np.unique(cells.block[is_selected], return_inverse=True)
     n, k = int(block.max()) + 1, columns.shape[1]
     products = np.zeros((n, k, k + 1))
     np.add.at(products, block, columns[:, :, None] * np.column_stack([columns, residual])[:, None, :])
@@ -141,11 +141,11 @@ def trend(
     value = np.linalg.lstsq(normal_matrix[:, :k], normal_matrix[:, k], rcond=None)[0]
     resamples = n * resampled_means(products, RESAMPLES, SEED)
     ridge = 1e-9 * np.trace(normal_matrix[:, :k]) / k * np.eye(k)
-    resampled = np.linalg.solve(resamples[:, :, :k] + ridge, resamples[:, :, k][..., None])[..., 0]
-    return value[column : column + 1], resampled[:, column], n
+    resampled_coefficients = np.linalg.solve(resamples[:, :, :k] + ridge, resamples[:, :, k][..., None])[..., 0]
+    return value[column : column + 1], resampled_coefficients[:, column], n
 
 
-def judged(name: str, title: str, unit: str, line: tuple[Real, Real, int]) -> Signature:
+def judged_signature(name: str, title: str, unit: str, line: tuple[Real, Real, int]) -> Signature:
     """The signature of a coefficient; few blocks widen its interval as Student's t does.
 
     Resampled coefficients of n blocks scatter by (n - 1)/n of the variance, as in ``parameter_intervals``.
@@ -179,13 +179,13 @@ def _friction(cells: SignatureCells) -> tuple[Signature, ...]:
             ),
         )
     return (
-        judged(
+        judged_signature(
             "branch_half_difference",
             "half-difference of the branches at no load",
             "arcmin",
             trend(cells, all_cells, columns, 0),
         ),
-        judged(
+        judged_signature(
             "branch_growth",
             "half-difference of the branches, growth with the load",
             "arcmin/(N m)",
@@ -199,8 +199,10 @@ def _play(cells: SignatureCells) -> tuple[Signature, ...]:
     columns = np.column_stack([0.5 * np.sign(cells.torque), cells.falling])
     even_columns = np.column_stack([np.abs(cells.torque), cells.torque, np.sign(cells.torque), cells.falling])
     return (
-        judged("play", "step of the branch mean across zero torque", "arcmin", trend(cells, near_zero, columns, 0)),
-        judged(
+        judged_signature(
+            "play", "step of the branch mean across zero torque", "arcmin", trend(cells, near_zero, columns, 0)
+        ),
+        judged_signature(
             "asymmetry",
             "part of the branch mean that is equal in both senses of load, per torque",
             "arcmin/(N m)",
@@ -211,8 +213,8 @@ def _play(cells: SignatureCells) -> tuple[Signature, ...]:
 
 def _rigidity(cells: SignatureCells) -> Signature:
     columns = np.column_stack([cells.torque, np.sign(cells.torque), cells.falling])
-    line = trend(cells, cells.loaded(), columns, 0)
-    return judged("compliance", "slope of the branch mean at high torque", "arcmin/(N m)", line)
+    line = trend(cells, cells.is_loaded(), columns, 0)
+    return judged_signature("compliance", "slope of the branch mean at high torque", "arcmin/(N m)", line)
 
 
 def _over_the_crank(cells: SignatureCells, n_positions: int) -> list[Signature]:
@@ -229,7 +231,7 @@ def _over_the_crank(cells: SignatureCells, n_positions: int) -> list[Signature]:
                 continue
             quadrature = np.sin(order * cells.crank) if name == "cosine" else np.cos(order * cells.crank)
             columns = np.column_stack([step * wave, step * quadrature, step, cells.falling])
-            signatures.append(judged(key, title, "arcmin", trend(cells, near_zero, columns, 0)))
+            signatures.append(judged_signature(key, title, "arcmin", trend(cells, near_zero, columns, 0)))
     return signatures
 
 
@@ -267,8 +269,8 @@ def _over_the_angle(all_cells: SignatureCells) -> tuple[Signature, ...]:
     amplitude = 2 * np.abs(parts.sum(axis=0)) / len(residual)
     strongest = int(np.argmax(amplitude))
     signs = np.random.default_rng(SEED).choice([-1.0, 1.0], (FLIPS, len(blocks)))
-    flipped = 2 * np.abs(signs @ parts).max(axis=1) / len(residual)
-    p = float((1 + np.sum(flipped >= amplitude[strongest])) / (1 + FLIPS))
+    flipped_amplitudes = 2 * np.abs(signs @ parts).max(axis=1) / len(residual)
+    p = float((1 + np.sum(flipped_amplitudes >= amplitude[strongest])) / (1 + FLIPS))
     ends = 2 * np.abs(len(blocks) * resampled_means(parts[:, strongest], RESAMPLES, SEED)) / len(residual)
     low, high = (float(end) for end in np.percentile(ends, [2.5, 97.5]))
     strong = p < 1 - CONFIDENCE
@@ -291,12 +293,12 @@ def _over_time(cells: SignatureCells) -> list[Signature]:
             signatures.append(not_testable(key, title, unit, "fewer than 2 cycles"))
             continue
         columns = np.column_stack([column, step, cells.falling])
-        signatures.append(judged(key, title, unit, trend(cells, rows, columns, 0)))
+        signatures.append(judged_signature(key, title, unit, trend(cells, rows, columns, 0)))
     title, unit = "drift of the angle with time", "arcmin/h"
     if not np.all(np.isfinite(cells.hours)) or np.ptp(cells.hours) == 0:
         return [*signatures, not_testable("drift", title, unit, "no time stamps")]
     columns = np.column_stack([cells.hours - cells.hours.mean(), step, cells.falling, cells.torque])
-    return [*signatures, judged("drift", title, unit, trend(cells, all_cells, columns, 0))]
+    return [*signatures, judged_signature("drift", title, unit, trend(cells, all_cells, columns, 0))]
 
 
 def _over_temperature(cells: SignatureCells) -> Signature:
@@ -306,7 +308,7 @@ def _over_temperature(cells: SignatureCells) -> Signature:
         return not_testable(name, title, unit, "no temperature that varies")
     step = 0.5 * np.sign(cells.torque)
     columns = np.column_stack([step * (cells.warmer - cells.warmer.mean()), step, cells.falling])
-    return judged(name, title, unit, trend(cells, cells.near_zero(), columns, 0))
+    return judged_signature(name, title, unit, trend(cells, cells.near_zero(), columns, 0))
 
 
 def _shift(cells: SignatureCells, data: Data) -> Signature:
@@ -314,7 +316,9 @@ def _shift(cells: SignatureCells, data: Data) -> Signature:
     if not data.common_offset:
         return not_testable(name, title, unit, "every position has its own zero of the angle")
     columns = np.column_stack([np.ones(len(cells.residual)), cells.torque])
-    return judged(name, title, unit, trend(cells, np.ones(len(cells.residual), bool), columns, 0, free_offset=False))
+    return judged_signature(
+        name, title, unit, trend(cells, np.ones(len(cells.residual), bool), columns, 0, free_offset=False)
+    )
 
 
 def _hold() -> Signature:

@@ -143,9 +143,11 @@ def parameters_of(fit: Fit) -> dict[str, dict[str, float]]:
 def candidate_rows(identification: Identification) -> Columns:
     """Columns of `CANDIDATES`: fitted ones, the most probable first, then the untestable."""
     selection = identification.selection
-    fitted = sorted(selection.trials, key=lambda name: -selection.trials[name].evidence.value)
-    unsolved = sorted(set(selection.promised_misfits) - set(fitted), key=lambda name: selection.promised_misfits[name])
-    rows = [_candidate(identification, name) for name in (*fitted, *unsolved, *identification.why_not)]
+    fitted_names = sorted(selection.trials, key=lambda name: -selection.trials[name].evidence.value)
+    unsolved_names = sorted(
+        set(selection.promised_misfits) - set(fitted_names), key=lambda name: selection.promised_misfits[name]
+    )
+    rows = [_candidate(identification, name) for name in (*fitted_names, *unsolved_names, *identification.why_not)]
     columns: dict[str, Any] = {column.name: [row[column.name] for row in rows] for column in CANDIDATES.columns}
     for column in CANDIDATES.columns:
         if column.kind in ("float64", "bool"):

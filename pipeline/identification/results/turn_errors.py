@@ -15,7 +15,7 @@ Real = NDArray[np.float64]
 
 NO_LOOP = "a crank that turns draws no loop"
 SPAN, ORDER = "transmission_error_arcmin", "order_{}_arcmin"
-WHOLE = 1e-6
+WHOLE_TOLERANCE = 1e-6
 """Of an interval: a turn has a whole number of them, but for rounding."""
 ORDERS = (1, 2, 3, 4)
 """Orders of the crank that are read."""
@@ -38,12 +38,12 @@ def turn_errors(identification: Identification) -> dict[str, LoopError]:
     errors = {metric: LoopError(None, {}, 0, NO_LOOP) for metric in (*measurable_metrics(), SEPARATION)}
     errors["hysteresis_loss_arcmin"] = LoopError(None, {}, 0, NO_LOSS)
     for metric in (SPAN, *(ORDER.format(order) for order in ORDERS)):
-        known = [turn for turn in readings if all(metric in numbers for numbers in turn.values())]
-        if not known:
+        complete_turns = [turn for turn in readings if all(metric in numbers for numbers in turn.values())]
+        if not complete_turns:
             errors[metric] = LoopError(None, {}, 0, "no whole turn of enough intervals was held out")
             continue
-        mean = {name: float(np.mean([turn[name][metric] for turn in known])) for name in known[0]}
-        errors[metric] = LoopError(mean.pop("measured"), mean, len(known))
+        mean = {name: float(np.mean([turn[name][metric] for turn in complete_turns])) for name in complete_turns[0]}
+        errors[metric] = LoopError(mean.pop("measured"), mean, len(complete_turns))
     return errors
 
 
@@ -54,11 +54,11 @@ def mean_turns(data: TurningData, curves: dict[str, Real], cells: NDArray[np.boo
     for level in np.unique(data.level):
         for direction in np.unique(data.direction):
             for number in np.unique(revolution):
-                chosen = cells & (data.level == level) & (data.direction == direction) & (revolution == number)
-                places, place = np.unique(data.position[chosen], return_inverse=True)
-                if len(places) and abs(len(places) - data.per_turn) < WHOLE:
+                in_turn = cells & (data.level == level) & (data.direction == direction) & (revolution == number)
+                places, place = np.unique(data.position[in_turn], return_inverse=True)
+                if len(places) and abs(len(places) - data.per_turn) < WHOLE_TOLERANCE:
                     count = np.bincount(place)
-                    turns.append({name: np.bincount(place, angle[chosen]) / count for name, angle in curves.items()})
+                    turns.append({name: np.bincount(place, angle[in_turn]) / count for name, angle in curves.items()})
     return turns
 
 

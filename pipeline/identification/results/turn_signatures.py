@@ -13,7 +13,7 @@ from pipeline.identification.measurement.turning.motion import TURN_DEG
 from pipeline.identification.results.residual_signatures import (
     Signature,
     SignatureCells,
-    judged,
+    judged_signature,
     not_testable,
     trend,
 )
@@ -27,9 +27,9 @@ LEAST_OUTPUT_TURN = 0.5
 ARCMIN, PER_TORQUE = "arcmin", "arcmin/(N m)"
 
 
-def turn_signatures(measurement: Measurement, data: TurningData, predicted: Real) -> tuple[Signature, ...]:
+def turn_signatures(measurement: Measurement, data: TurningData, predicted_angle: Real) -> tuple[Signature, ...]:
     """Signatures of the residual of predicted angles (n_cells,) [arcmin]; cells without a prediction are left out."""
-    cells = _cells(measurement, data, predicted)
+    cells = _cells(measurement, data, predicted_angle)
     lobes = measurement.unit.study.design.cycloid.lobes
     return (
         *_senses(cells),
@@ -40,8 +40,8 @@ def turn_signatures(measurement: Measurement, data: TurningData, predicted: Real
     )
 
 
-def _cells(measurement: Measurement, data: TurningData, predicted: Real) -> SignatureCells:
-    cells, residual = measurement.cells, data.angle - predicted
+def _cells(measurement: Measurement, data: TurningData, predicted_angle: Real) -> SignatureCells:
+    cells, residual = measurement.cells, data.angle - predicted_angle
     finite = np.isfinite(residual)
     return SignatureCells(
         residual=residual[finite],
@@ -59,8 +59,8 @@ def _cells(measurement: Measurement, data: TurningData, predicted: Real) -> Sign
 
 def _of_columns(cells: SignatureCells, name: str, title: str, unit: str, *columns: Real) -> Signature:
     """The signature of the first of some columns (n,)."""
-    selected = np.ones(len(cells.residual), bool)
-    return judged(name, title, unit, trend(cells, selected, np.column_stack(columns), 0))
+    is_selected = np.ones(len(cells.residual), bool)
+    return judged_signature(name, title, unit, trend(cells, is_selected, np.column_stack(columns), 0))
 
 
 def _senses(cells: SignatureCells) -> Iterator[Signature]:

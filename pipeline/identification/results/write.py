@@ -75,23 +75,28 @@ def write(findings_of_unit: Findings | FaultyUnit, folder: Path) -> tuple[dict[s
     for name in (*STALE, *(study_file(identification.measurement.unit.name, kind) for kind in DESIGN_FILES)):
         (folder / name).unlink(missing_ok=True)
     if isinstance(findings_of_unit, FaultyUnit):
-        content = _common(findings_of_unit) | _untested() | {"corrected": [], "best": [], "not_corrected": NO_VERDICT}
+        content = (
+            _common(findings_of_unit) | _keys_without_fit() | {"corrected": [], "best": [], "not_corrected": NO_VERDICT}
+        )
     else:
         identification = findings_of_unit.identification
-        corrected, best = write_corrected(identification, folder), write_best(identification, folder)
-        paths = best.paths or corrected.paths
-        fit = ((best_trial(identification) if best.paths else None) or corrected_trial(identification)).fit
+        corrected_design, best_design = write_corrected(identification, folder), write_best(identification, folder)
+        paths = best_design.paths or corrected_design.paths
+        fit = ((best_trial(identification) if best_design.paths else None) or corrected_trial(identification)).fit
         trial_written = written_study(identification, paths[-1], fit) if paths else None
-        if trial_written and corrected.paths and not best.paths and _is_behind(trial_written):
-            for path in corrected.paths:
+        if trial_written and corrected_design.paths and not best_design.paths and _is_behind(trial_written):
+            for path in corrected_design.paths:
                 path.unlink()
             reason = "the study that was written leaves {:.3g} arcmin, the design as declared {:.3g}"
-            corrected = Corrected((), reason.format(trial_written.rms_arcmin, trial_written.declared_rms_arcmin))
+            corrected_design = Corrected((), reason.format(trial_written.rms_arcmin, trial_written.declared_rms_arcmin))
             trial_written = None
         frames = _write_tables(findings_of_unit, trial_written, folder)
-        content = _common(identification) | _tested(findings_of_unit)
-        content |= {"corrected": [path.name for path in corrected.paths], "not_corrected": corrected.why_not}
-        content |= {"best": [path.name for path in best.paths]}
+        content = _common(identification) | _keys_of_fit(findings_of_unit)
+        content |= {
+            "corrected": [path.name for path in corrected_design.paths],
+            "not_corrected": corrected_design.why_not,
+        }
+        content |= {"best": [path.name for path in best_design.paths]}
         content |= {
             "written": {name: value for name, value in vars(trial_written).items() if name != "angle"}
             if trial_written
@@ -102,9 +107,9 @@ def write(findings_of_unit: Findings | FaultyUnit, folder: Path) -> tuple[dict[s
     return content, frames
 
 
-def _is_behind(written: WrittenStudy) -> bool:
+def _is_behind(study: WrittenStudy) -> bool:
     """Whether a written study is worse than the design as declared."""
-    return written.rms_arcmin > written.declared_rms_arcmin
+    return study.rms_arcmin > study.declared_rms_arcmin
 
 
 def _write_tables(
@@ -140,8 +145,8 @@ def _common(identification: Identification | FaultyUnit) -> dict[str, Any]:
     }
 
 
-def _untested() -> dict[str, Any]:
-    """The keys of ``_tested`` where nothing was computed."""
+def _keys_without_fit() -> dict[str, Any]:
+    """The keys of ``_keys_of_fit`` where nothing was computed."""
     empty: dict[str, Any] = dict.fromkeys(
         ("calibrated", "held_out_errors", "baselines", "loop_errors", "not_testable"), {}
     )
@@ -158,12 +163,12 @@ def _untested() -> dict[str, Any]:
     }
 
 
-def _tested(findings_of_unit: Findings) -> dict[str, Any]:
+def _keys_of_fit(findings_of_unit: Findings) -> dict[str, Any]:
     """What verdict.json says of a unit that was fitted; numbers that are not known are None."""
     identification = findings_of_unit.identification
     noise = identification.measurement.noise_of(identification.problem.training)
     return {
-        "calibrated": _calibrated(identification),
+        "calibrated": _calibrated_factors(identification),
         "remainder": asdict(identification.remainder),
         "discrepancy": identification.discrepancy.as_json if identification.discrepancy else None,
         "noise": {
@@ -177,18 +182,18 @@ def _tested(findings_of_unit: Findings) -> dict[str, Any]:
         },
         "held_out_errors": {stage: asdict(error) for stage, error in identification.errors.items()},
         "described": asdict(identification.description_error) if identification.description_error else None,
-        "carried": _carried(identification),
+        "carried": _carried_error(identification),
         "could_hide": [asdict(limit) for limit in identification.could_hide],
         "baselines": {title: asdict(error) for title, error in identification.baselines.items()},
         "in_sample": identification.folds.in_sample,
         "models_of_folds": list(identification.folds.models),
         "loop_errors": {
             name: {
-                "measured": error.measured,
+                "measured": error.measured_value,
                 **{
-                    stage: {"value": value, "error": value - error.measured}
-                    for stage, value in error.predicted.items()
-                    if error.measured is not None
+                    stage: {"value": value, "error": value - error.measured_value}
+                    for stage, value in error.predicted_values.items()
+                    if error.measured_value is not None
                 },
                 "loops": error.loops,
                 "why_not": error.why_not,
@@ -199,14 +204,14 @@ def _tested(findings_of_unit: Findings) -> dict[str, Any]:
     }
 
 
-def _carried(identification: Identification) -> dict[str, Any] | None:
+def _carried_error(identification: Identification) -> dict[str, Any] | None:
     """Error of the description with what is expected to come again, and the common share of what it misses."""
     if identification.carried_error is None:
         return None
     return asdict(identification.carried_error) | {"common_share": identification.folds.common_share}
 
 
-def _calibrated(identification: Identification) -> dict[str, float]:
+def _calibrated_factors(identification: Identification) -> dict[str, float]:
     """Factor of every refitted number of the design."""
     scales = corrected_trial(identification).fit.unknowns.scales.tolist()
     return {key: math.exp(scale) for key, scale in zip(identification.problem.calibrated_keys, scales, strict=False)}

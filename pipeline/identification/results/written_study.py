@@ -79,9 +79,10 @@ def written_study(identification: Identification, path: Path, fit: Fit) -> Writt
         )
         angle[problem.data.position == position] = problem.forward.read(drives, position, bench).angle
     fitter = Fitter(problem)
-    declared = fitter.predict(Model(), fitter.start(Model())).angle
+    declared_angle = fitter.predict(Model(), fitter.start(Model())).angle
     curves = [
-        curve + fitter.offsets(curve, np.ones(len(angle), bool), problem.data.sigma) for curve in (angle, declared)
+        curve + fitter.offsets(curve, np.ones(len(angle), bool), problem.data.sigma)
+        for curve in (angle, declared_angle)
     ]
     errors = [_rms(problem.data, curve) for curve in (curves[0], fit.predicted_angle, curves[1])]
     return WrittenStudy(path.name, curves[0], *errors)

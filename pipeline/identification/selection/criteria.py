@@ -123,7 +123,9 @@ class Selection:
     @property
     def nearest_model(self) -> str:
         """The most probable model that is not named, or ""."""
-        other_models = [name for name in self.odds if name not in self.members and self.trials[name].fit.model.n_effects == 1]
+        other_models = [
+            name for name in self.odds if name not in self.members and self.trials[name].fit.model.n_effects == 1
+        ]
         return max(other_models, key=lambda name: self.odds[name], default="")
 
 
@@ -148,7 +150,7 @@ class Choice:
 
     odds: Mapping[str, float]
     reasons: Mapping[str, str]
-    best: str
+    best_model: str
     members: tuple[str, ...]
 
 
@@ -157,7 +159,7 @@ class Rule(ABC, Generic[T]):
 
     Parameters
     ----------
-    tried : number of effects that the data can test.
+    n_tried : number of effects that the data can test.
     n_repeats, repeats : number of what is measured again and again, and the word for it: branches or passes.
     """
 
@@ -191,15 +193,15 @@ class Rule(ABC, Generic[T]):
     def choice(self, base: T, trials: Mapping[str, T]) -> Choice:
         """What may be named of some trials."""
         odds = self.odds(self.value(base), {name: self.value(trial) for name, trial in trials.items()})
-        best = best_of(odds)
+        best_model = best_of(odds)
         reasons: dict[str, str] = {}
-        for leader in dict.fromkeys([best, best_of(_singles(odds))]):
+        for leader in dict.fromkeys([best_model, best_of(_singles(odds))]):
             close_models = equivalent_models(leader, odds) if leader else ()
             reasons |= {name: self.why_not(trials[name], base) for name in close_models}
             members = tuple(name for name in close_models if not reasons[name])
             if members:
-                return Choice(odds, reasons, best, members)
-        return Choice(odds, reasons, best, ())
+                return Choice(odds, reasons, best_model, members)
+        return Choice(odds, reasons, best_model, ())
 
     def odds(self, base_value: float, values: Mapping[str, float]) -> dict[str, float]:
         """Logarithms of posterior odds of models that may be named against "no effect"."""

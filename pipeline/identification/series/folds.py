@@ -66,17 +66,17 @@ def state_folds(series: Series, terms: tuple[str, ...], base: StateFolds | None 
     """A model whose shared terms come from the other states; ``base``: one whose numbers it starts from."""
     count = len(series.states)
     final = fitted_together(series.loops, terms, terms, start=base.final.values if base else ())
-    loss, turned = np.full((2, count, len(series.positions)), np.nan)
+    loss, turned_loss = np.full((2, count, len(series.positions)), np.nan)
     fits = []
     for k, state in enumerate(series.loops):
-        others = [series.loops[j] for j in range(count) if j != k]
-        fits.append(fitted_together(others, terms, terms, start=base.fits[k].values if base else ()))
-        held, trained = held_numbers(fits[k]), trained_cells(series, k)
-        loss[k] = _unused_losses(series, k, predicted_by_others(state.some(trained), terms, held), trained)
+        other_loops = [series.loops[j] for j in range(count) if j != k]
+        fits.append(fitted_together(other_loops, terms, terms, start=base.fits[k].values if base else ()))
+        held, is_training = held_numbers(fits[k]), trained_cells(series, k)
+        loss[k] = _unused_losses(series, k, predicted_by_others(state.some(is_training), terms, held), is_training)
         if terms and terms[-1] in CRANK_EFFECTS:
-            curve = predicted_by_others(state.some(trained), terms, reversed_numbers(held, terms[-1]))
-            turned[k] = _unused_losses(series, k, curve, trained)
-    return StateFolds(terms, tuple(fits), final, loss, turned)
+            curve = predicted_by_others(state.some(is_training), terms, reversed_numbers(held, terms[-1]))
+            turned_loss[k] = _unused_losses(series, k, curve, is_training)
+    return StateFolds(terms, tuple(fits), final, loss, turned_loss)
 
 
 def held_numbers(fit: SharedFit) -> dict[str, float]:
@@ -86,8 +86,8 @@ def held_numbers(fit: SharedFit) -> dict[str, float]:
 
 def reversed_numbers(held: Mapping[str, float], effect: str) -> dict[str, float]:
     """Numbers with the sign of an effect of the crank angle turned round: a control that has to be worse."""
-    own = CRANK_EFFECTS[effect].numbers(effect)
-    return {name: -value if name in own else value for name, value in held.items()}
+    own_numbers = CRANK_EFFECTS[effect].numbers(effect)
+    return {name: -value if name in own_numbers else value for name, value in held.items()}
 
 
 def predicted_by_others(state: CrankLoops, terms: Collection[str], held: Mapping[str, float]) -> Real:
@@ -98,8 +98,8 @@ def predicted_by_others(state: CrankLoops, terms: Collection[str], held: Mapping
 def trained_cells(series: Series, state: int) -> Truth:
     """Cells (n_cells,) that a state's own numbers are fitted to: positions that its unit trains on, else one."""
     position = series.loops[state].position
-    trained: Truth = np.isin(position, position[series.states[state].measurement.training_cells])
-    return position == position[0] if trained.all() else trained
+    is_training: Truth = np.isin(position, position[series.states[state].measurement.training_cells])
+    return position == position[0] if is_training.all() else is_training
 
 
 def mean_squares(state: CrankLoops, curve: Real, cells: Truth) -> float:
@@ -109,11 +109,11 @@ def mean_squares(state: CrankLoops, curve: Real, cells: Truth) -> float:
     return float(np.average((residual - error.zeros(residual)) ** 2, weights=error.weight))
 
 
-def _unused_losses(series: Series, state: int, curve: Real, trained: Truth) -> Real:
+def _unused_losses(series: Series, state: int, curve: Real, is_training: Truth) -> Real:
     """Mean square error (n_positions,) [arcmin^2] of a state at each position it was not trained on; else NaN."""
     loops, losses = series.loops[state], np.full(len(series.positions), np.nan)
     for column, name in enumerate(series.positions):
-        cells = series.cells_of(name)[state] & ~trained
+        cells = series.cells_of(name)[state] & ~is_training
         if loops.weight[cells].sum() > 0:
             losses[column] = mean_squares(loops, curve, cells)
     return losses

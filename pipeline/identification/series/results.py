@@ -139,9 +139,9 @@ class SeriesAnswer:
     def errors(self) -> Mapping[str, Real]:
         """Mean square errors (n_states, n_positions) [arcmin^2] before, refitted and after."""
         return {
-            "before": self.effects.before,
-            "refitted": self.effects.recalibrated.loss,
-            "after": self.effects.after.loss,
+            "before": self.effects.loss_before,
+            "refitted": self.effects.recalibrated_folds.loss,
+            "after": self.effects.final_folds.loss,
         }
 
     @property
@@ -151,10 +151,10 @@ class SeriesAnswer:
             return self._single_sentence
         in_sample = len(self.series.positions) < 2
         basis = "in sample (a single position)" if in_sample else "at positions that were left out in all states"
-        before, refitted, after = (float(np.sqrt(np.nanmean(loss))) for loss in self.errors.values())
+        error_before, refit_error, error_after = (float(np.sqrt(np.nanmean(loss))) for loss in self.errors.values())
         errors = (
-            f"Root mean square error {basis}: {before:.3g} arcmin with the numbers of {self.series.names[0]} in every "
-            f"state, {refitted:.3g} arcmin with each state's own friction, play and compliance"
+            f"Root mean square error {basis}: {error_before:.3g} arcmin with the numbers of {self.series.names[0]} in every "
+            f"state, {refit_error:.3g} arcmin with each state's own friction, play and compliance"
         )
         if not self.effects.classes:
             return f"No effect that all states share is shown. {errors}.{self._leading_words}"
@@ -166,9 +166,9 @@ class SeriesAnswer:
         """The verdict on one state in words."""
         data, losses = self.series.states[0].data, self.errors
         noise = float(np.sqrt(np.average(data.sigma**2, weights=data.count)))
-        refitted, after = (float(np.sqrt(np.nanmean(losses[stage]))) for stage in ("refitted", "after"))
+        refit_error, after = (float(np.sqrt(np.nanmean(losses[stage]))) for stage in ("refitted", "after"))
         error = (
-            f"Root mean square error at positions that were left out: {refitted:.3g} arcmin with friction, play and "
+            f"Root mean square error at positions that were left out: {refit_error:.3g} arcmin with friction, play and "
             "compliance, the crank turning"
         )
         if not self.effects.classes:
@@ -245,16 +245,16 @@ def class_words(members: Sequence[TriedEffect], effects: SharedEffects) -> str:
         size = ", ".join(f"{name} {number_text(*values)}" for name, values in sizes.items())
         texts.append(f"{effect.title.split(':')[0]} ({size})")
     text = " or ".join(texts)
-    if effects.without and members[0].left_out == "states":
+    if effects.folds_without and members[0].left_out == "states":
         return (
             f"{text}, which predicts unused positions of a state from the other states to {members[0].folds.rms():.3g} "
-            f"arcmin, {effects.without.rms():.3g} without it and {members[0].control:.3g} with its sign reversed"
+            f"arcmin, {effects.folds_without.rms():.3g} without it and {members[0].control:.3g} with its sign reversed"
         )
     best = members[0]
-    beside = next((folds for folds in effects.bases if folds.terms == best.beside), effects.recalibrated)
+    companions = next((folds for folds in effects.bases if folds.terms == best.companions), effects.recalibrated_folds)
     control = f" and {best.control:.3g} with its sign reversed" if math.isfinite(best.control) else ""
     return (
-        f"{text}, which predicts positions that were left out to {best.folds.rms():.3g} arcmin, {beside.rms():.3g} "
+        f"{text}, which predicts positions that were left out to {best.folds.rms():.3g} arcmin, {companions.rms():.3g} "
         f"without it{control}"
     )
 
@@ -262,25 +262,25 @@ def class_words(members: Sequence[TriedEffect], effects: SharedEffects) -> str:
 def effect_sizes(effect: TriedEffect) -> dict[str, tuple[float, float, float, str]]:
     """Value, 95 % interval over positions and unit of each size of an effect: its amplitude, or its number."""
     numbers = numbers_of(frozenset([effect.name]))
-    own = [name for name in numbers if name not in UNIT_OF]
+    own_numbers = [name for name in numbers if name not in UNIT_OF]
     final, folds = effect.folds.final.values[0], [fit.values[0] for fit in effect.folds.fits]
-    if len(own) == 2:
-        value, *left_out = (float(np.hypot(values[own[0]], values[own[1]])) for values in (final, *folds))
-        return {"amplitude": (value, *jackknife_interval(value, left_out), numbers[own[0]].unit)}
+    if len(own_numbers) == 2:
+        value, *left_out = (float(np.hypot(values[own_numbers[0]], values[own_numbers[1]])) for values in (final, *folds))
+        return {"amplitude": (value, *jackknife_interval(value, left_out), numbers[own_numbers[0]].unit)}
     return {
         name.replace("_", " "): (
             final[name],
             *jackknife_interval(final[name], [values[name] for values in folds]),
             numbers[name].unit,
         )
-        for name in own
+        for name in own_numbers
     }
 
 
 def trend_sentence(variable: str | None, trends: Sequence[Trend]) -> str:
     """Trends over a variable in words, or which numbers differ between the states."""
     differing = ", ".join(trend.number.title for trend in trends if trend.p_differ < DIFFERS)
-    shown = [trend_words(trend, variable) for trend in trends if trend.shown] if variable else []
+    shown = [trend_words(trend, variable) for trend in trends if trend.is_shown] if variable else []
     if not variable:
         return (
             f"No variable orders the states. Numbers in which they differ (p < {DIFFERS} each): {differing or 'none'}."
@@ -359,20 +359,20 @@ def _effect(effect: TriedEffect) -> dict[str, Any]:
 def state_rows(answer: SeriesAnswer) -> Columns:
     """Columns of `STATES`: numbers of the loops, and numbers of the fit with all that is claimed."""
     records = []
-    after = answer.effects.after
+    after = answer.effects.final_folds
     for k, name in enumerate(answer.series.names):
         state = {"state": name, "variable": float(answer.series.values[k]) if answer.series.variable else np.nan}
         for trend in answer.trends:
-            own = {"number": trend.number.kind.name, "loops": trend.number.size.label, "unit": trend.number.kind.unit}
+            row = {"number": trend.number.kind.name, "loops": trend.number.size.label, "unit": trend.number.kind.unit}
             ends = {"value": trend.levels[k], "ci_low": trend.low[k], "ci_high": trend.high[k]}
-            records.append({**state, "source": "loops", **own, **ends})
+            records.append({**state, "source": "loops", **row, **ends})
         for number, unit in UNIT_OF.items():
             value = after.final.values[k][number]
             at_bound = number in after.final.at_bound
             left_out = [] if at_bound else [fit.values[k][number] for fit in after.fits]
             low, high = jackknife_interval(value, left_out)
-            own = {"number": number, "loops": "", "unit": unit}
-            records.append({**state, "source": "fit", **own, "value": value, "ci_low": low, "ci_high": high})
+            row = {"number": number, "loops": "", "unit": unit}
+            records.append({**state, "source": "fit", **row, "value": value, "ci_low": low, "ci_high": high})
     return {column.name: [record[column.name] for record in records] for column in STATES.columns}
 
 
@@ -388,24 +388,24 @@ def trend_rows(answer: SeriesAnswer) -> Columns:
         "ci_high": np.array([trend.slope_high for trend in trends]),
         **{name: np.array([getattr(trend, name) for trend in trends]) for name in ("p", "p_family", "p_differ")},
         "p_bent": np.array([trend.p_bent for trend in trends]),
-        "shown": np.array([trend.shown for trend in trends], bool),
+        "shown": np.array([trend.is_shown for trend in trends], bool),
     }
 
 
 def error_rows(answer: SeriesAnswer) -> Columns:
     """Columns of `ERRORS`."""
-    known = np.argwhere(np.isfinite(answer.errors["refitted"]))
+    known_places = np.argwhere(np.isfinite(answer.errors["refitted"]))
     return {
-        "state": [answer.series.names[k] for k, _ in known],
-        "position": [answer.series.positions[p] for _, p in known],
-        **{f"{name}_arcmin": np.sqrt(loss[tuple(known.T)]) for name, loss in answer.errors.items()},
+        "state": [answer.series.names[k] for k, _ in known_places],
+        "position": [answer.series.positions[p] for _, p in known_places],
+        **{f"{name}_arcmin": np.sqrt(loss[tuple(known_places.T)]) for name, loss in answer.errors.items()},
     }
 
 
 def cell_rows(answer: SeriesAnswer) -> Columns:
     """Columns of `CELLS`."""
     series, parts = answer.series, []
-    stages = {"refitted": answer.effects.recalibrated, "after": answer.effects.after}
+    stages = {"refitted": answer.effects.recalibrated_folds, "after": answer.effects.after}
     for k, (state, loops) in enumerate(zip(series.states, series.loops, strict=True)):
         residuals = {stage: np.full(len(loops.angle), np.nan) for stage in stages}
         for number, group in enumerate(fold_groups(series)):
@@ -430,18 +430,18 @@ def cell_rows(answer: SeriesAnswer) -> Columns:
 
 def effect_rows(answer: SeriesAnswer) -> Columns:
     """Columns of `EFFECTS`."""
-    tried = answer.effects.tried
+    tried_effects = answer.effects.tried_effects
     return {
-        "effect": [effect.name for effect in tried],
-        "title": [effect.title for effect in tried],
-        "beside": [" + ".join(effect.beside) for effect in tried],
-        "rms_arcmin": np.array([effect.folds.rms() for effect in tried]),
-        "left_out": [effect.left_out for effect in tried],
-        "reversed_arcmin": np.array([effect.control for effect in tried]),
-        "p": np.array([effect.p for effect in tried]),
-        "p_left_out": np.array([effect.p_left_out for effect in tried]),
-        "claimed": np.array([effect.claimed for effect in tried]),
-        "note": [effect.note for effect in tried],
+        "effect": [effect.name for effect in tried_effects],
+        "title": [effect.title for effect in tried_effects],
+        "beside": [" + ".join(effect.companions) for effect in tried_effects],
+        "rms_arcmin": np.array([effect.folds.rms() for effect in tried_effects]),
+        "left_out": [effect.left_out for effect in tried_effects],
+        "reversed_arcmin": np.array([effect.control for effect in tried_effects]),
+        "p": np.array([effect.p for effect in tried_effects]),
+        "p_left_out": np.array([effect.p_left_out for effect in tried_effects]),
+        "claimed": np.array([effect.is_claimed for effect in tried_effects]),
+        "note": [effect.note for effect in tried_effects],
     }
 
 
@@ -451,9 +451,9 @@ def state_errors(answer: SeriesAnswer) -> list[tuple[str, dict[str, tuple[float,
     for k, name in enumerate(answer.series.names):
         errors = {}
         for stage, loss in answer.errors.items():
-            known = loss[k][np.isfinite(loss[k])]
-            value = float(np.sqrt(known.mean())) if known.size else float("nan")
-            left_out = [float(np.sqrt(np.delete(known, p).mean())) for p in range(len(known)) if len(known) > 2]
+            known_losses = loss[k][np.isfinite(loss[k])]
+            value = float(np.sqrt(known_losses.mean())) if known_losses.size else float("nan")
+            left_out = [float(np.sqrt(np.delete(known_losses, p).mean())) for p in range(len(known_losses)) if len(known_losses) > 2]
             errors[stage] = (value, *jackknife_interval(value, left_out))
         rows.append((name, errors))
     return rows

@@ -56,11 +56,11 @@ class TriedEffect:
     Attributes
     ----------
     name, title : of it.
-    beside : effects that were shared already.
+    companions : effects that were shared already.
     folds : of the model with it.
     p : of no gain at what was left out, all effects of its round counted.
     p_left_out : the same by the scatter over positions, or states, alone, without counting.
-    claimed : whether both are significant, and no number of it ended at a bound; of folds over states, whether it is
+    is_claimed : whether both are significant, and no number of it ended at a bound; of folds over states, whether it is
         one of a class of which that holds.
     note : why it is not claimed, empty where it is.
     control : root mean square error [arcmin] at what was left out with its sign turned round; NaN of a soft material,
@@ -69,11 +69,11 @@ class TriedEffect:
 
     name: str
     title: str
-    beside: tuple[str, ...]
+    companions: tuple[str, ...]
     folds: Folds
     p: float
     p_left_out: float
-    claimed: bool
+    is_claimed: bool
     note: str
     control: float = float("nan")
 
@@ -90,71 +90,71 @@ class SharedEffects:
     Attributes
     ----------
     series : of the states.
-    recalibrated : each state's own numbers alone.
-    tried : all effects, round by round.
+    recalibrated_folds : each state's own numbers alone.
+    tried_effects : all effects, round by round.
     classes : claimed effects, one class for each round: its members are twins of the best, which is the first, and
         predict equally well. The last may come from folds over states.
-    without : folds over states without an effect of the crank angle; none where they are over positions.
+    folds_without : folds over states without an effect of the crank angle; none where they are over positions.
     untestable : effects that these loops do not show, with the reason.
     """
 
     series: Series
-    recalibrated: Folds
-    tried: tuple[TriedEffect, ...]
+    recalibrated_folds: Folds
+    tried_effects: tuple[TriedEffect, ...]
     classes: tuple[tuple[TriedEffect, ...], ...]
-    without: StateFolds | None
+    folds_without: StateFolds | None
     untestable: Mapping[str, str]
 
     @property
-    def after(self) -> Folds:
+    def final_folds(self) -> Folds:
         """The model with all that is claimed."""
         folds = [members[0].folds for members in self.classes if not isinstance(members[0].folds, StateFolds)]
-        return folds[-1] if folds else self.recalibrated
+        return folds[-1] if folds else self.recalibrated_folds
 
     @property
     def bases(self) -> tuple[Folds, ...]:
         """What the effects of each round were added to: the states' own numbers, then each class that was claimed."""
-        return (self.recalibrated, *(members[0].folds for members in self.classes))
+        return (self.recalibrated_folds, *(members[0].folds for members in self.classes))
 
     @property
     def leading(self) -> tuple[TriedEffect, ...]:
         """The class that predicts best from the other states where it is not claimed, the best first."""
-        members = (effect for effect in self.tried if effect.note == NOT_SHOWN)
+        members = (effect for effect in self.tried_effects if effect.note == NOT_SHOWN)
         return tuple(sorted(members, key=lambda effect: effect.folds.rms()))
 
     @cached_property
-    def before(self) -> Real:
+    def loss_before(self) -> Real:
         """Mean square errors (n_states, n_positions) [arcmin^2] with the numbers of the first state in all states."""
         groups = fold_groups(self.series)
         loss = np.full((len(self.series.states), len(self.series.positions)), np.nan)
-        for group, fit in zip(groups, self.recalibrated.fits, strict=True):
-            predicted = [LoopModel(loops).predict_angle(fit.values[0]) for loops in _without(self.series, group)]
-            _add_losses(loss, self.series, group, predicted)
+        for group, fit in zip(groups, self.recalibrated_folds.fits, strict=True):
+            predicted_angles = [LoopModel(loops).predict_angle(fit.values[0]) for loops in _loops_without(self.series, group)]
+            _add_losses(loss, self.series, group, predicted_angles)
         return loss
 
 
 def share_effects(series: Series) -> SharedEffects:
     """The effects that the states share."""
-    recalibrated = fold_fits(series, (), ())
+    recalibrated_folds = fold_fits(series, (), ())
     testable, untestable = candidates(series)
     by_states = len(series.positions) < FEWEST_OF_A_WAVE and states_with_unused(series) >= FEWEST_STATES
     waves = [name for name in testable if by_states and name in CRANK_EFFECTS]
-    tried: list[TriedEffect] = []
+    tried_effects: list[TriedEffect] = []
     classes: list[tuple[TriedEffect, ...]] = []
-    base = recalibrated
+    base = recalibrated_folds
     for _ in range(MOST_SHARED if len(series.positions) >= FEWEST_POSITIONS else 1):
-        known = {name for members in classes for effect in members for name in (effect.name, *twins(effect.name))}
-        round_effects = _tried_round(series, base, [name for name in testable if name not in {*known, *waves}])
-        tried += round_effects
-        claimed = sorted((effect for effect in round_effects if effect.claimed), key=lambda effect: effect.folds.rms())
-        if not claimed:
+        known_names = {name for members in classes for effect in members for name in (effect.name, *twins(effect.name))}
+        round_effects = _tried_round(series, base, [name for name in testable if name not in {*known_names, *waves}])
+        tried_effects += round_effects
+        claimed_effects = sorted((effect for effect in round_effects if effect.is_claimed), key=lambda effect: effect.folds.rms())
+        if not claimed_effects:
             break
-        classes.append(tuple(effect for effect in claimed if _replaces(effect, claimed[0])))
-        base = claimed[0].folds
-    without, by_others = _tried_by_states(series, waves) if waves else (None, ())
-    members = tuple(sorted((effect for effect in by_others if effect.claimed), key=lambda effect: effect.folds.rms()))
+        classes.append(tuple(effect for effect in claimed_effects if _replaces(effect, claimed_effects[0])))
+        base = claimed_effects[0].folds
+    folds_without, by_others = _tried_by_states(series, waves) if waves else (None, ())
+    members = tuple(sorted((effect for effect in by_others if effect.is_claimed), key=lambda effect: effect.folds.rms()))
     all_classes = (*classes, members) if members else tuple(classes)
-    return SharedEffects(series, recalibrated, (*tried, *by_others), all_classes, without, untestable)
+    return SharedEffects(series, recalibrated_folds, (*tried_effects, *by_others), all_classes, folds_without, untestable)
 
 
 def states_with_unused(series: Series) -> int:
@@ -207,7 +207,7 @@ def fold_fits(series: Series, terms: tuple[str, ...], start: Sequence[Mapping[st
     final = fitted_together(series.loops, terms, terms, start=start)
     groups = fold_groups(series)
     fits = [
-        fitted_together(_without(series, group), terms, terms, start=final.values) if group else final
+        fitted_together(_loops_without(series, group), terms, terms, start=final.values) if group else final
         for group in groups
     ]
     loss = np.full((len(series.states), len(series.positions)), np.nan)
@@ -216,7 +216,7 @@ def fold_fits(series: Series, terms: tuple[str, ...], start: Sequence[Mapping[st
     return Folds(terms, tuple(fits), final, loss)
 
 
-def _without(series: Series, group: Sequence[str]) -> list[CrankLoops]:
+def _loops_without(series: Series, group: Sequence[str]) -> list[CrankLoops]:
     """Loops of each state that have no weight at a group of positions."""
     return [loops.some(~_cells(series, k, group)) for k, loops in enumerate(series.loops)]
 
@@ -226,15 +226,15 @@ def _cells(series: Series, state: int, group: Sequence[str]) -> Truth:
     return np.any([series.cells_of(name)[state] for name in group], axis=0)
 
 
-def _add_losses(loss: Real, series: Series, group: Sequence[str], predicted: Sequence[Real]) -> None:
+def _add_losses(loss: Real, series: Series, group: Sequence[str], predicted_angles: Sequence[Real]) -> None:
     """Write the mean square errors of a group's positions, or of all of a fit in sample, into ``loss``."""
     for name in group or series.positions:
         column = series.positions.index(name)
         for k, cells in enumerate(series.cells_of(name)):
             weight = series.loops[k].weight * cells
-            trained = not group or np.any(series.loops[k].weight * ~_cells(series, k, group))
-            if weight.sum() > 0 and trained:
-                error = series.loops[k].angle - predicted[k]
+            is_training = not group or np.any(series.loops[k].weight * ~_cells(series, k, group))
+            if weight.sum() > 0 and is_training:
+                error = series.loops[k].angle - predicted_angles[k]
                 loss[k, column] = np.sum(weight * error**2) / weight.sum()
 
 
@@ -247,10 +247,10 @@ def _tried_round(series: Series, base: Folds, names: Sequence[str]) -> list[Trie
             "identify", f"{title(name)}: {trials[-1].rms():.3g} arcmin at unused positions, {base.rms():.3g} without it"
         )
     gains = [np.log(base.loss + LEAST_LOSS) - np.log(trial.loss + LEAST_LOSS) for trial in trials]
-    known = np.isfinite(base.loss)
-    held_out = len(series.positions) >= FEWEST_POSITIONS and known.sum() >= FEWEST_BLOCKS
+    is_known = np.isfinite(base.loss)
+    held_out = len(series.positions) >= FEWEST_POSITIONS and is_known.sum() >= FEWEST_BLOCKS
     p_family = (
-        max_t(np.column_stack([gain[known] for gain in gains]), RESAMPLES, SEED)[1]
+        max_t(np.column_stack([gain[is_known] for gain in gains]), RESAMPLES, SEED)[1]
         if held_out and names
         else np.full(len(names), np.nan)
     )
@@ -272,8 +272,8 @@ def _reversed_rms(series: Series, folds: Folds, effect: str) -> float:
     loss = np.full_like(folds.loss, np.nan)
     for group, fit in zip(fold_groups(series), folds.fits, strict=True):
         held = [reversed_numbers(held_numbers(fit), effect)] * len(series.states)
-        turned = fitted_together(_without(series, group), folds.terms, folds.terms, held)
-        _add_losses(loss, series, group, turned.predicted)
+        turned = fitted_together(_loops_without(series, group), folds.terms, folds.terms, held)
+        _add_losses(loss, series, group, turned.predicted_angles)
     return float(np.sqrt(np.nanmean(loss)))
 
 
@@ -284,18 +284,18 @@ def _tried_by_states(series: Series, names: Sequence[str]) -> tuple[StateFolds, 
     all effects counted by Bonferroni). Members are all that help, that hurt with their sign turned round, and that
     are not significantly worse than the best.
     """
-    beside = tuple(SOFT)
-    without = state_folds(series, beside)
-    trials = {name: state_folds(series, (*beside, name), without) for name in names}
+    companions = tuple(SOFT)
+    folds_without = state_folds(series, companions)
+    trials = {name: state_folds(series, (*companions, name), folds_without) for name in names}
     bounds = {name: set(CRANK_EFFECTS[name].numbers(name)) & trial.final.at_bound for name, trial in trials.items()}
-    gains = {name: _gains(without.loss, trial.loss) for name, trial in trials.items()}
+    gains = {name: _gains(folds_without.loss, trial.loss) for name, trial in trials.items()}
     helping = [
         name
         for name, trial in trials.items()
-        if not bounds[name] and gains[name].mean() > 0 > _gains(without.loss, trial.reversed_loss).mean()
+        if not bounds[name] and gains[name].mean() > 0 > _gains(folds_without.loss, trial.reversed_loss).mean()
     ]
-    best = min(helping, key=lambda name: trials[name].rms(), default="")
-    shown = bool(best) and len(names) * _left_out_p(gains[best]) < LEVEL
+    best_name = min(helping, key=lambda name: trials[name].rms(), default="")
+    is_shown = bool(best_name) and len(names) * _left_out_p(gains[best_name]) < LEVEL
     effects = []
     for name, trial in trials.items():
         p = _left_out_p(gains[name])
@@ -304,13 +304,13 @@ def _tried_by_states(series: Series, names: Sequence[str]) -> tuple[StateFolds, 
             note = f"{', '.join(sorted(bounds[name]))} at a bound of the fit"
         elif name not in helping:
             note = "unused positions are not predicted better by the other states, or not worse with its sign reversed"
-        elif _left_out_p(_gains(trial.loss, trials[best].loss)) < LEVEL:
-            note = f"significantly worse than: {title(best)}"
-        elif not shown:
+        elif _left_out_p(_gains(trial.loss, trials[best_name].loss)) < LEVEL:
+            note = f"significantly worse than: {title(best_name)}"
+        elif not is_shown:
             note = NOT_SHOWN
         family_p, control = min(1.0, len(names) * p), trial.reversed_rms()
-        effects.append(TriedEffect(name, title(name), beside, trial, family_p, p, not note, note, control))
-    return without, tuple(effects)
+        effects.append(TriedEffect(name, title(name), companions, trial, family_p, p, not note, note, control))
+    return folds_without, tuple(effects)
 
 
 def _gains(base: Real, loss: Real) -> Real:
@@ -338,12 +338,12 @@ def _left_out_p(means: Real) -> float:
     return float(scipy.stats.t.sf(means.mean() / max(spread, LEAST_LOSS), len(means) - 1))
 
 
-def _replaces(effect: TriedEffect, best: TriedEffect) -> bool:
+def _replaces(effect: TriedEffect, best_effect: TriedEffect) -> bool:
     """Whether an effect is the best one, or a twin of it whose losses are not significantly larger.
 
     What is no twin acts on the loops in another way. It is tried beside the best one in the next round.
     """
-    if effect is best or effect.name not in twins(best.name):
+    if effect is best_effect or effect.name not in twins(best.name):
         return effect is best
-    gap = np.log(effect.folds.loss + LEAST_LOSS) - np.log(best.folds.loss + LEAST_LOSS)
+    gap = np.log(effect.folds.loss + LEAST_LOSS) - np.log(best_effect.folds.loss + LEAST_LOSS)
     return _left_out_p(np.nanmean(gap, axis=0)) >= LEVEL

@@ -74,10 +74,10 @@ def series_of(measurements: Sequence[Measurement], over: str = "") -> Series:
         names = ", ".join(lacking)
         raise InputError(f"{names}: no {variable!r}; add values = {{{variable} = ...}} to [state] in its unit.toml")
     order = np.argsort(np.array(values, float), kind="stable")
-    ordered = tuple(states[k] for k in order)
+    ordered_states = tuple(states[k] for k in order)
     return Series(
-        ordered,
-        tuple(crank_loops(state.measurement) for state in ordered),
+        ordered_states,
+        tuple(crank_loops(state.measurement) for state in ordered_states),
         variable,
         np.array(values, float)[order],
     )

@@ -45,7 +45,7 @@ class Trend:
     p_bent: float
 
     @property
-    def shown(self) -> bool:
+    def is_shown(self) -> bool:
         """Whether the scatter of mounting does not explain the trend, all numbers counted."""
         return self.p_family < FAMILYWISE
 
@@ -64,8 +64,8 @@ def trends_of(series: Series) -> tuple[tuple[Trend, ...], LoopTable]:
     """
     table = loop_table(series.states, len(series.states))
     layout, count = table.layout, len(series.states)
-    centred = series.values - series.values.mean()
-    weights = centred / np.sum(centred**2) if series.variable else None
+    centred_values = series.values - series.values.mean()
+    weights = centred_values / np.sum(centred_values**2) if series.variable else None
     contrast = None if weights is None else layout.contrast(weights.tolist(), table.torque_error(weights))
     slopes = (
         np.full((3, len(table.numbers)), np.nan)
@@ -80,17 +80,17 @@ def trends_of(series: Series) -> tuple[tuple[Trend, ...], LoopTable]:
     levels = np.array([layout.values[table.state == k].mean(axis=0) for k in range(count)])
     rows = np.bincount(table.state, minlength=count)[:, None]
     reach = layout.half_interval(CONFIDENCE) / np.sqrt(rows)
-    plain = [_plain(table, values) for values in (levels, levels - reach, levels + reach)]
+    physical_values = [_physical_values(table, values) for values in (levels, levels - reach, levels + reach)]
     shares = np.where(table.positive, np.expm1(np.where(table.positive, slopes, 0.0)), slopes)
     trends = []
     for k, number in enumerate(table.numbers):
         slope, slope_low, slope_high = shares[:, k].tolist()
-        level, low, high = (values[:, k] for values in plain)
+        level, low, high = (values[:, k] for values in physical_values)
         chances = (float(values[k]) for values in (p, p_family, p_differ, p_bent))
         trends.append(Trend(number, level, low, high, slope, slope_low, slope_high, *chances))
     return tuple(trends), table
 
 
-def _plain(table: LoopTable, values: Real) -> Real:
+def _physical_values(table: LoopTable, values: Real) -> Real:
     """Values (n_states, n_numbers) of the layout in the units of the numbers."""
     return np.where(table.positive, np.exp(np.where(table.positive, values, 0.0)), values)

@@ -47,7 +47,7 @@ def write_record_page(answer: RecordAnswer, frames: dict[str, pd.DataFrame], fol
         verdict=content(answer),
         numbers=[_row(value) for value in answer.values],
         effects=[_row(value) for value in effect_values(answer)],
-        described=not answer.judgement.members and bool(answer.judgement.best),
+        described=not answer.judgement.members and bool(answer.judgement.best_model),
         held_out=[
             (
                 row.part,

@@ -125,15 +125,18 @@ def _signature(signature: Signature) -> dict[str, Any]:
 def loop_row(name: str, error: LoopError) -> dict[str, Any]:
     """A metric of the loop as it was measured and as each of the models predicts it."""
     title, unit = (OTHER_TITLES[name], "arcmin") if name in OTHER_TITLES else (METRICS[name].title, METRICS[name].unit)
-    if error.measured is None:
+    if error.measured_value is None:
         return {"title": title, "unit": unit, "why_not": error.why_not}
     return {
         "title": title,
         "unit": unit,
         "why_not": "",
-        "measured": digits(error.measured),
+        "measured": digits(error.measured_value),
         "cells": [
-            (digits(error.predicted[stage]), f"error {digits(error.predicted[stage] - error.measured)}")
+            (
+                digits(error.predicted_values[stage]),
+                f"error {digits(error.predicted_values[stage] - error.measured_value)}",
+            )
             for stage in STAGES
         ],
     }

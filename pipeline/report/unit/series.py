@@ -49,7 +49,7 @@ def write_series_page(answer: SeriesAnswer, folder: Path, shown_folder: Path) ->
             [(effect.title, [number_text(*size) for size in effect_sizes(effect).values()]) for effect in members]
             for members in answer.effects.classes
         ],
-        tried=[_tried(effect) for effect in answer.effects.tried],
+        tried=[_tried(effect) for effect in answer.effects.tried_effects],
         trends=[_trend(row) for row in trends.to_dict("records")],
         numbers=_numbers(states),
         by_others=_by_others(answer),
@@ -63,8 +63,8 @@ def write_series_page(answer: SeriesAnswer, folder: Path, shown_folder: Path) ->
 
 def _by_others(answer: SeriesAnswer) -> list[tuple[str, list[str]]]:
     """Errors of each state, and of all, by the other states: without, with and with the reversed best effect."""
-    without = answer.effects.without
-    trials = [effect.folds for effect in answer.effects.tried if isinstance(effect.folds, StateFolds)]
+    without = answer.effects.folds_without
+    trials = [effect.folds for effect in answer.effects.tried_effects if isinstance(effect.folds, StateFolds)]
     if without is None or not trials:
         return []
     best = min(trials, key=StateFolds.rms)
@@ -80,13 +80,13 @@ def _by_others(answer: SeriesAnswer) -> list[tuple[str, list[str]]]:
 def _tried(effect: TriedEffect) -> dict[str, str | bool]:
     return {
         "title": effect.title,
-        "beside": ", ".join(effect.beside).replace("_", " "),
+        "beside": ", ".join(effect.companions).replace("_", " "),
         "rms": digits(effect.folds.rms()),
         "p": digits(effect.p, 2),
         "left_out": effect.left_out,
         "reversed": digits(effect.control) if np.isfinite(effect.control) else "",
         "p_left_out": digits(effect.p_left_out, 2),
-        "claimed": effect.claimed,
+        "claimed": effect.is_claimed,
         "note": effect.note,
     }
 

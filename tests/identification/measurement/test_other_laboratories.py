@@ -9,7 +9,7 @@ import pytest
 from measured_bench import ROOT, loop, path_of, write_unit
 
 from pipeline.errors import InputError
-from pipeline.identification.described.description import described
+from pipeline.identification.described.description import describe
 from pipeline.identification.described.results import HELD, implausible_numbers
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
@@ -54,7 +54,7 @@ def test_a_record_of_the_motor_side_is_that_of_the_output(tmp_path):
     assert not measurement.faults
     assert measurement.rows.cranks.tolist() == [0.0, 1.0, 2.0]
     assert np.max(measurement.rows.torque) == pytest.approx(25.0, rel=1e-9)
-    values = {number.term: number.value for number in described(measurement).numbers}
+    values = {number.term: number.value for number in describe(measurement).numbers}
     assert values["play"] == pytest.approx(30.0, rel=0.15)
     assert values["friction"] == pytest.approx(1.0, rel=0.15)
 
@@ -64,7 +64,7 @@ def test_without_its_side_the_record_is_doubted_before_and_after_the_fit(tmp_pat
     (note,) = measurement.faults
     assert note.severity == "note"
     assert 'say side = "input" (ratio 29)' in note.message
-    doubts = implausible_numbers(described(measurement))
+    doubts = implausible_numbers(describe(measurement))
     assert any("a play of" in doubt and "implausible" in doubt for doubt in doubts)
     assert HELD not in doubts
 
@@ -73,7 +73,7 @@ def test_a_crank_that_turns_is_not_passed_over_in_silence(tmp_path):
     at_motor(tmp_path / "bench")
     file = tmp_path / "bench" / "unit.toml"
     file.write_text(file.read_text() + '\n[crank]\nmoves = "follows_angle"\nratio = -29.0\n')
-    assert HELD in implausible_numbers(described(Measurement.read(load_measured_unit(file, ROOT))))
+    assert HELD in implausible_numbers(describe(Measurement.read(load_measured_unit(file, ROOT))))
 
 
 def test_a_side_that_cannot_move_is_refused(tmp_path):
@@ -121,7 +121,7 @@ def test_a_number_at_the_bound_of_the_fit_is_not_claimed(tmp_path):
         }
         frame = pd.DataFrame({"Zeit": 20 * np.arange(torque.size), **columns})
         frame.to_csv(tmp_path / "bench" / f"pos{number}.csv", index=False)
-    numbers = {n.term: n for n in described(Measurement.read(load_measured_unit(tmp_path / "bench", ROOT))).numbers}
+    numbers = {n.term: n for n in describe(Measurement.read(load_measured_unit(tmp_path / "bench", ROOT))).numbers}
     assert numbers["load_friction"].note == "at the bound of the fit"
     assert not numbers["load_friction"].named
     assert np.isnan(numbers["load_friction"].ci_low)

@@ -169,7 +169,7 @@ def test_modifications_are_the_errors_of_the_same_size(profile, method):
 @pytest.mark.parametrize("method", [exact_gaps, first_order_gaps])
 def test_a_constant_measured_deviation_is_an_equidistant(method):
     phase = 2 * np.pi * np.arange(12) / 12
-    excess = modified(SMALL, measured=MeasuredFlank(phase, np.full((SMALL.lobes, 12), -4e-3)))
+    excess = modified(SMALL, measured_flank=MeasuredFlank(phase, np.full((SMALL.lobes, 12), -4e-3)))
     drawn_profile, reducer = modified(SMALL, equidistant=4e-3), reducer_at(SMALL, 1.3)
     errors = random_errors(SMALL, reducer, 3, 2e-3, np.random.default_rng(0))
     gap = method(excess, reducer, errors, "normal")
@@ -180,7 +180,7 @@ def test_a_deviation_of_one_lobe_opens_its_own_pins_only():
     phase = 2 * np.pi * np.arange(24) / 24
     material = np.zeros((SMALL.lobes, 24))
     material[4, 3:-3] = -5e-3  # nothing at its roots, which it shares with its neighbours
-    drawn_profile, reducer = modified(SMALL, measured=MeasuredFlank(phase, material)), reducer_at(SMALL, 0.3)
+    drawn_profile, reducer = modified(SMALL, measured_flank=MeasuredFlank(phase, material)), reducer_at(SMALL, 0.3)
     for method in (exact_gaps, first_order_gaps):
         gap = method(drawn_profile, reducer, errors_of(drawn_profile, reducer), "radial")[0]
         lobe = np.mod(np.floor(-reducer.pins.flank_parameter / SMALL.lobe_pitch), SMALL.lobes)

@@ -233,7 +233,11 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
         )
     yield from (Fault("unit", message, "fatal") for message in findings if message)
     settings = unit.settings
-    if unit.designed and not any(findings) and span > (likely := largest_span(unit.study.design, top, LIKELY_TWIST)):
+    if (
+        unit.design_study
+        and not any(findings)
+        and span > (likely := largest_span(unit.study.design, top, LIKELY_TWIST))
+    ):
         text = f"the angle spans {span:.4g} arcmin, a drive of this design is likely to have {likely:.3g} at most"
         yield Fault("unit", f"{text}: check unit and factor in [columns]", "note")
     if settings.generic and settings.side == "output" and settings.locked == "output" and not any(findings):

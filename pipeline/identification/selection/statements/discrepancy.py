@@ -106,12 +106,12 @@ def discrepancy(
         return -restricted_likelihood(sum(covariance(logs)) + base, design, means)
 
     most_likely = _most_likely(misfit)
-    shared, position_kernel = covariance(most_likely)
-    factor = cho_factor(shared + position_kernel + base)
+    shared_part, position_kernel = covariance(most_likely)
+    factor = cho_factor(shared_part + position_kernel + base)
     spread = np.linalg.pinv(design.T @ cho_solve(factor, design))
     amounts = spread @ (design.T @ cho_solve(factor, means))
     weights = cho_solve(factor, means - design @ amounts)
-    common, predicted_means = shared @ weights, (shared + position_kernel) @ weights
+    common, predicted_means = shared_part @ weights, (shared_part + position_kernel) @ weights
     largest_row = int(np.argmax(np.abs(common)))
     centred_means = means - offset_columns(states[2]) @ np.linalg.lstsq(offset_columns(states[2]), means, rcond=None)[0]
     sizes = unit * np.exp(most_likely[:2])

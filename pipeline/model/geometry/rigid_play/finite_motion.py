@@ -234,7 +234,7 @@ def finite_ends(
     poses = (small.pose_plus[free], small.pose_minus[free], small.overlap[free], small.output_motion)
     parts = (profile, reducer, some, disk_reading, gap[free])
     clearance = of_each_disk(bearing_clearance, reducer.n_disks)[free]
-    if reducer.centred and not np.any(clearance):
+    if reducer.is_centred and not np.any(clearance):
         ends[:, free] = _centred_ends(*parts, RigidPlay(*poses))
     else:
         ends[:, free] = _shifting_ends(*parts, clearance, RigidPlay(*poses))
