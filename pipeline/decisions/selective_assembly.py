@@ -134,7 +134,16 @@ def best_assembly(
     if mounting is not None:
         measured_values = _measured_values(first_lot, rows) | _measured_values(second_lot, columns)
         forces = mounting(_errors(mean_study, measured_values, 0, len(rows))).reshape(n_first, n_second)
-    return Assembly(first_lot, second_lot, margin, passes, pairs, shares[0], shares[1], forces)
+    return Assembly(
+        first_lot=first_lot,
+        second_lot=second_lot,
+        margin=margin,
+        passes=passes,
+        pairs=pairs,
+        random=shares[0],
+        selected_yield=shares[1],
+        mounting_N=forces,
+    )
 
 
 def _check_complete(lot: MeasuredLot) -> None:

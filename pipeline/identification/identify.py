@@ -149,25 +149,29 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
     where = place_of_largest(data, shown_curve, folds.cells)
     reasons = {name: fitter.problem.why_not(effect, is_training) for name, effect in candidates().items()}
     return Identification(
-        measurement,
-        verdict,
-        statement_of_verdict(verdict, selection, recalibration_error, best_error, structure_left, in_sample, where),
-        fitter.problem,
-        selection,
-        {name: reason for name, reason in reasons.items() if reason},
-        folds,
-        errors,
-        {
+        measurement=measurement,
+        verdict=verdict,
+        statement=statement_of_verdict(
+            verdict, selection, recalibration_error, best_error, structure_left, in_sample, where
+        ),
+        problem=fitter.problem,
+        selection=selection,
+        why_not={name: reason for name, reason in reasons.items() if reason},
+        folds=folds,
+        errors=errors,
+        baselines={
             title: angle_error(data, cranks, curve, np.zeros(len(data)), folds.cells)
             for title, curve in baseline_curves.items()
         },
-        structure_left,
-        discrepancy_of(fitter, selection.answer.fit, measurement.cells.direction, is_training) if is_untraced else None,
-        None
+        remainder=structure_left,
+        discrepancy=discrepancy_of(fitter, selection.answer.fit, measurement.cells.direction, is_training)
+        if is_untraced
+        else None,
+        description_error=None
         if verdict.named_effects and selection.description is selection.answer or not effects
         else description_error,
-        carried_error if np.any(np.isfinite(folds.carried_curve)) and not folds.in_sample else None,
-        limits,
+        carried_error=carried_error if np.any(np.isfinite(folds.carried_curve)) and not folds.in_sample else None,
+        could_hide=limits,
         _between_cranks(fitter, selection),
     )
 

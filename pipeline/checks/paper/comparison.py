@@ -38,15 +38,15 @@ def paper_comparison(
     computed_table = table2.table2(study, outputs["aggregate"].read("metrics"), targets)
     predicted_table = table2.prediction(study, disk, targets, parameters)
     return PaperComparison(
-        study,
-        pd.concat([computed_table, predicted_table], ignore_index=True),
-        shortfalls(study, targets, parameters, computed_table, predicted_table, tables),
-        table2.contacts(study, outputs["hysteresis"].read("curves"), published_folder / CONTACTS),
-        refit_table(assumptions.readings(study), disk, targets, parameters),
-        refit_table(assumptions.assumptions(study), disk, targets, parameters),
-        procedures.procedures(study, disk, solve_cases(study, disk)),
-        calibrate(study, targets, parameters, CONFIDENCE, disk),
-        _figures(tables, published_folder, folder / "figures"),
+        study=study,
+        table2=pd.concat([computed_table, predicted_table], ignore_index=True),
+        shortfalls=shortfalls(study, targets, parameters, computed_table, predicted_table, tables),
+        contacts=table2.contacts(study, outputs["hysteresis"].read("curves"), published_folder / CONTACTS),
+        readings=refit_table(assumptions.readings(study), disk, targets, parameters),
+        assumptions=refit_table(assumptions.assumptions(study), disk, targets, parameters),
+        procedures=procedures.procedures(study, disk, solve_cases(study, disk)),
+        calibration=calibrate(study, targets, parameters, CONFIDENCE, disk),
+        figures=_figures(tables, published_folder, folder / "figures"),
     )
 
 

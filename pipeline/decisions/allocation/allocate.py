@@ -106,7 +106,18 @@ def allocate(
         count(),
     )
     search, equal_search = (
-        Search(study, priced_dimensions, g, units, solve, rough, jobs, tell, sets) for g in (groups, one_group)
+        Search(
+            study=study,
+            priced_dimensions=priced_dimensions,
+            groups=g,
+            units=units,
+            solve=solve,
+            rough=rough,
+            jobs=jobs,
+            tell=tell,
+            sets=sets,
+        )
+        for g in (groups, one_group)
     )
     best_trial = _confirmed_trial(search, target)
     equal = _confirmed_trial(equal_search, target)

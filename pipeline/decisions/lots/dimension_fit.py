@@ -118,18 +118,18 @@ def dimension_fit(
         best_distribution = best_distribution.model_copy(update={"correlation_length_mm": float(f"{length:.3g}")})
     cp, cpk = _capability(dimension, drawing, flat, replicates, spread, confidence)
     return DimensionFit(
-        dimension,
-        tuple(parts),
-        values,
-        tuple(kinds),
-        best_distribution,
-        mean,
-        spread,
-        of_length,
-        cp,
-        cpk,
-        _drift(values.mean(axis=1), confidence),
-        _outliers(values, replicates),
+        dimension=dimension,
+        parts=tuple(parts),
+        values=values,
+        kinds=tuple(kinds),
+        tolerance=best_distribution,
+        mean=mean,
+        spread=spread,
+        correlation_mm=of_length,
+        cp=cp,
+        cpk=cpk,
+        drift=_drift(values.mean(axis=1), confidence),
+        outliers=_outliers(values, replicates),
     )
 
 

@@ -151,7 +151,18 @@ def _change(table: LoopTable, k: int, levels: tuple[Real, Real], contrast: Contr
         float(np.expm1(size)) if number.kind.positive else float(size) for size in (*sizes, *further)
     )
     p, p_family = float(contrast.p[k]), float(contrast.family.p[k])
-    return Change(number, level_before, level_after, mean, low, high, p, p_family, detectable, spread)
+    return Change(
+        number=number,
+        before=level_before,
+        after=level_after,
+        mean=mean,
+        low=low,
+        high=high,
+        p=p,
+        p_family=p_family,
+        detectable=detectable,
+        scatter=spread,
+    )
 
 
 def _shared_labels(state_before: State, state_after: State) -> tuple[str, ...]:

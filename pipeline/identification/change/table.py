@@ -153,15 +153,15 @@ def loop_table(states: Sequence[State], n_compared: int) -> LoopTable:
             raise InputError(f"{entry.name}: no position has loops like those of the states that are compared")
     label = [states[number].labels[place] for (number, place), is_kept in zip(rows, is_complete, strict=True) if is_kept]
     return LoopTable(
-        tuple(states),
-        tuple(number for number, is_kept in zip(every, complete, strict=True) if is_kept),
-        tuple(number for number, is_kept in zip(every, complete, strict=True) if not is_kept),
-        state[is_complete],
-        _positions(states, state[is_complete], label, n_compared),
-        tuple(label),
-        values[np.ix_(is_complete, complete)],
-        (first_point[np.ix_(is_complete, complete)], second[np.ix_(is_complete, complete)]),
-        tuple(curves for curves, is_kept in zip(read, is_complete, strict=True) if is_kept),
+        states=tuple(states),
+        numbers=tuple(number for number, is_kept in zip(every, complete, strict=True) if is_kept),
+        unmeasured_numbers=tuple(number for number, is_kept in zip(every, complete, strict=True) if not is_kept),
+        state=state[is_complete],
+        position=_positions(states, state[is_complete], label, n_compared),
+        label=tuple(label),
+        values=values[np.ix_(is_complete, complete)],
+        halves=(first_point[np.ix_(is_complete, complete)], second[np.ix_(is_complete, complete)]),
+        loops=tuple(curves for curves, is_kept in zip(read, is_complete, strict=True) if is_kept),
         tuple(curves for curves, is_kept in zip(loops, is_complete, strict=True) if is_kept),
     )
 

@@ -127,16 +127,16 @@ def describe(measurement: Measurement) -> Description:
     baseline_errors = baselines(data, cycles, splits, data.offsets)
     verdict = _verdict(errors, any(number.named for number in numbers))
     return Description(
-        measurement,
-        data,
-        verdict,
-        numbers,
-        curves,
-        errors,
-        {title: angle_error(data, cranks, curve, zeros, cells) for title, curve in baseline_errors.items()},
-        cells,
-        splits[0][0] is splits[0][1],
-        None if verdict == FULLY_DESCRIBED else _structure(measurement, data, training, numbers),
+        measurement=measurement,
+        data=data,
+        verdict=verdict,
+        numbers=numbers,
+        curves=curves,
+        errors=errors,
+        baselines={title: angle_error(data, cranks, curve, zeros, cells) for title, curve in baseline_errors.items()},
+        cells=cells,
+        in_sample=splits[0][0] is splits[0][1],
+        structure=None if verdict == FULLY_DESCRIBED else _structure(measurement, data, training, numbers),
     )
 
 
@@ -227,5 +227,17 @@ def _numbers(data: Data, torque: Real, training: Truth, p_values: Mapping[str, f
         )
         p = p_values.get(term, float("nan"))
         note = "at the bound of the fit" if term in at_bound else ""
-        numbers.append(Number(term, unit, meaning, value, low, high, p, p < 1 - CONFIDENCE and low * high > 0, note))
+        numbers.append(
+            Number(
+                term=term,
+                unit=unit,
+                meaning=meaning,
+                value=value,
+                ci_low=low,
+                ci_high=high,
+                p=p,
+                named=p < 1 - CONFIDENCE and low * high > 0,
+                note=note,
+            )
+        )
     return tuple(numbers)

@@ -158,14 +158,14 @@ class Fitter:
         if not np.isfinite(descent.cost):
             predicted_angle, sound = np.full(len(predicted_angle), np.nan), False
         return Fit(
-            model,
-            unknowns,
-            values_at_shares(self.bounds(model), unknowns.shares),
-            predicted_angle + self.offsets(predicted_angle, is_fitted, descent.sigma),
-            descent.in_noise if np.isfinite(descent.cost) else np.inf,
-            descent.jacobian,
-            descent.sigma,
-            sound,
+            model=model,
+            unknowns=unknowns,
+            values=values_at_shares(self.bounds(model), unknowns.shares),
+            predicted_angle=predicted_angle + self.offsets(predicted_angle, is_fitted, descent.sigma),
+            cost=descent.in_noise if np.isfinite(descent.cost) else np.inf,
+            jacobian=descent.jacobian,
+            sigma=descent.sigma,
+            sound=sound,
         )
 
     def slopes(self, fit: Fit) -> Real:

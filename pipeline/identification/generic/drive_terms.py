@@ -91,67 +91,82 @@ class CrankEffect:
 ONCE_PER_TURN = ("pin_circle_runout", "flank_runout", "compliance_once", "play_once", "encoder_once")
 CRANK_EFFECTS: Mapping[str, CrankEffect] = {
     "pin_circle_runout": CrankEffect(
-        "run-out of the pin circle, or of the eccentric",
-        "the pin circle's centre lies off the housing's axis by d: the disk, pushed along the line of the crank, turns "
-        "by d / (e Z) once per turn of the crank",
-        "kinematics of the pitch point, Z e from the disk's centre; Litvin and Fuentes, Gear Geometry (2004), ch. 13",
-        "the zero of loops at locked outputs follows one wave over the crank angle, and within a loop the torque is "
-        "off by the slope of that wave times the ratio",
-        "angle",
-        1,
-        ONCE_PER_TURN,
-        "positions a quarter of an output turn apart (flank); an unloaded turn of the crank, which has no compliance",
+        title="run-out of the pin circle, or of the eccentric",
+        physics=(
+            "the pin circle's centre lies off the housing's axis by d: the disk, pushed along the line of the crank, "
+            "turns by d / (e Z) once per turn of the crank"
+        ),
+        source=(
+            "kinematics of the pitch point, Z e from the disk's centre; Litvin and Fuentes, Gear Geometry (2004), "
+            "ch. 13"
+        ),
+        signature=(
+            "the zero of loops at locked outputs follows one wave over the crank angle, and within a loop the torque "
+            "is off by the slope of that wave times the ratio"
+        ),
+        acts_on="angle",
+        order=1,
+        twins=ONCE_PER_TURN,
+        told_apart_by=(
+            "positions a quarter of an output turn apart (flank); an unloaded turn of the crank, which has no "
+            "compliance"
+        ),
     ),
     "flank_runout": CrankEffect(
-        "run-out of the flank, or of the disk's bore",
-        "the lobes' centre lies off the bore: as before, in a frame that turns with the disk, so of order N/Z",
-        "kinematics of the pitch point, Z e from the disk's centre; Litvin and Fuentes, Gear Geometry (2004), ch. 13",
-        "as the run-out of the pin circle, but that its phase moves by a quarter as the output turns by a quarter",
-        "angle",
-        1,
-        ONCE_PER_TURN,
-        "positions a quarter of an output turn apart",
+        title="run-out of the flank, or of the disk's bore",
+        physics="the lobes' centre lies off the bore: as before, in a frame that turns with the disk, so of order N/Z",
+        source=(
+            "kinematics of the pitch point, Z e from the disk's centre; Litvin and Fuentes, Gear Geometry (2004), "
+            "ch. 13"
+        ),
+        signature=(
+            "as the run-out of the pin circle, but that its phase moves by a quarter as the output turns by a quarter"
+        ),
+        acts_on="angle",
+        order=1,
+        twins=ONCE_PER_TURN,
+        told_apart_by="positions a quarter of an output turn apart",
         per_disk=True,
     ),
     "encoder_once": CrankEffect(
-        "eccentric encoder at the motor",
-        "the disc of the encoder lies off its axis: the reading is off once per turn, and no torque is",
-        "geometry of an eccentric disc, error 2 d / D",
-        "one wave over the crank angle, with no change of the torque",
-        "reading",
-        1,
-        ONCE_PER_TURN,
-        "a second encoder, or reading its eccentricity at an uncoupled motor",
+        title="eccentric encoder at the motor",
+        physics="the disc of the encoder lies off its axis: the reading is off once per turn, and no torque is",
+        source="geometry of an eccentric disc, error 2 d / D",
+        signature="one wave over the crank angle, with no change of the torque",
+        acts_on="reading",
+        order=1,
+        twins=ONCE_PER_TURN,
+        told_apart_by="a second encoder, or reading its eccentricity at an uncoupled motor",
     ),
     "compliance_once": CrankEffect(
-        "compliance that varies once per turn of the crank",
-        "the load goes through other teeth, or a disk off its middle, as the crank turns",
-        "load sharing over the crank angle; Blagojevic et al., J. Mech. Des. 133 (2011)",
-        "loops at some positions are steeper at high torque than at others half a turn of the crank away",
-        "compliance",
-        1,
-        ONCE_PER_TURN,
-        "an unloaded turn of the crank: no error there",
+        title="compliance that varies once per turn of the crank",
+        physics="the load goes through other teeth, or a disk off its middle, as the crank turns",
+        source="load sharing over the crank angle; Blagojevic et al., J. Mech. Des. 133 (2011)",
+        signature="loops at some positions are steeper at high torque than at others half a turn of the crank away",
+        acts_on="compliance",
+        order=1,
+        twins=ONCE_PER_TURN,
+        told_apart_by="an unloaded turn of the crank: no error there",
     ),
     "play_once": CrankEffect(
-        "play that varies once per turn of the crank",
-        "gaps of an eccentric pin circle or bore open on one side of the crank and close on the other",
-        "rigid play over the crank angle: geometry of the gaps along the line of action",
-        "the width at zero torque follows one wave over the positions",
-        "play",
-        1,
-        ONCE_PER_TURN,
-        "loops of a tenth of the torque at positions over a whole turn of the crank",
+        title="play that varies once per turn of the crank",
+        physics="gaps of an eccentric pin circle or bore open on one side of the crank and close on the other",
+        source="rigid play over the crank angle: geometry of the gaps along the line of action",
+        signature="the width at zero torque follows one wave over the positions",
+        acts_on="play",
+        order=1,
+        twins=ONCE_PER_TURN,
+        told_apart_by="loops of a tenth of the torque at positions over a whole turn of the crank",
     ),
     "pin_circle_ovality": CrankEffect(
-        "oval pin circle, or misaligned coupling",
-        "a pin circle of two lobes moves the disk twice per turn; a cardan joint before the crank does too",
-        "as the run-out, of second order",
-        "two waves over a turn of the crank",
-        "angle",
-        2,
-        ("pin_circle_runout",),
-        "an unloaded turn of the crank, its orders",
+        title="oval pin circle, or misaligned coupling",
+        physics="a pin circle of two lobes moves the disk twice per turn; a cardan joint before the crank does too",
+        source="as the run-out, of second order",
+        signature="two waves over a turn of the crank",
+        acts_on="angle",
+        order=2,
+        twins=("pin_circle_runout",),
+        told_apart_by="an unloaded turn of the crank, its orders",
     ),
 }
 """Effects of the crank angle by name."""

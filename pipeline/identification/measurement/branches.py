@@ -122,7 +122,17 @@ def find_blocks(rows: Rows, usable: Truth, torque_noise: float, is_fitted: Truth
     order = np.argsort(~is_fitted[start], kind="stable")
     kind = np.empty(len(start), np.int64)
     kind[order] = _kinds(of_position[order], direction[order], rows.coordinate[start][order], span)
-    return BranchBlocks(of_position, of_cycle, direction, branch, kind, start, stop, threshold, end_band)
+    return BranchBlocks(
+        position=of_position,
+        cycle=of_cycle,
+        direction=direction,
+        branch=branch,
+        kind=kind,
+        start=start,
+        stop=stop,
+        threshold=threshold,
+        end_band=end_band,
+    )
 
 
 def _turns(values: Real, threshold: float, noise: float) -> Whole:

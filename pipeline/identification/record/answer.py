@@ -146,19 +146,19 @@ def record_answer(record: TurnRecord) -> RecordAnswer:
     everything = np.ones(len(points), bool)
     levels = _levels(record, everything_turned)
     return RecordAnswer(
-        record,
-        points,
-        evidence,
-        judgement,
-        tuple(tested_effects),
-        why_not,
-        tuple(_values(record, levels)),
-        tuple(levels),
-        tuple(orders),
-        held_out_by,
-        tuple(_held_out(record, evidence, held_out_by, parts, trial)),
-        evidence.unit,
-        model + evidence.zeros(points.error - model, everything),
+        record=record,
+        points=points,
+        evidence=evidence,
+        judgement=judgement,
+        effects=tuple(tested_effects),
+        why_not=why_not,
+        values=tuple(_values(record, levels)),
+        levels=tuple(levels),
+        orders=tuple(orders),
+        held_out_by=held_out_by,
+        held_out=tuple(_held_out(record, evidence, held_out_by, parts, trial)),
+        noise=evidence.unit,
+        predicted_error=model + evidence.zeros(points.error - model, everything),
     )
 
 
@@ -297,7 +297,18 @@ def _orders(record: TurnRecord, points: Points) -> list[OrderRow]:
         size, growth, lag = amplitudes_found[float(order)].tolist()
         low, high = max(size - WIDTH * errors[0], 0.0), size + WIDTH * errors[0]
         strong = bool(np.any(amplitudes_found[float(order)] > threshold * errors))
-        rows.append(OrderRow(float(order), named_orders.get(order, ""), size, low, high, growth, lag, strong))
+        rows.append(
+            OrderRow(
+                order=float(order),
+                of=named_orders.get(order, ""),
+                amplitude=size,
+                ci_low=low,
+                ci_high=high,
+                per_torque=growth,
+                senses=lag,
+                significant=strong,
+            )
+        )
     return [row for row in rows if row.of or row.significant]
 
 

@@ -125,15 +125,15 @@ class TurnRecord:
         place, error = (np.full(len(table.table), np.nan),) * 2 if faults else _angles(table, unit)
         cycle = np.maximum(table.cycle[0], 0)
         return cls(
-            unit,
-            place,
-            error,
-            table.quantity("torque_Nm"),
-            table.quantity("time_s"),
-            table.quantity("temperature_C"),
-            cycle * (int(table.source.max(initial=0)) + 1) + table.source,
-            cycle,
-            faults,
+            unit=unit,
+            place=place,
+            error=error,
+            torque=table.quantity("torque_Nm"),
+            time=table.quantity("time_s"),
+            temperature=table.quantity("temperature_C"),
+            run=cycle * (int(table.source.max(initial=0)) + 1) + table.source,
+            cycle=cycle,
+            reading_faults=faults,
         )
 
     def __len__(self) -> int:

@@ -157,12 +157,31 @@ def judged_signature(name: str, title: str, unit: str, line: tuple[Real, Real, i
     error = float(np.std(resamples, ddof=1) * np.sqrt(n / (n - 1)))
     reach = stdtrit(n - 1, (1 + CONFIDENCE) / 2) * error
     p = float(2 * stdtr(n - 1, -abs(value) / error)) if error > 0 else float(value == 0)
-    return Signature(name, title, unit, float(value), value - reach, value + reach, p, p < 1 - CONFIDENCE)
+    return Signature(
+        name=name,
+        title=title,
+        unit=unit,
+        value=float(value),
+        ci_low=value - reach,
+        ci_high=value + reach,
+        p_value=p,
+        significant=p < 1 - CONFIDENCE,
+    )
 
 
 def not_testable(name: str, title: str, unit: str, reason: str) -> Signature:
     """A signature that the data do not hold, and why."""
-    return Signature(name, title, unit, np.nan, np.nan, np.nan, np.nan, False, reason)
+    return Signature(
+        name=name,
+        title=title,
+        unit=unit,
+        value=np.nan,
+        ci_low=np.nan,
+        ci_high=np.nan,
+        p_value=np.nan,
+        significant=False,
+        why_not=reason,
+    )
 
 
 def _friction(cells: SignatureCells) -> tuple[Signature, ...]:

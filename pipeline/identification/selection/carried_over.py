@@ -118,7 +118,16 @@ class _Seen:
             - np.linalg.slogdet(information)[1]
             - np.sum(gain * misfit[:, None] * centred_misfit, axis=0)
         )
-        return _Process(self, share, reach, vectors, variance, gain, centred_misfit, likelihood)
+        return _Process(
+            observations=self,
+            share=share,
+            reach=reach,
+            vectors=vectors,
+            variance=variance,
+            gain=gain,
+            centred_misfit=centred_misfit,
+            likelihood=likelihood,
+        )
 
 
 @dataclass(frozen=True)

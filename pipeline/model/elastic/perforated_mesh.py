@@ -90,7 +90,16 @@ class _EdgeLength:
         flank, _, bore = _disk_nodes(disk)
         bore_radius = float(np.abs(bore[0])) if len(bore) else 0.0
         tree = KDTree(coordinates(nodes))
-        return cls(tree, total / number, ClosedPolygon.through(flank), bore_radius, centres, radius, edge, growth)
+        return cls(
+            nodes=tree,
+            of_nodes=total / number,
+            flank=ClosedPolygon.through(flank),
+            bore_radius=bore_radius,
+            centres=centres,
+            radius=radius,
+            at_hole=edge,
+            growth=growth,
+        )
 
     def of_disk(self, points: Complex) -> Real:
         return self.of_nodes[self.nodes.query(coordinates(points))[1]]

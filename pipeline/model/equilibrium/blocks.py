@@ -101,26 +101,26 @@ def part_of(active, work, b):
     """The room for block b; ``active`` as ``count``."""
     if active.ndim == 1:
         return Part(
-            work.active,
-            work.miss,
-            work.slope,
-            work.inside,
-            work.logarithm,
-            work.bits,
-            work.slack,
-            work.inverse,
-            work.projection,
+            active=work.active,
+            miss=work.miss,
+            slope=work.slope,
+            inside=work.inside,
+            logarithm=work.logarithm,
+            bits=work.bits,
+            slack=work.slack,
+            inverse=work.inverse,
+            projection=work.projection,
         )
     return Part(
-        work.active[b],
-        work.miss[b],
-        work.slope[b],
-        work.inside[b],
-        work.logarithm[b],
-        work.bits[b],
-        work.slack[b],
-        work.inverse[b],
-        work.projection[b],
+        active=work.active[b],
+        miss=work.miss[b],
+        slope=work.slope[b],
+        inside=work.inside[b],
+        logarithm=work.logarithm[b],
+        bits=work.bits[b],
+        slack=work.slack[b],
+        inverse=work.inverse[b],
+        projection=work.projection[b],
     )
 
 

@@ -108,7 +108,19 @@ def _scan_distances(first_point, last_point, stride, points, circle, offset, cub
 def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, distances):
     """Least distance of c from one side of a valley."""
     last_point, circle = points.shape[1] - 1, gear[1]
-    smallest_distance = _scan_distances(0, last_point, COARSE, points, circle, offset, cubics, sense, cx, cy, distances)
+    smallest_distance = _scan_distances(
+        0,
+        last_point,
+        COARSE,
+        points=points,
+        circle=circle,
+        offset=offset,
+        cubics=cubics,
+        sense=sense,
+        cx=cx,
+        cy=cy,
+        distances=distances,
+    )
     for block in range(chords.shape[0]):
         block_start, end = block * COARSE, (block + 1) * COARSE
         if 0.5 * (distances[block_start] + distances[end] - chords[block]) > smallest_distance:
@@ -116,7 +128,19 @@ def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, distance
         from_k, to_k = max(block_start - 1, 0), min(end + 1, last_point)
         smallest_distance = min(
             smallest_distance,
-            _scan_distances(from_k, to_k, 1, points, circle, offset, cubics, sense, cx, cy, distances),
+            _scan_distances(
+                from_k,
+                to_k,
+                1,
+                points=points,
+                circle=circle,
+                offset=offset,
+                cubics=cubics,
+                sense=sense,
+                cx=cx,
+                cy=cy,
+                distances=distances,
+            ),
         )
         for k in range(block_start, end + 1):
             falls = k == 0 or distances[k] <= distances[k - 1]
@@ -125,7 +149,8 @@ def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, distance
                 for chord in range(max(k - 1, 0), min(k, last_point - 1) + 1):
                     low, high = points[0, chord], points[0, chord + 1]
                     smallest_distance = min(
-                        smallest_distance, _least_distance(low, high, gear, offset, cubics, sense, cx, cy)
+                        smallest_distance,
+                        _least_distance(low, high, gear, offset=offset, cubics=cubics, sense=sense, cx=cx, cy=cy),
                     )
     return smallest_distance
 
@@ -161,7 +186,17 @@ def _distances(
                 shifted_gear = (pins, circle - shares[0] * error, nominal)
                 parallel, cubics = radius + shares[1] * error, deviation[neighbour % rows]
                 px, py = _rotate(x, y, -rotation[s, neighbour])
-                side = _least_of_side(points, chords, shifted_gear, parallel, cubics, sense, px, -sense * py, distances)
+                side = _least_of_side(
+                    points,
+                    chords,
+                    shifted_gear,
+                    offset=parallel,
+                    cubics=cubics,
+                    sense=sense,
+                    cx=px,
+                    cy=-sense * py,
+                    distances=distances,
+                )
                 smallest_distance = min(smallest_distance, side)
             distance[s, i] = smallest_distance
     return distance
@@ -194,16 +229,18 @@ def deviating_distances(
     rise = np.ptp(deviation[..., 0])
     chords = ARC_OVER_CHORD * (np.abs(np.diff(coarse)) + rise)
     gear = float(profile.pins), flank.pin_circle_radius, flank.eccentricity
+    lobe_before, lobe_behind = sides
     return _distances(
         nominal.pins,
         points,
         chords,
-        nominal.eccentric,
-        gear,
-        flank.pin_radius,
-        deviation,
-        shares,
-        lobe,
-        *sides,
-        displacements,
+        eccentric=nominal.eccentric,
+        gear=gear,
+        radius=flank.pin_radius,
+        deviation=deviation,
+        shares=shares,
+        lobe=lobe,
+        lobe_before=lobe_before,
+        lobe_behind=lobe_behind,
+        displacements=displacements,
     )

@@ -198,7 +198,18 @@ def _nearest_distance(first_point, last_point, points, circle, offset, cx, cy, p
         if (k == first_point or squares[k] <= squares[k - 1]) and (k == last_point or squares[k] <= squares[k + 1]):
             smallest_distance = min(
                 smallest_distance,
-                _refined_distance(k, first_point, last_point, points, circle, offset, cx, cy, pins, squares),
+                _refined_distance(
+                    k,
+                    first_point,
+                    last_point,
+                    points=points,
+                    circle=circle,
+                    offset=offset,
+                    cx=cx,
+                    cy=cy,
+                    pins=pins,
+                    squares=squares,
+                ),
             )
     return smallest_distance
 
@@ -234,7 +245,19 @@ def pin_distances(
             cx[i] = table[4, i] + table[6, i] * shift - table[7, i] * lateral - eccentricity[s] * eccentric.real
             cy[i] = table[5, i] + table[7, i] * shift + table[6, i] * lateral - eccentricity[s] * eccentric.imag
             ox[i], oy[i] = _rotate(cx[i], cy[i], -rotation[s, met_lobe[i]])
-        _single_distances(sx, sy, table[2], table[3], ox, oy, offset, allowed_distance, pins, turn, distance[s])
+        _single_distances(
+            sx,
+            sy,
+            table[2],
+            fy=table[3],
+            cx=ox,
+            cy=oy,
+            offset=offset,
+            allowed_distance=allowed_distance,
+            pins=pins,
+            turn=turn,
+            distance=distance[s],
+        )
         for i in range(n_pins):
             if distance[s, i] >= 0.0:
                 continue
@@ -250,7 +273,17 @@ def pin_distances(
                 px, py = _rotate(x, y, -rotation[s, neighbour])
                 smallest_distance = min(
                     smallest_distance,
-                    _nearest_distance(start, end, points, centre_radius, parallel, px, py, pins, squares),
+                    _nearest_distance(
+                        start,
+                        end,
+                        points,
+                        circle=centre_radius,
+                        offset=parallel,
+                        cx=px,
+                        cy=py,
+                        pins=pins,
+                        squares=squares,
+                    ),
                 )
             distance[s, i] = smallest_distance
     return distance

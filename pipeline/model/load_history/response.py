@@ -106,14 +106,14 @@ def respond(drive: Drive, cycle: LoadCycle) -> CycleResponse:
     if drive.hystereses:
         angle = angle + _memory_twist(drive, levels, frictionless, torque, carried_torque)
     return CycleResponse(
-        branch,
-        torque,
-        carried_torque,
-        angle,
-        state,
-        equilibria,
-        frictionless.motion[:, limits, motion] + drive.twist(NO_TORQUE),
-        is_converged & np.all(equilibria.converged, axis=1),
+        branch=branch,
+        torque=torque,
+        carried_torque=carried_torque,
+        angle=angle,
+        state=state,
+        equilibria=equilibria,
+        play=frictionless.motion[:, limits, motion] + drive.twist(NO_TORQUE),
+        converged=is_converged & np.all(equilibria.converged, axis=1),
     )
 
 

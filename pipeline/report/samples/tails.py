@@ -35,15 +35,17 @@ def tail_lines(frames: Frames) -> list[TailLine]:
         ends = [min(max(MILLION * float(exceeding[end]), 0.0), MILLION) for end in ("value", "ci_low", "ci_high")]
         lines.append(
             TailLine(
-                metric,
-                quantity.title,
-                quantity.unit,
-                results.limit(metric),
-                Cell(f"{ends[0]:,.0f}", f"{ends[1]:,.0f} to {ends[2]:,.0f}"),
-                f"{exceeding['effective']:,.0f}",
-                f"{str(distant['statistic']).removeprefix('p')} %",
-                Cell(number(distant["value"], quantity), interval(distant["ci_low"], distant["ci_high"], quantity)),
-                f"{distant['effective']:,.0f}",
+                name=metric,
+                title=quantity.title,
+                unit=quantity.unit,
+                limit=results.limit(metric),
+                exceedance=Cell(f"{ends[0]:,.0f}", f"{ends[1]:,.0f} to {ends[2]:,.0f}"),
+                beyond_effective=f"{exceeding['effective']:,.0f}",
+                level=f"{str(distant['statistic']).removeprefix('p')} %",
+                quantile=Cell(
+                    number(distant["value"], quantity), interval(distant["ci_low"], distant["ci_high"], quantity)
+                ),
+                quantile_effective=f"{distant['effective']:,.0f}",
             )
         )
     return lines

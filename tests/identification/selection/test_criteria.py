@@ -37,7 +37,7 @@ class Known:
         self.unknowns = np.array(modes, float), np.eye(len(modes))
         self._limited, self._distance = value if limited is None else limited, distance
 
-    def limited(self, largest):
+    def log_evidence_up_to(self, largest):
         return self._limited
 
     def distance(self, effect):

@@ -111,7 +111,17 @@ def motion(crank: Real, run: Whole, torque: Real, pins: int, lobes: int) -> Moti
         if len(np.unique(interval[of_turn])) < LEAST_TURN * pins / pitches:
             turn[of_turn] = -1
     turn[turn >= 0] = np.unique(turn[turn >= 0], return_inverse=True)[1]
-    return Motion(crank, sense, turn, level, levels, interval, pitches, width, left_out)
+    return Motion(
+        crank=crank,
+        sense=sense,
+        turn=turn,
+        level=level,
+        levels=levels,
+        interval=interval,
+        pitches=pitches,
+        width=width,
+        left_out=left_out,
+    )
 
 
 def stretches(crank: Real, run: Whole, level: Whole, is_known: Truth) -> tuple[Whole, Whole]:

@@ -121,9 +121,16 @@ class TurningMeasurement(Measurement):
         kind = 2 * self.motion.level[first_row] + (direction > 0)
         none, numbers = np.zeros(0), np.arange(count)
         return BranchBlocks(
-            self.rows.position[first_row], self.rows.cycle[first_row], direction, numbers, kind, first_row,
-            last_row + 1, none, none,
-        )  # fmt: skip
+            position=self.rows.position[first_row],
+            cycle=self.rows.cycle[first_row],
+            direction=direction,
+            branch=numbers,
+            kind=kind,
+            start=first_row,
+            stop=last_row + 1,
+            threshold=none,
+            end_band=none,
+        )
 
     @cached_property
     def cells(self) -> Cells:

@@ -109,7 +109,16 @@ def _follow(system, friction, work, torques, gap, clearance, seeds, solution_rea
         goal = solution_reached.torque[0] + progress.share[0] * (torques[t] - solution_reached.torque[0])
         residual = progress.afresh[0]
         if np.isnan(residual):
-            residual = _attempt(system, friction, goal, gap, clearance, seeds, solution_reached, work)
+            residual = _attempt(
+                system,
+                friction,
+                goal,
+                gap=gap,
+                clearance=clearance,
+                seeds=seeds,
+                solution_reached=solution_reached,
+                work=work,
+            )
             if not residual <= ACCEPTED_RESIDUAL:
                 if progress.halvings[0] == HALVINGS:
                     return goal
@@ -184,7 +193,18 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
     )
     progress = Progress(np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1), np.zeros(1), np.full(1, np.nan))
     while (
-        n_unsolved := _follow(system, friction, work, steps, gap, clearance, nodes, unloaded_states, path, progress)
+        n_unsolved := _follow(
+            system,
+            friction,
+            work,
+            torques=steps,
+            gap=gap,
+            clearance=clearance,
+            seeds=nodes,
+            solution_reached=unloaded_states,
+            path=path,
+            progress=progress,
+        )
     ) is not None:
         _, progress.afresh[0] = solved_afresh(system, friction, n_unsolved, gap, clearance, work)
     return path.motion, path.force[:, position_of_contact], float(progress.largest_residual[0])
