@@ -18,7 +18,7 @@ from pipeline.report.cases import ROWS_SHOWN
 from pipeline.report.chain.graph import StageNote
 from pipeline.report.drawing import Drawing
 from pipeline.report.explorer.explorer import kept_samples
-from pipeline.report.frames import OK, Frames, drawn_samples, unsolved
+from pipeline.report.frames import OK, Frames, drawn_samples, unsolved_rows
 from pipeline.report.layout.pictures import LinkedPicture, with_pictures
 from pipeline.report.page import report_page
 from pipeline.report.sections import Page, drawings, library
@@ -79,7 +79,7 @@ def _named_metrics(job: Job) -> pd.DataFrame:
 def _frames(job: Job) -> Frames:
     study: Study = job.study
     metrics = _named_metrics(job)
-    drawn_set, size = list(drawn_samples(study, unsolved(metrics)).values()), None
+    drawn_set, size = list(drawn_samples(study, unsolved_rows(metrics)).values()), None
     if study.reduce.disk == "elastic":
         with np.load(job.input_path("reduce", MESH_FILE)) as mesh:
             size = len(mesh["triangles"]), len(mesh["nodes"])
@@ -144,7 +144,7 @@ def _notes(job: Job, upstream: tuple[Stage, ...]) -> list[TableNote]:
 
 def _stages(job: Job, upstream: tuple[Stage, ...]) -> list[StageNote]:
     """What the page says of every stage before it."""
-    return [StageNote.of(stage.name, stage.reads, job.inputs[stage.name].record) for stage in upstream]
+    return [StageNote.from_record(stage.name, stage.reads, job.inputs[stage.name].record) for stage in upstream]
 
 
 def _run(upstream: tuple[Stage, ...], job: Job) -> Tables:

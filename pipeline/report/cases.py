@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 
 from pipeline.figures.labels import METRICS
-from pipeline.report.frames import OK, Frames, case_label, unsolved
-from pipeline.report.layout.wording import number, plain
+from pipeline.report.frames import OK, Frames, case_label, unsolved_rows
+from pipeline.report.layout.wording import number, plain_number
 
 ROWS_SHOWN = 40
 """Cases that the page lists."""
@@ -26,14 +26,14 @@ class CaseRow:
 
 def case_rows(frames: Frames) -> list[CaseRow]:
     """Worst metrics of the first cases over the turn."""
-    grouped = _first_cases(frames).groupby("sample")
-    return [_case_row(frames, int(sample), rows, "", frames.turn_of(int(sample))) for sample, rows in grouped]
+    by_sample = _first_cases(frames).groupby("sample")
+    return [_case_row(frames, int(sample), rows, "", frames.turn_of(int(sample))) for sample, rows in by_sample]
 
 
 def case_crank_rows(frames: Frames) -> list[CaseRow]:
     """Metrics of the first cases at every crank angle."""
     return [
-        _case_row(frames, int(sample), rows, plain(crank), {name: float(rows[name].iloc[0]) for name in METRICS})
+        _case_row(frames, int(sample), rows, plain_number(crank), {name: float(rows[name].iloc[0]) for name in METRICS})
         for (sample, crank), rows in _first_cases(frames).groupby(["sample", "crank_deg"])
     ]
 
@@ -43,7 +43,7 @@ def _first_cases(frames: Frames) -> pd.DataFrame:
 
 
 def _case_row(frames: Frames, sample: int, rows: pd.DataFrame, crank: str, values: dict[str, float]) -> CaseRow:
-    notes = ["no result"] if len(unsolved(rows)) else sorted({str(text) for text in rows["status"] if text != OK})
+    notes = ["no result"] if len(unsolved_rows(rows)) else sorted({str(text) for text in rows["status"] if text != OK})
     notes += ["preloaded"] if rows["preloaded"].any() else []
     metrics_shown = frames.shown_metrics
     return CaseRow(

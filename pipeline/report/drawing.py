@@ -12,7 +12,7 @@ import pandas as pd
 from pipeline.config.designs.design import Design
 from pipeline.figures.spread import centred, spread_frame
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import counted
+from pipeline.report.layout.wording import count_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,13 +38,13 @@ def band_sentence(frames: Frames, spread: object) -> str:
     if spread is None:
         return ""
     subset = frames.curves["sample"].iloc[-1] + 1 < frames.study.samples.rows
-    return f" The band is over {'the first ' if subset else ''}{counted(len(frames.band), 'sample')}."
+    return f" The band is over {'the first ' if subset else ''}{count_text(len(frames.band), 'sample')}."
 
 
 def loop_traces(frames: Frames) -> dict[str, pd.DataFrame]:
     """Loop of each drawn sample at the crank angle of the figures, by its label."""
     curves = frames.at_crank(frames.curves)
-    return {label: curves[curves["sample"] == sample] for label, sample in frames.drawn.items()}
+    return {label: curves[curves["sample"] == sample] for label, sample in frames.samples_drawn.items()}
 
 
 def loop_spreads(frames: Frames, *columns: str) -> Mapping[str, pd.DataFrame] | None:

@@ -8,11 +8,11 @@ import pandas as pd
 from pipeline.figures.labels import METRICS, parameter_title
 from pipeline.model.metrics import signed_number
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import NOTHING, UNDETERMINED, percent, percent_interval
+from pipeline.report.layout.wording import DASH, UNDETERMINED_TEXT, percent, percent_interval
 from pipeline.report.results import Cell
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
 
-NAMED = 3
+MOST_NAMED = 3
 """Errors that a row names."""
 NONE_LEADS = "none stands out"
 
@@ -67,7 +67,7 @@ def _driver_rows(table: pd.DataFrame) -> list[tuple[str, list[Cell]]]:
             totals[title] = float(np.nan_to_num(index))
     titles = sorted(cells, key=lambda title: -totals.get(title, 0.0))
     kinds = (TOTAL, FIRST_ORDER, RANK_CORRELATION)
-    return [(title, [cells[title].get(kind, Cell(NOTHING)) for kind in kinds]) for title in titles]
+    return [(title, [cells[title].get(kind, Cell(DASH)) for kind in kinds]) for title in titles]
 
 
 def main_contributor(frames: Frames, metric: str) -> str:
@@ -104,7 +104,7 @@ def share_note(frames: Frames, metric: str) -> str:
 def _judged_rows(frames: Frames, metric: str) -> pd.DataFrame:
     """Indices of a metric over what its limit judges: the study's choice where it has them, else the worst."""
     table = frames.sensitivity[frames.sensitivity["metric"] == metric]
-    overs = [name for name in (frames.over, "worst", "turn") if (table["over"] == name).any()]
+    overs = [name for name in (frames.turn_statistic, "worst", "turn") if (table["over"] == name).any()]
     return table[table["over"] == overs[0]] if overs else table
 
 
@@ -126,22 +126,24 @@ def _driver(metric: str, table: pd.DataFrame) -> Driver:
     return Driver(
         metric=metric,
         title=METRICS[metric].title,
-        in_all=_names([f"{name} ({percent(share)})" for name, share in _titled(total)], table, TOTAL),
-        by_itself=_names([f"{name} ({percent(share)})" for name, share in _titled(first_order)], table, FIRST_ORDER),
+        in_all=_names([f"{name} ({percent(share)})" for name, share in _titled_indices(total)], table, TOTAL),
+        by_itself=_names(
+            [f"{name} ({percent(share)})" for name, share in _titled_indices(first_order)], table, FIRST_ORDER
+        ),
         by_rank=_names(
-            [f"{name} ({signed_number(rank, 2)})" for name, rank in _titled(ranks)], table, RANK_CORRELATION
+            [f"{name} ({signed_number(rank, 2)})" for name, rank in _titled_indices(ranks)], table, RANK_CORRELATION
         ),
         together=_together(table),
     )
 
 
-def _titled(indices: pd.Series) -> list[tuple[str, float]]:
-    return [(parameter_title(str(name)), float(index)) for name, index in indices.head(NAMED).items()]
+def _titled_indices(indices: pd.Series) -> list[tuple[str, float]]:
+    return [(parameter_title(str(name)), float(index)) for name, index in indices.head(MOST_NAMED).items()]
 
 
 def _names(leaders: list[str], table: pd.DataFrame, kind: str) -> str:
     has_index = np.isfinite(table.loc[table["kind"] == kind, "index"].to_numpy(float)).any()
-    return "; ".join(leaders) or (NONE_LEADS if has_index else UNDETERMINED)
+    return "; ".join(leaders) or (NONE_LEADS if has_index else UNDETERMINED_TEXT)
 
 
 def _leading(table: pd.DataFrame, kind: str) -> pd.Series:
@@ -157,6 +159,6 @@ def _leading(table: pd.DataFrame, kind: str) -> pd.Series:
 def _together(table: pd.DataFrame) -> Cell:
     rows = table[(table["kind"] == FIRST_ORDER) & (table["parameter"] == SUM)]
     if rows.empty or not np.isfinite(rows["index"].iloc[0]):
-        return Cell(NOTHING)
+        return Cell(DASH)
     index, low, high = (float(rows[name].iloc[0]) for name in ("index", "ci_low", "ci_high"))
     return Cell(percent(1 - index), percent_interval(1 - high, 1 - low))

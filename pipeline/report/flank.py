@@ -7,7 +7,7 @@ from pipeline import assembly
 from pipeline.config.designs.design import Design
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
 from pipeline.model.units import UM_PER_MM
-from pipeline.report.layout.wording import listed, plain
+from pipeline.report.layout.wording import listed_text, plain_number
 
 CRANKS_PER_PITCH = 16
 """Crank angles within a pitch of the pins: between them their phases fill the lobe."""
@@ -41,8 +41,8 @@ def flank_fact(design: Design) -> str:
         "moved distance {} µm": flank.moved_distance_um,
         "rotation {}′": flank.rotation_arcmin,
     }
-    modifications = [text.format(plain(value)) for text, value in parts.items() if value]
+    modifications = [text.format(plain_number(value)) for text, value in parts.items() if value]
     if flank.measured is not None:
         lobes = "each lobe" if len(flank.measured.deviation_um) > 1 else "one for all lobes"
         modifications.append(f"and a measured deviation at {flank.measured.points} points, {lobes}")
-    return listed(modifications) if modifications else "as the pins generate it"
+    return listed_text(modifications) if modifications else "as the pins generate it"

@@ -61,7 +61,7 @@ class Frames:
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
     @property
-    def listed(self) -> bool:
+    def is_listed(self) -> bool:
         """Whether the samples are listed cases, so that there is nothing random about them."""
         return self.study.samples.experiment == "cases"
 
@@ -76,7 +76,7 @@ class Frames:
         return self.study.cycle.crank_deg[0]
 
     @cached_property
-    def over(self) -> str:
+    def turn_statistic(self) -> str:
         """What of a unit's values over the turn the limits hold for: `worst`, `mean` or `best`."""
         return self.study.limits.over
 
@@ -84,37 +84,37 @@ class Frames:
     def over_turn(self) -> pd.DataFrame:
         """(n,) metrics over the turn as limits mean it, by sample; without the nominal sample and failed ones."""
         nominal = [0] if self.study.samples.nominal_first else []
-        columns = {f"{name}_{self.over}": name for name in METRICS}
+        columns = {f"{name}_{self.turn_statistic}": name for name in METRICS}
         solved_units = self.units[self.units[list(columns)].notna().any(axis=1)].set_index("sample")
         return solved_units.drop(index=nominal, errors="ignore")[list(columns)].rename(columns=columns)
 
     def turn_of(self, sample: int) -> dict[str, float]:
         """Each metric of one sample over the turn, as the limits mean it; NaN where a crank angle has no result."""
         row = self.units[self.units["sample"] == sample]
-        return {name: float(row[f"{name}_{self.over}"].iloc[0]) if len(row) else np.nan for name in METRICS}
+        return {name: float(row[f"{name}_{self.turn_statistic}"].iloc[0]) if len(row) else np.nan for name in METRICS}
 
     @cached_property
-    def failed(self) -> pd.DataFrame:
+    def failed_rows(self) -> pd.DataFrame:
         """Rows of `metrics` without a result."""
-        return unsolved(self.metrics)
+        return unsolved_rows(self.metrics)
 
     @cached_property
     def doubtful(self) -> pd.DataFrame:
         """Rows of `metrics` of which some number does not hold though the loads have reached equilibrium."""
         rows = self.metrics[np.asarray(self.metrics["status"]) != OK]
-        return rows.drop(index=self.failed.index)
+        return rows.drop(index=self.failed_rows.index)
 
     @cached_property
-    def drawn(self) -> dict[str, int]:
+    def samples_drawn(self) -> dict[str, int]:
         """Sample of each line of a figure, by label: the nominal reducer, or the cases; failed ones left out."""
-        return drawn_samples(self.study, self.failed)
+        return drawn_samples(self.study, self.failed_rows)
 
     @cached_property
     def band(self) -> NDArray[np.intp]:
         """Samples whose spread is drawn: those at hand, but for the nominal and failed ones; none of listed cases."""
         at_hand = np.unique(self.curves["sample"].to_numpy())
-        left_out = set(self.failed["sample"]) | ({0} if self.study.samples.nominal_first else set())
-        return np.array([sample for sample in at_hand if sample not in left_out and not self.listed], np.intp)
+        left_out = set(self.failed_rows["sample"]) | ({0} if self.study.samples.nominal_first else set())
+        return np.array([sample for sample in at_hand if sample not in left_out and not self.is_listed], np.intp)
 
     @cached_property
     def shown_metrics(self) -> list[str]:
@@ -144,7 +144,7 @@ class Frames:
         return rows[np.asarray(rows["status"]) == OK]
 
     def owner(self, label: str) -> str:
-        """A label of `drawn` inside a sentence."""
+        """A label of `samples_drawn` inside a sentence."""
         return f"the {label}" if label == NOMINAL else label
 
     def at_crank(self, table: pd.DataFrame) -> pd.DataFrame:
@@ -159,7 +159,7 @@ class Frames:
         return values[self.band - first_sample, 0]
 
 
-def unsolved(metrics: pd.DataFrame) -> pd.DataFrame:
+def unsolved_rows(metrics: pd.DataFrame) -> pd.DataFrame:
     """Rows of the table of metrics that have no result at all."""
     return metrics[metrics[list(METRICS)].isna().all(axis=1)]
 
@@ -173,14 +173,14 @@ def case_label(study: Study, sample: int) -> str:
     return f"sample {sample}"
 
 
-def drawn_samples(study: Study, failed: pd.DataFrame) -> dict[str, int]:
+def drawn_samples(study: Study, failed_rows: pd.DataFrame) -> dict[str, int]:
     """Sample of each line of a figure, by label.
 
     Parameters
     ----------
     study : its samples and cases.
-    failed : ``sample`` and ``crank_deg`` of the loops without a result.
+    failed_rows : ``sample`` and ``crank_deg`` of the loops without a result.
     """
     n = min(study.samples.rows, DRAWN_CASES) if study.samples.experiment == "cases" else 1
-    failed_samples = set(failed.loc[failed["crank_deg"] == study.cycle.crank_deg[0], "sample"])
+    failed_samples = set(failed_rows.loc[failed_rows["crank_deg"] == study.cycle.crank_deg[0], "sample"])
     return {case_label(study, sample): sample for sample in range(n) if sample not in failed_samples}

@@ -17,7 +17,7 @@ from pipeline.model.contact.line_laws.contact_law import law_of
 from pipeline.model.effects import library
 from pipeline.report.flank import flank_fact
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import NOTHING, counted, listed, plain
+from pipeline.report.layout.wording import DASH, count_text, listed_text, plain_number
 
 UNITS = {
     "_N_per_mm_power": "N/mmⁿ",
@@ -87,7 +87,7 @@ def design_numbers(design: Design) -> list[tuple[str, list[DesignNumber]]]:
             DesignNumber(
                 key,
                 name,
-                plain(number_at(raw, key)),
+                plain_number(number_at(raw, key)),
                 unit,
                 provenance.status if provenance else "not stated",
                 provenance.reason if provenance else "",
@@ -136,9 +136,9 @@ def case_cells(case: Case, columns: Sequence[str]) -> list[str]:
     for name in columns:
         value = getattr(case, name)
         if isinstance(value, tuple):
-            cells.append(f"{len(value)} values, {plain(min(value))} to {plain(max(value))}")
+            cells.append(f"{len(value)} values, {plain_number(min(value))} to {plain_number(max(value))}")
         else:
-            cells.append(plain(value))
+            cells.append(plain_number(value))
     return cells
 
 
@@ -155,24 +155,24 @@ def _ratio_fact(design: Design) -> str:
 def reducer_facts(design: Design) -> list[tuple[str, str]]:
     """The reducer in numbers."""
     cycloid, bearing = design.cycloid, design.bearing
-    law = "linear" if bearing.exponent == 1 else f"with the power {plain(bearing.exponent)} of the deflection"
+    law = "linear" if bearing.exponent == 1 else f"with the power {plain_number(bearing.exponent)} of the deflection"
     return [
         ("Ratio of the disks" if design.output.carries_disks else "Reduction ratio", _ratio_fact(design)),
         (
             "Pins",
-            f"{cycloid.pins} of radius {plain(cycloid.pin_radius_mm)} mm on a circle of radius "
-            f"{plain(cycloid.pin_circle_radius_mm)} mm",
+            f"{cycloid.pins} of radius {plain_number(cycloid.pin_radius_mm)} mm on a circle of radius "
+            f"{plain_number(cycloid.pin_circle_radius_mm)} mm",
         ),
-        ("Eccentricity", f"{plain(cycloid.eccentricity_mm)} mm"),
-        ("Rated torque", f"{plain(cycloid.rated_torque_Nm)} N m"),
+        ("Eccentricity", f"{plain_number(cycloid.eccentricity_mm)} mm"),
+        ("Rated torque", f"{plain_number(cycloid.rated_torque_Nm)} N m"),
         (
             "Disk" if design.disk.count == 1 else "Disks",
-            f"{_several(design.disk.count)}{plain(design.disk.thickness_mm)} mm thick, {design.disk.material}, "
+            f"{_several(design.disk.count)}{plain_number(design.disk.thickness_mm)} mm thick, {design.disk.material}, "
             f"{STRESS[design.disk.stress]}",
         ),
         *([("Flank", flank_fact(design))] if design.flank else []),
         ("Bearing of each crank" if design.output.carries_disks else "Input bearing", f"radial spring, {law}"),
-        ("Output", design.output.fact(design.cycloid, plain)),
+        ("Output", design.output.fact(design.cycloid, plain_number)),
         *([("Effects", _effects_fact(design))] if design.effects else []),
     ]
 
@@ -182,7 +182,7 @@ def _effects_fact(design: Design) -> str:
     for name, values in design.effects.items():
         effect = library()[name]
         numbers = [
-            f"{parameter.quantity} {plain(values[parameter.name])} {_printed(parameter.unit)}".rstrip()
+            f"{parameter.quantity} {plain_number(values[parameter.name])} {_unit_text(parameter.unit)}".rstrip()
             for parameter in effect.parameters
         ]
         texts.append(f"{effect.title} ({', '.join(numbers)})")
@@ -195,10 +195,10 @@ def _effect_names(design: Design) -> Iterator[tuple[str, tuple[str, str]]]:
         effect = library()[name]
         for parameter in effect.parameters:
             words = f"{effect.title}, {parameter.quantity}"
-            yield f"effects.{name}.{parameter.name}", (words, _printed(parameter.unit))
+            yield f"effects.{name}.{parameter.name}", (words, _unit_text(parameter.unit))
 
 
-def _printed(unit: str) -> str:
+def _unit_text(unit: str) -> str:
     """A unit as the page writes it; a pure number has none."""
     return "" if unit == "1" else unit.replace("um", "µm").replace("arcmin", "′").replace(")2", ")²")
 
@@ -213,7 +213,7 @@ def _crank_angles(cycle: Cycle) -> str:
     if cycle.loaded_angles:
         angles_text = f"{cycle.loaded_angles} evenly over the turn"
     else:
-        angles_text = listed([f"{plain(crank)}°" for crank in cycle.crank_deg])
+        angles_text = listed_text([f"{plain_number(crank)}°" for crank in cycle.crank_deg])
     turn = f"{cycle.turn} ({cycle.crank_turns} turns of the crank)" if cycle.crank_turns > 1 else "crank"
     return f"loaded at {angles_text}; rigid bodies at these and at {cycle.rigid_angles} evenly; turn of the {turn}"
 
@@ -226,16 +226,16 @@ def study_facts(frames: Frames) -> list[tuple[str, str]]:
     experiment = EXPERIMENTS[samples.experiment]
     if samples.has_replicates:
         experiment += f" in {samples.randomisations} independent randomisations"
-    seed = "" if frames.listed else f", seed {samples.seed}"
+    seed = "" if frames.is_listed else f", seed {samples.seed}"
     top = cycle.torque_fraction * study.design.cycloid.rated_torque_Nm
     output = study.design.output
     return [
-        ("Samples", f"{counted(samples.count, 'case' if frames.listed else 'sample')}{nominal}"),
+        ("Samples", f"{count_text(samples.count, 'case' if frames.is_listed else 'sample')}{nominal}"),
         ("Design of experiment", f"{experiment}{seed}"),
         ("Crank angles", _crank_angles(cycle)),
         (
             "Load cycle",
-            f"0 → +T → −T → +T on the output with T = {plain(top)} N m, {cycle.levels_per_branch} equal "
+            f"0 → +T → −T → +T on the output with T = {plain_number(top)} N m, {cycle.levels_per_branch} equal "
             "steps a branch and the torques of the definitions; input held",
         ),
         (
@@ -254,10 +254,10 @@ def _disk_fact(frames: Frames) -> str:
     if frames.mesh is None:
         return "rigid but for its contacts, which are those of solid bodies"
     triangles, nodes = frames.mesh
-    on_walls = f", {plain(reduce.roller_patch_half_width_mm)} mm in the holes"
+    on_walls = f", {plain_number(reduce.roller_patch_half_width_mm)} mm in the holes"
     return (
         f"{triangles:,} quadratic triangles, {nodes:,} nodes, {reduce.flank_edges_per_lobe} edges a lobe, "
-        f"pressure patches of half width {plain(reduce.patch_half_width_mm)} mm"
+        f"pressure patches of half width {plain_number(reduce.patch_half_width_mm)} mm"
         f"{on_walls if design.output.holes(design.cycloid) else ''}"
     )
 
@@ -284,9 +284,9 @@ def _tolerance_row(name: str, tolerance: Distribution) -> ToleranceRow:
     return ToleranceRow(
         PARAMETERS[name],
         tolerance.name,
-        plain(lower),
-        plain(upper) if tolerance.varies else NOTHING,
-        plain(tolerance.allowance_um),
-        "; ".join(tolerance.details(plain)),
+        plain_number(lower),
+        plain_number(upper) if tolerance.varies else DASH,
+        plain_number(tolerance.allowance_um),
+        "; ".join(tolerance.details(plain_number)),
         dimension_library()[name].sign,
     )

@@ -12,13 +12,13 @@ from pipeline.figures.labels import LIMITED, METRICS
 from pipeline.model.metrics import signed_number
 from pipeline.report.frames import HEADLINES, Frames, case_label
 from pipeline.report.layout.wording import (
-    NOTHING,
-    counted,
+    DASH,
+    count_text,
     interval,
     number,
     percent,
     percent_interval,
-    plain,
+    plain_number,
 )
 
 STATISTICS = {"mean": "Mean", "p05": "5 % quantile", "p95": "95 % quantile", "std": "Standard deviation"}
@@ -68,7 +68,7 @@ class Results:
 
     def estimate(self, metric: str, statistic: str, crank: float | None = None) -> tuple[float, float, float]:
         """A statistic and its interval at a crank angle, or over the turn as the limits mean it; NaN where missing."""
-        whole_turn = "turn" if metric in LIMITED and metric not in METRICS else self.frames.over
+        whole_turn = "turn" if metric in LIMITED and metric not in METRICS else self.frames.turn_statistic
         turn_value = whole_turn if crank is None else "angle"
         if turn_value == "worst" and (metric, "whole_turn", None, statistic) in self._estimates:
             turn_value = "whole_turn"
@@ -86,7 +86,7 @@ class Results:
     def share(self, metric: str, statistic: str) -> Cell:
         """A share of the units in percent, with its interval."""
         value, low, high = self.estimate(metric, statistic)
-        return Cell(percent(value), percent_interval(low, high)) if np.isfinite(value) else Cell(NOTHING)
+        return Cell(percent(value), percent_interval(low, high)) if np.isfinite(value) else Cell(DASH)
 
     @property
     def samples(self) -> int:
@@ -124,8 +124,8 @@ class Results:
     def limit(self, metric: str) -> str:
         """The limit of a metric with the side that it bounds."""
         if metric not in self.frames.limits:
-            return NOTHING
-        return f"{'≥' if LIMITED[metric].smaller_is_worse else '≤'} {plain(self.frames.limits[metric])}"
+            return DASH
+        return f"{'≥' if LIMITED[metric].smaller_is_worse else '≤'} {plain_number(self.frames.limits[metric])}"
 
     @property
     def all_limits(self) -> Cell:
@@ -133,60 +133,66 @@ class Results:
         return self.share(ALL_LIMITS, "yield")
 
     @property
-    def preloaded(self) -> Cell:
+    def preloaded_share(self) -> Cell:
         """Share of samples that are preloaded at some crank angle."""
         return self.share("preloaded", "mean")
 
     @property
-    def searched(self) -> int:
+    def n_searched(self) -> int:
         """Pitches of the output turn among which the worst of each unit was searched; 0 where it was not."""
-        return int(self.frames.units.iloc[0]["n_searched"]) if self.frames.over == "worst" else 0
+        return int(self.frames.units.iloc[0]["n_searched"]) if self.frames.turn_statistic == "worst" else 0
 
     @cached_property
     def angles(self) -> str:
         """From how many crank angles a worst value is taken."""
         counts = self.frames.units.iloc[0]
-        if self.searched:
-            return f"all {self.searched:,} pitches of the pins in a turn of the output"
+        if self.n_searched:
+            return f"all {self.n_searched:,} pitches of the pins in a turn of the output"
         n_loaded, rigid = int(counts["n_angles"]), int(counts["n_rigid_angles"])
-        return f"{counted(n_loaded, 'loaded crank angle')}; of the clearance backlash {rigid:,}"
+        return f"{count_text(n_loaded, 'loaded crank angle')}; of the clearance backlash {rigid:,}"
 
-    def _doubled(self, metric: str, column: str) -> tuple[float, float, float]:
+    def _at_twice_the_angles(self, metric: str, column: str) -> tuple[float, float, float]:
         """A value of the table of convergence now, and the two of twice the crank angles; NaN where they are few."""
         part = self.frames.convergence[self.frames.convergence["metric"] == metric]
-        current, extrapolated = (part[part["extrapolated"] == is_extrapolated] for is_extrapolated in (False, True))
-        if not len(current) or not len(extrapolated):
+        current, extrapolated_rows = (
+            part[part["extrapolated"] == is_extrapolated] for is_extrapolated in (False, True)
+        )
+        if not len(current) or not len(extrapolated_rows):
             return np.nan, np.nan, np.nan
-        expected = extrapolated.iloc[-1]
-        return float(current[column].iloc[-1]), float(expected[column]), float(expected[f"{column}_settled"])
+        expected_row = extrapolated_rows.iloc[-1]
+        return float(current[column].iloc[-1]), float(expected_row[column]), float(expected_row[f"{column}_settled"])
 
     @cached_property
     def doubled_yield(self) -> str:
         """Yield against all limits expected of twice as many crank angles; empty where they are too few."""
-        _, *expected = self._doubled(ALL_LIMITS, "yield")
-        return percent_interval(*expected) if np.isfinite(expected).all() and self.frames.over == "worst" else ""
+        _, *expected_yield = self._at_twice_the_angles(ALL_LIMITS, "yield")
+        return (
+            percent_interval(*expected_yield)
+            if np.isfinite(expected_yield).all() and self.frames.turn_statistic == "worst"
+            else ""
+        )
 
     @cached_property
     def too_few_angles(self) -> str:
         """Why the effect of twice as many crank angles is not estimated, and what it takes; empty where it is."""
         angles = self.frames.units.iloc[0]["n_angles"]
-        if self.frames.over != "worst" or angles >= ANGLES_TO_CONTINUE:
+        if self.frames.turn_statistic != "worst" or angles >= ANGLES_TO_CONTINUE:
             return ""
         return (
-            f"{counted(int(angles), 'crank angle is', 'crank angles are')} too few to estimate the effect of more: "
+            f"{count_text(int(angles), 'crank angle is', 'crank angles are')} too few to estimate the effect of more: "
             f"that takes {ANGLES_TO_CONTINUE} or more, evenly over the turn"
         )
 
     @cached_property
-    def doubled(self) -> list[str]:
+    def angle_doubling_phrases(self) -> list[str]:
         """How far the mean worst values would move with twice as many crank angles, one phrase each."""
         phrases = []
         for name in HEADLINES:
-            current, *expected = self._doubled(name, "worst_mean")
-            if np.isfinite(expected).all():
+            current, *expected_mean = self._at_twice_the_angles(name, "worst_mean")
+            if np.isfinite(expected_mean).all():
                 metric = METRICS[name]
                 ends = dict.fromkeys(
-                    signed_number(value - current, metric.decimals) for value in expected
+                    signed_number(value - current, metric.decimals) for value in expected_mean
                 )  # once where alike
                 phrases.append(f"the {metric.inline} by {' to '.join(ends)} {metric.unit}")
         return phrases
@@ -208,34 +214,37 @@ class Results:
                         interval(low, high, METRICS[metric]),
                     )
                 )
-            rows.append((plain(round(crank, CRANK_DECIMALS)), cells))
+            rows.append((plain_number(round(crank, CRANK_DECIMALS)), cells))
         return rows
 
     @property
     def failure_rows(self) -> list[tuple[str, str, str]]:
         """Label, crank angle and reason of the first loops without a result."""
-        failed = pd.concat([self.frames.failed, self.frames.doubtful]).head(FAILURES_SHOWN)
+        failed_rows = pd.concat([self.frames.failed_rows, self.frames.doubtful]).head(FAILURES_SHOWN)
         return [
-            (case_label(self.frames.study, int(sample)), plain(round(crank, CRANK_DECIMALS)), str(reason))
-            for sample, crank, reason in zip(failed["sample"], failed["crank_deg"], failed["status"], strict=True)
+            (case_label(self.frames.study, int(sample)), plain_number(round(crank, CRANK_DECIMALS)), str(reason))
+            for sample, crank, reason in zip(
+                failed_rows["sample"], failed_rows["crank_deg"], failed_rows["status"], strict=True
+            )
         ]
 
     @property
     def failures(self) -> str:
         """How many loops have no result."""
-        failed, doubtful = self.frames.failed, self.frames.doubtful
+        failed_rows, doubtful = self.frames.failed_rows, self.frames.doubtful
         limits = ""
         if len(doubtful):
             limits = (
-                f" Of {counted(len(doubtful), 'load cycle')} of {counted(doubtful['sample'].nunique(), 'sample')} a "
+                f" Of {count_text(len(doubtful), 'load cycle')} of "
+                f"{count_text(doubtful['sample'].nunique(), 'sample')} a "
                 "value is outside its range of validity; it is missing and in no statistic: "
                 f"{'; '.join(sorted(set(doubtful['status'].astype(str))))}."
             )
-        if not len(failed):
+        if not len(failed_rows):
             return f"Every load cycle of every sample has reached equilibrium.{limits}"
-        loops, samples = len(failed), failed["sample"].nunique()
-        load_cycles = counted(self.frames.n_loops, "load cycle")
+        loops, samples = len(failed_rows), failed_rows["sample"].nunique()
+        load_cycles = count_text(self.frames.n_loops, "load cycle")
         return (
             f"{loops:,} of {load_cycles} {'has' if loops == 1 else 'have'} no result; they belong to "
-            f"{counted(samples, 'sample')}, left out of all statistics.{limits}"
+            f"{count_text(samples, 'sample')}, left out of all statistics.{limits}"
         )

@@ -10,7 +10,7 @@ from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.priced import Priced
 from pipeline.figures.labels import LIMITED, PARAMETERS
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import percent, percent_interval, plain
+from pipeline.report.layout.wording import percent, percent_interval, plain_number
 
 SCALED_YIELDS = "scales/yields"
 TARGETS = (0.9, 0.95, 0.99, 0.999)
@@ -50,36 +50,36 @@ class SingleChanges:
     Attributes
     ----------
     rows : the table of scaled yields.
-    stated : yield of the study with the ends of its interval.
+    stated_yield : yield of the study with the ends of its interval.
     """
 
     study: Study
     rows: pd.DataFrame
-    stated: tuple[float, float, float]
+    stated_yield: tuple[float, float, float]
 
     @classmethod
-    def of(cls, frames: Frames, stated: tuple[float, float, float]) -> "SingleChanges":
+    def from_frames(cls, frames: Frames, stated_yield: tuple[float, float, float]) -> "SingleChanges":
         """From the tables of a run; without rows where it has no such table."""
         rows = frames.tables.get(SCALED_YIELDS, pd.DataFrame(columns=["tolerance", "scale", "metric"]))
-        return cls(frames.study, rows, stated)
+        return cls(frames.study, rows, stated_yield)
 
     @property
     def target(self) -> float:
         """The yield that is aimed at."""
-        return next_target(self.stated[0])
+        return next_target(self.stated_yield[0])
 
     def curves(self, metric: str = ALL_LIMITS) -> Mapping[str, np.ndarray]:
         """By tolerance scales, yields and the ends of their intervals (4, n), scale 1 among them; widest span first."""
         rows, curves = self.rows[self.rows["metric"] == metric], {}
         for name, part in rows.groupby("tolerance", sort=False):
             points = part[["scale", "value", "ci_low", "ci_high"]].to_numpy(float)
-            here = (1.0, *self.stated) if metric == ALL_LIMITS else (1.0, np.nan, np.nan, np.nan)
+            here = (1.0, *self.stated_yield) if metric == ALL_LIMITS else (1.0, np.nan, np.nan, np.nan)
             points = np.vstack([points, here])[np.argsort([*points[:, 0], 1.0])]
             curves[str(name)] = points[np.isfinite(points).all(axis=1)].T
         return dict(sorted(curves.items(), key=lambda item: -np.ptp(item[1][1])))
 
     @property
-    def best(self) -> SingleChange | None:
+    def best_change(self) -> SingleChange | None:
         """The change that reaches the target for the least cost, or by the least scaling where costs are not stated."""
         changes = [change for name in self.curves() if (change := self._reaching(name))]
         priced_changes = [change for change in changes if np.isfinite(change.cost)]
@@ -88,10 +88,10 @@ class SingleChanges:
         return min(changes, key=lambda change: abs(np.log(change.scale)), default=None)
 
     @property
-    def nearest(self) -> SingleChange | None:
+    def largest_yield_change(self) -> SingleChange | None:
         """The change of the largest yield; None where no change improves it."""
         points = [(curve[1].max(), name, curve) for name, curve in self.curves().items()]
-        if not points or max(points, key=lambda point: point[0])[0] <= self.stated[0]:
+        if not points or max(points, key=lambda point: point[0])[0] <= self.stated_yield[0]:
             return None
         _, name, curve = max(points, key=lambda point: point[0])
         k = int(np.argmax(curve[1]))
@@ -125,25 +125,29 @@ class SingleChanges:
         """What to change first, what it costs and how sure that is; empty without an estimate."""
         if not len(self.rows):
             return ""
-        if self.best is not None:
-            return f"To reach a yield of {percent(self.target)}, {self._told(self.best)}. {self._sureness}"
-        if self.nearest is None:
+        if self.best_change is not None:
+            return (
+                f"To reach a yield of {percent(self.target)}, {self._change_text(self.best_change)}. {self._sureness}"
+            )
+        if self.largest_yield_change is None:
             return (
                 "No tolerance, scaled alone between a quarter and twice its limits, raises the yield noticeably. "
                 f"Change an allowance or a limit, or several tolerances together. {self._sureness}"
             )
         return (
             f"No single tolerance reaches a yield of {percent(self.target)}. The most comes from this change: "
-            f"{self._told(self.nearest)}. {self._sureness}"
+            f"{self._change_text(self.largest_yield_change)}. {self._sureness}"
         )
 
-    def _told(self, change: SingleChange) -> str:
-        stated, scaled = (" to ".join(plain(float(f"{end:.3g}")) for end in ends) for ends in self._ends(change))
+    def _change_text(self, change: SingleChange) -> str:
+        stated_text, scaled_text = (
+            " to ".join(plain_number(float(f"{end:.3g}")) for end in ends) for ends in self._ends(change)
+        )
         verb = "tighten" if change.scale < 1 else "loosen"
         cost = f" The cost rises by {change.cost:.3g}" if change.cost >= 0 else f" The cost falls by {-change.cost:.3g}"
         cost = f"{cost}, as [costs] states it" if np.isfinite(change.cost) else " The study states no cost of it"
         return (
-            f"{verb} the {PARAMETERS[change.tolerance]} alone from {stated} µm to {scaled} µm "
+            f"{verb} the {PARAMETERS[change.tolerance]} alone from {stated_text} µm to {scaled_text} µm "
             f"({change.scale:.3g} times its limits): estimated yield {percent(change.value)} "
             f"(interval {percent_interval(change.ci_low, change.ci_high)}).{cost}"
         )
@@ -155,9 +159,9 @@ class SingleChanges:
     @property
     def _sureness(self) -> str:
         """What the estimate rests on."""
-        units, explained = int(self.rows["n"].max()), self.rows.groupby("metric")["explained"].first()
+        units, correlation = int(self.rows["n"].max()), self.rows.groupby("metric")["explained"].first()
         poor = [
-            LIMITED[name].inline for name, share in explained.items() if name in LIMITED and share < POORLY_EXPLAINED
+            LIMITED[name].inline for name, share in correlation.items() if name in LIMITED and share < POORLY_EXPLAINED
         ]
         warning = f" It predicts the {' and the '.join(poor)} poorly." if poor else ""
         return (

@@ -5,38 +5,38 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import NOTHING, counted, listed, percent
+from pipeline.report.layout.wording import DASH, count_text, listed_text, percent
 
 
 def beyond_law(frames: Frames) -> str:
     """Share of the pins' moment on contacts beyond the range of their law, at the largest torque of the cycle."""
     curves = frames.curves
     torque = np.abs(curves["torque_Nm"].to_numpy())
-    has_failed = curves["sample"].isin(frames.failed["sample"]).to_numpy()
+    has_failed = curves["sample"].isin(frames.failed_rows["sample"]).to_numpy()
     shares = curves["beyond_limit_share"].to_numpy()[(torque >= (1 - 1e-9) * torque.max()) & ~has_failed]
     if not shares.size:
-        return NOTHING
+        return DASH
     return f"{percent(float(shares.mean()))} on average and {percent(float(shares.max()))} at most"
 
 
-def overloaded(frames: Frames) -> list[str]:
+def overload_phrases(frames: Frames) -> list[str]:
     """Contacts of the drawn samples beyond the pressure limit, one phrase a sample; none without a limit."""
     limit = frames.limits.get("peak_pressure_MPa")
-    return [] if limit is None else list(_overloaded(frames, limit))
+    return [] if limit is None else list(_overload_phrases(frames, limit))
 
 
-def _overloaded(frames: Frames, limit: float) -> Iterator[str]:
+def _overload_phrases(frames: Frames, limit: float) -> Iterator[str]:
     loads = frames.at_crank(frames.loads)
-    for label, sample in frames.drawn.items():
+    for label, sample in frames.samples_drawn.items():
         rows = loads[loads["sample"] == sample]
         if not len(rows):
             continue
         contacts_beyond = rows.loc[rows["pressure_MPa"] > limit, "contact"].unique()
         pins = sorted(int(contact) for contact in contacts_beyond if contact < frames.study.design.cycloid.pins)
         rollers = len(contacts_beyond) - len(pins)
-        parts = [f"{counted(len(pins), 'pin')} ({ranges(pins)})"] if pins else []
-        parts += [counted(rollers, frames.study.design.output.words.contact)] if rollers else []
-        yield f"{listed(parts) if parts else 'none'} of {frames.owner(label)}"
+        parts = [f"{count_text(len(pins), 'pin')} ({ranges(pins)})"] if pins else []
+        parts += [count_text(rollers, frames.study.design.output.words.contact)] if rollers else []
+        yield f"{listed_text(parts) if parts else 'none'} of {frames.owner(label)}"
 
 
 def ranges(numbers: list[int]) -> str:

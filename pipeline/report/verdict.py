@@ -13,7 +13,7 @@ from pipeline.figures.labels import LIMITED
 from pipeline.model.metrics.turn import turn_library
 from pipeline.report.drivers import main_contributor, share_note
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import counted, interval, percent, percent_interval
+from pipeline.report.layout.wording import count_text, interval, percent, percent_interval
 from pipeline.report.results import Cell, Results
 from pipeline.report.samples.known_yield import preload_warning
 from pipeline.report.single_changes import next_target
@@ -67,8 +67,8 @@ class Verdict:
         """Whether each unit (n,) breaks each limit, of the units for which every limited metric holds."""
         turn = self.frames.units.set_index("sample")[list(turn_library())]
         values: pd.DataFrame = self.frames.over_turn.join(turn)[list(self.frames.limits)].dropna()
-        kept = self.frames.study.limits.pass_flags({name: values[name].to_numpy(float) for name in values})
-        return {name: ~np.asarray(passes) for name, passes in kept.items()}
+        pass_flags = self.frames.study.limits.pass_flags({name: values[name].to_numpy(float) for name in values})
+        return {name: ~np.asarray(passes) for name, passes in pass_flags.items()}
 
     @property
     def failures(self) -> str:
@@ -80,12 +80,12 @@ class Verdict:
         if not failing.any():
             return f"No unit of {len(failing):,} fails a limit; the failing share is at most {percent(1 - low)}."
         shares = {name: float(np.mean(broken[failing])) for name, broken in self.breaks.items() if name != ALL_LIMITS}
-        worst = max(shares, key=lambda name: shares[name])
-        contributor = main_contributor(self.frames, worst)
-        driven = f"; its main contributor is the {contributor}" if contributor else ""
+        worst_limit = max(shares, key=lambda name: shares[name])
+        contributor = main_contributor(self.frames, worst_limit)
+        driver_text = f"; its main contributor is the {contributor}" if contributor else ""
         return (
             f"{percent(1 - value)} of the units fail (95 % CI {percent_interval(1 - high, 1 - low)}); "
-            f"{percent(shares[worst])} of these on {LIMITED[worst].inline}{driven}."
+            f"{percent(shares[worst_limit])} of these on {LIMITED[worst_limit].inline}{driver_text}."
         ).replace("95 % CI", f"{100 * self.frames.study.metrics.confidence:g} % CI")
 
     @property
@@ -105,25 +105,25 @@ class Verdict:
     @property
     def preload_warning(self) -> str:
         """A warning where most units are preloaded; else empty."""
-        return preload_warning(self.frames.distributions, self.frames.over)
+        return preload_warning(self.frames.distributions, self.frames.turn_statistic)
 
     @property
     def holds_for(self) -> str:
         """Which crank angles the yield counts, and on which side of it the yield of a whole turn lies."""
-        if self.frames.over != "worst":
-            return f"It counts the {self.frames.over} value of each unit over {self.results.angles}."
-        if self.results.searched:
-            pitches = f"{self.results.searched:,} pitches of the pins"
-            audited = min(self.frames.study.cycle.audited_units, len(self.frames.over_turn))
+        if self.frames.turn_statistic != "worst":
+            return f"It counts the {self.frames.turn_statistic} value of each unit over {self.results.angles}."
+        if self.results.n_searched:
+            pitches = f"{self.results.n_searched:,} pitches of the pins"
+            n_audited = min(self.frames.study.cycle.audited_units, len(self.frames.over_turn))
             return (
                 f"It holds for the whole turn of the output: {pitches} were ranked for each unit, and the most "
-                f"promising load-solved. {audited} random units, solved at all pitches, correct what that "
+                f"promising load-solved. {n_audited} random units, solved at all pitches, correct what that "
                 "misses; the interval includes it."
             )
-        angles = counted(int(self.frames.units.iloc[0]["n_angles"]), "loaded angle")
-        doubled = self.results.doubled_yield
-        more = f" With twice as many angles it would be an estimated {doubled}." if doubled else ""
-        few = f" {self.results.too_few_angles} (cycle.loaded_angles)." if self.results.too_few_angles else ""
+        angles = count_text(int(self.frames.units.iloc[0]["n_angles"]), "loaded angle")
+        doubled_yield = self.results.doubled_yield
+        doubling_text = f" With twice as many angles it would be an estimated {doubled_yield}." if doubled_yield else ""
+        warning_text = f" {self.results.too_few_angles} (cycle.loaded_angles)." if self.results.too_few_angles else ""
         turn = self.frames.study.cycle.turn
         beyond = (
             "A unit repeats only after one turn of the output, over which more units fail"
@@ -131,5 +131,6 @@ class Verdict:
             else "At the angles between them more units fail"
         )
         return (
-            f"This is an upper bound: it counts the worst of {angles} of one turn of the {turn}. {beyond}.{more}{few}"
+            f"This is an upper bound: it counts the worst of {angles} of one turn of the {turn}. "
+            f"{beyond}.{doubling_text}{warning_text}"
         )

@@ -41,7 +41,7 @@ def write_workbook(folder: Path, file: Path) -> tuple[list[str], list[str]]:
             f"{folder}: no table; give a folder of results, as data/runs/quick or data/runs/allocate/paper"
         )
     sink = io.BytesIO()
-    written: list[str] = []
+    written_tables: list[str] = []
     left_out: list[str] = []
     with pd.ExcelWriter(sink, engine="xlsxwriter") as book:
         for name, path in tables.items():
@@ -54,10 +54,10 @@ def write_workbook(folder: Path, file: Path) -> tuple[list[str], list[str]]:
                 continue
             frame = dataset.to_table().to_pandas()
             frame.columns = [_header(dataset.schema.field(column)) for column in frame]
-            frame.to_excel(book, sheet_name=_sheet_name(name, written), index=False, freeze_panes=(1, 0))
-            written.append(name)
+            frame.to_excel(book, sheet_name=_sheet_name(name, written_tables), index=False, freeze_panes=(1, 0))
+            written_tables.append(name)
     write_atomic(file, sink.getvalue())
-    return written, left_out
+    return written_tables, left_out
 
 
 def _tables(folder: Path) -> Iterator[tuple[str, Path]]:
@@ -74,7 +74,7 @@ def _header(field: ds.pyarrow.Field) -> str:
     return f"{field.name} ({unit})" if unit and unit not in ("1", "") else field.name
 
 
-def _sheet_name(name: str, taken: list[str]) -> str:
+def _sheet_name(name: str, taken_names: list[str]) -> str:
     """A name that the format allows and no other table has."""
     short = re.sub(r"[\[\]:*?/\\]", "_", name)[:LONGEST_NAME]
-    return short if short not in taken else f"{short[: LONGEST_NAME - 3]}{len(taken)}"
+    return short if short not in taken_names else f"{short[: LONGEST_NAME - 3]}{len(taken_names)}"

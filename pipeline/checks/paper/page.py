@@ -17,8 +17,8 @@ from pipeline.figures.labels import METRICS
 from pipeline.model.metrics import signed_number
 from pipeline.report import inputs
 from pipeline.report.layout.pictures import Picture
-from pipeline.report.layout.rendering import rendered
-from pipeline.report.layout.wording import NOTHING
+from pipeline.report.layout.rendering import render
+from pipeline.report.layout.wording import DASH
 
 METRICS_OF_TABLE = (BACKLASH, LOST_MOTION, RIGIDITY)
 HERE = Path(__file__).parent
@@ -62,7 +62,7 @@ def paper_page(comparison: PaperComparison) -> str:
     fit = comparison.table2[~comparison.table2["predicted"].to_numpy(bool)]
     prediction_rows = comparison.table2[comparison.table2["predicted"].to_numpy(bool)]
     study = comparison.study
-    return rendered(
+    return render(
         HERE / "paper.html",
         {"percent": _percent, "significant": _significant, "digits": _digits},
         study=study,
@@ -138,11 +138,11 @@ def _of_fit(table: pd.DataFrame, fitted_to: str) -> list[dict[str, object]]:
 
 
 def _percent(share: float) -> str:
-    return f"{signed_number(100 * share, 2)} %" if np.isfinite(share) else NOTHING
+    return f"{signed_number(100 * share, 2)} %" if np.isfinite(share) else DASH
 
 
 def _significant(value: float, digits: int = 4) -> str:
-    return f"{value:.{digits}g}".replace("-", "\u2212") if np.isfinite(value) else NOTHING
+    return f"{value:.{digits}g}".replace("-", "\u2212") if np.isfinite(value) else DASH
 
 
 def _digits(value: float, count: int) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.report.layout.wording import counted
+from pipeline.report.layout.wording import count_text
 
 BOX = 124, 62
 """Width and height of a stage's box [pixels of the drawing]."""
@@ -23,18 +23,18 @@ class StageNote:
 
     name: str
     reads: tuple[str, ...]
-    started: str
+    start_time: str
     seconds: float
     items: int
-    failed: int
+    failed_items: int
     rows: int
 
     @classmethod
-    def of(cls, name: str, reads: Sequence[str], record: Mapping[str, Any]) -> StageNote:
+    def from_record(cls, name: str, reads: Sequence[str], record: Mapping[str, Any]) -> StageNote:
         """From the record of the stage's output."""
-        items, failed = int(record.get("items", 0)), int(record.get("failed", 0))
+        items, failed_items = int(record.get("items", 0)), int(record.get("failed", 0))
         rows = sum(table["rows"] for table in record["tables"].values())
-        return cls(name, tuple(reads), str(record["started"]), float(record["seconds"]), items, failed, rows)
+        return cls(name, tuple(reads), str(record["started"]), float(record["seconds"]), items, failed_items, rows)
 
     @property
     def state(self) -> str:
@@ -43,12 +43,12 @@ class StageNote:
             return "nothing asked for"
         if not self.items:
             return "complete"
-        return f"{self.items:,} done" if not self.failed else f"{self.failed:,} of {self.items:,} failed"
+        return f"{self.items:,} done" if not self.failed_items else f"{self.failed_items:,} of {self.items:,} failed"
 
     @property
     def ran(self) -> str:
         """When it ran: date and time of day, universal."""
-        return self.started[:16].replace("T", " ")
+        return self.start_time[:16].replace("T", " ")
 
 
 @dataclass(frozen=True)
@@ -91,9 +91,9 @@ def stage_graph(notes: Sequence[StageNote]) -> StageGraph:
         places[name] = column[name] * (BOX[0] + GAP[0]), row * (BOX[1] + GAP[1])
     lines = []
     for name, sources in reads.items():
-        implied = set().union(*(upstream[source] for source in sources))
+        implied_sources = set().union(*(upstream[source] for source in sources))
         for source in sources:
-            if source not in implied:
+            if source not in implied_sources:
                 (x0, y0), (x1, y1) = places[source], places[name]
                 lines.append((x0 + BOX[0], y0 + BOX[1] / 2, x1, y1 + BOX[1] / 2))
     return StageGraph(
@@ -101,12 +101,12 @@ def stage_graph(notes: Sequence[StageNote]) -> StageGraph:
         tuple(lines),
         max(x for x, _ in places.values()) + BOX[0],
         max(y for _, y in places.values()) + BOX[1],
-        "; ".join(_told(note, reads[note.name]) for note in notes),
+        "; ".join(_stage_text(note, reads[note.name]) for note in notes),
     )
 
 
-def _told(note: StageNote, sources: Sequence[str]) -> str:
+def _stage_text(note: StageNote, sources: Sequence[str]) -> str:
     """A stage in words, for those who do not see the drawing."""
     origin = f" reads {', '.join(sources)}" if sources else ""
-    failed = f", {counted(note.failed, 'item')} failed" if note.failed else ""
-    return f"{note.name}{origin}: {note.seconds:.1f} s{failed}"
+    failed_text = f", {count_text(note.failed_items, 'item')} failed" if note.failed_items else ""
+    return f"{note.name}{origin}: {note.seconds:.1f} s{failed_text}"

@@ -14,8 +14,8 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.figures.samples.tradeoff import tradeoff_figure
 from pipeline.report.layout.pictures import Picture, drawn_pictures
-from pipeline.report.layout.rendering import rendered
-from pipeline.report.layout.wording import NOTHING
+from pipeline.report.layout.rendering import render
+from pipeline.report.layout.wording import DASH
 
 TEMPLATE = "decisions/allocation.html"
 CHOICES = {
@@ -27,21 +27,23 @@ CHOICES = {
 
 def sentence(allocation: Allocation) -> str:
     """What was found, in a few sentences."""
-    found, stated = allocation.cheapest, allocation.stated_choice
+    cheapest, stated_choice = allocation.cheapest, allocation.stated_choice
     if not allocation.reaches_target:
         return (
-            f"The target of {_share(allocation.target)} is not reached. The best tolerances found give {_yield(found)} "
-            f"and cost {found.cost:.3g}; those of the study give {_yield(stated)} and cost {stated.cost:.3g}. Most "
+            f"The target of {_share(allocation.target)} is not reached. The best tolerances found give "
+            f"{_yield(cheapest)} "
+            f"and cost {cheapest.cost:.3g}; those of the study give {_yield(stated_choice)} and cost "
+            f"{stated_choice.cost:.3g}. Most "
             f"failing units break {allocation.hardest_limit}: loosen this limit, change an allowance, or state the "
             "cost of further tolerances."
         )
     text = (
-        f"The cheapest tolerances found for a yield of {_share(allocation.target)} cost {found.cost:.3g} and give "
-        f"{_yield(found)}; those of the study cost {stated.cost:.3g} and give {_yield(stated)}."
+        f"The cheapest tolerances found for a yield of {_share(allocation.target)} cost {cheapest.cost:.3g} and give "
+        f"{_yield(cheapest)}; those of the study cost {stated_choice.cost:.3g} and give {_yield(stated_choice)}."
     )
     if allocation.equal is None:
         return f"{text} Scaling all priced tolerances alike does not reach the target."
-    saving = 1 - found.cost / allocation.equal.cost
+    saving = 1 - cheapest.cost / allocation.equal.cost
     return (
         f"{text} Scaling all of them alike costs {allocation.equal.cost:.3g} and gives {_yield(allocation.equal)}: the "
         f"allocation is {100 * saving:.1f} % {'cheaper' if saving >= 0 else 'dearer'}."
@@ -49,8 +51,9 @@ def sentence(allocation: Allocation) -> str:
 
 
 def _yield(choice: Choice) -> str:
-    passed = choice.yield_estimate
-    return f"{_share(passed.value)} ({100 * passed.ci_low:.1f} to {_share(passed.ci_high)}, {passed.n:,} fresh units)"
+    estimate = choice.yield_estimate
+    interval = f"{100 * estimate.ci_low:.1f} to {_share(estimate.ci_high)}"
+    return f"{_share(estimate.value)} ({interval}, {estimate.n:,} fresh units)"
 
 
 def _share(value: float) -> str:
@@ -61,7 +64,7 @@ def write_allocation_page(allocation: Allocation, file: str, folder: Path) -> No
     """Write report.html and its figure into ``folder``; ``file`` names the study file beside it."""
     rows = pd.DataFrame(allocation_rows(allocation)).to_dict("records")
     checks = pd.DataFrame(check_rows(allocation)).to_dict("records")
-    page = rendered(
+    page = render(
         TEMPLATE,
         study=allocation.study,
         sentence=sentence(allocation),
@@ -90,9 +93,7 @@ def write_allocation_page(allocation: Allocation, file: str, folder: Path) -> No
             for row in checks
         ],
         units=allocation.units,
-        tradeoff=[
-            (_share(share), f"{cost:.4g}" if np.isfinite(cost) else NOTHING) for share, cost in allocation.tradeoff
-        ],
+        tradeoff=[(_share(share), f"{cost:.4g}" if np.isfinite(cost) else DASH) for share, cost in allocation.tradeoff],
         examples=[PARAMETERS[tolerance.name] for tolerance in allocation.priced_dimensions if tolerance.cost.example],
         unmoved=[(PARAMETERS[name], reason) for name, reason in allocation.unmoved_reasons.items()],
         solved=allocation.solved_units,

@@ -11,7 +11,7 @@ from pipeline.decisions.selective_assembly import DRAWS, Assembly, pair_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.samples.margins import margins_figure
 from pipeline.report.layout.pictures import drawn_picture
-from pipeline.report.layout.rendering import rendered
+from pipeline.report.layout.rendering import render
 from pipeline.statistics import Estimate
 
 TEMPLATE = "decisions/assembly.html"
@@ -41,7 +41,7 @@ def _percent(share: Estimate) -> str:
 def write_assembly_page(study: Study, assembly: Assembly, mounting_limit: float | None, folder: Path) -> None:
     """Write report.html and its figure into ``folder``."""
     rows = pair_rows(assembly)
-    shown = [
+    table_rows = [
         {
             "first": row.first,
             "second": row.second,
@@ -52,9 +52,9 @@ def write_assembly_page(study: Study, assembly: Assembly, mounting_limit: float 
         for row in rows.head(SHOWN_PAIRS).itertuples()
     ]
     caption = "Shares of units below each predicted margin. Units below zero miss a limit."
-    selected = assembly.margin[tuple(assembly.pairs.T)]
-    figure = margins_figure({"all combinations": assembly.margin.ravel(), "assignment": selected})
-    page = rendered(
+    selected_margins = assembly.margin[tuple(assembly.pairs.T)]
+    figure = margins_figure({"all combinations": assembly.margin.ravel(), "assignment": selected_margins})
+    page = render(
         TEMPLATE,
         study=study,
         first=assembly.first_lot.name,
@@ -70,7 +70,7 @@ def write_assembly_page(study: Study, assembly: Assembly, mounting_limit: float 
             }
             for title, share in (("at random", assembly.random), ("by the assignment", assembly.selected_yield))
         ],
-        pairs=shown,
+        pairs=table_rows,
         n_pairs=len(rows),
         with_forces=mounting_limit is not None,
         pictures={"margins": drawn_picture(figure, "Predicted margins", caption, folder / "figures" / "margins")},

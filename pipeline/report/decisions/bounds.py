@@ -11,7 +11,7 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.figures.samples.bounds import bounds_figure
 from pipeline.report.layout.pictures import Picture, drawn_picture
-from pipeline.report.layout.rendering import rendered
+from pipeline.report.layout.rendering import render
 from pipeline.report.layout.wording import number, percent, percent_interval
 
 TEMPLATE = "decisions/bounds.html"
@@ -24,7 +24,7 @@ def write_bounds_page(bound_findings: BoundFindings, folder: Path) -> None:
     """Write report.html into ``folder``."""
     tables = {table: pd.DataFrame(rows) for table, rows in table_rows(bound_findings).items()}
     invalid = invalid_stacks(tables[STACKS])
-    page = rendered(
+    page = render(
         TEMPLATE,
         study=bound_findings.study,
         sentence=bounds_sentence(tables[BOUNDS], tables[STACKS]),
@@ -51,10 +51,12 @@ def bounds_sentence(bounds: pd.DataFrame, stacks: pd.DataFrame) -> str:
     for name, rows in bounds.groupby("metric", sort=False):
         metric = METRICS[str(name)]
         extreme, side = (pd.Series.min, "at least") if metric.smaller_is_worse else (pd.Series.max, "at most")
-        far = stacks[(stacks["metric"] == name) & (stacks["statistic"] == "far")]["full"]
+        far_stacks = stacks[(stacks["metric"] == name) & (stacks["statistic"] == "far")]["full"]
         unit = "" if metric.unit == "1" else f" {metric.unit}"
-        drawn = f" (99.73 % of drawn units: {side} {number(extreme(far), metric)}{unit})" if len(far) else ""
-        parts.append(f"{metric.inline} {number(extreme(rows['value']), metric)}{unit}{drawn}")
+        drawn_text = (
+            f" (99.73 % of drawn units: {side} {number(extreme(far_stacks), metric)}{unit})" if len(far_stacks) else ""
+        )
+        parts.append(f"{metric.inline} {number(extreme(rows['value']), metric)}{unit}{drawn_text}")
     return f"With every error anywhere within its limits the worst values are: {', '.join(parts)}."
 
 

@@ -11,8 +11,8 @@ from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.figures.samples.certificate import certificate_figure
 from pipeline.model.metrics.turn import turn_library
 from pipeline.report.layout.pictures import drawn_picture
-from pipeline.report.layout.rendering import rendered
-from pipeline.report.layout.wording import NOTHING, interval
+from pipeline.report.layout.rendering import render
+from pipeline.report.layout.wording import DASH, interval
 
 TEMPLATE = "decisions/certificate.html"
 
@@ -34,7 +34,7 @@ def write_certificate_page(unit: Certificate, loop: Compensated | None, folder: 
     loops = unit.loops
     figure = certificate_figure(loops.torque, loops.angle[:, 0], BAND, float(loops.crank_deg[0]))
     caption = "Lines: median of the units that the measured one may be. Bands: 95 % of them."
-    page = rendered(
+    page = render(
         TEMPLATE,
         label=unit.label,
         study=unit.study,
@@ -46,8 +46,8 @@ def write_certificate_page(unit: Certificate, loop: Compensated | None, folder: 
                 "title": quantities[row["metric"]].axis,
                 "median": quantities[row["metric"]].text(row["median"]),
                 "ends": interval(row["low"], row["high"], quantities[row["metric"]]),
-                "limit": f"{row['limit']:.4g}" if math.isfinite(row["limit"]) else NOTHING,
-                "probability": f"{100 * row['probability']:.3g} %" if math.isfinite(row["probability"]) else NOTHING,
+                "limit": f"{row['limit']:.4g}" if math.isfinite(row["limit"]) else DASH,
+                "probability": f"{100 * row['probability']:.3g} %" if math.isfinite(row["probability"]) else DASH,
             }
             for row in unit.metrics.to_dict("records")
         ],

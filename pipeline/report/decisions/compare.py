@@ -19,8 +19,8 @@ from pipeline.figures.labels import LIMITED, METRICS, parameter_title
 from pipeline.figures.samples.overlay import overlay_figure
 from pipeline.model.metrics import Quantity, signed_number
 from pipeline.report.layout.pictures import Picture, drawn_pictures
-from pipeline.report.layout.rendering import rendered
-from pipeline.report.layout.wording import NOTHING, SHARE, counted, interval, number, percent
+from pipeline.report.layout.rendering import render
+from pipeline.report.layout.wording import DASH, SHARE, count_text, interval, number, percent
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL
 
 TEMPLATE = "decisions/compare.html"
@@ -47,11 +47,11 @@ def write_comparison(
     frames = write_tables({DIFFERENCES: rows, DRIVER_CHANGES: drivers, INPUTS: columns}, folder, as_csv=True)
     frame = frames[DIFFERENCES.name]
     metrics = [name for name in METRICS if not _constant(a, b, name)]
-    page = rendered(
+    page = render(
         TEMPLATE,
         a=a,
         b=b,
-        settings=[(key, *(value or NOTHING for value in pair)) for key, *pair in settings],
+        settings=[(key, *(value or DASH for value in pair)) for key, *pair in settings],
         warnings=warnings(a, b),
         sentence=yield_sentence(a, b, frame),
         answers=metric_answers(a, b, frame),
@@ -66,7 +66,7 @@ def write_comparison(
     return frames
 
 
-ANSWERED = ("mean", "std")
+ANSWERED_STATISTICS = ("mean", "std")
 """Statistics of a metric that its answer names."""
 
 
@@ -81,12 +81,12 @@ def warnings(a: ComparedRun, b: ComparedRun) -> list[str]:
     texts, limits = [], [run.study.limits.of_metrics for run in (a, b)]
     if limits[0] != limits[1] or a.study.limits.over != b.study.limits.over:
         names = [name for name in LIMITED if limits[0].get(name) != limits[1].get(name)]
-        pairs = [f"{name} {limits[0].get(name, NOTHING)} in A, {limits[1].get(name, NOTHING)} in B" for name in names]
+        pairs = [f"{name} {limits[0].get(name, DASH)} in A, {limits[1].get(name, DASH)} in B" for name in names]
         what = "; ".join(pairs) or f"over = {a.study.limits.over} in A, {b.study.limits.over} in B"
         texts.append(f"Warning: the limits differ ({what}), so the yields answer different requirements.")
     if keys := [key for key, *_ in differing_inputs(a.study, b.study) if key.startswith("design.")]:
         texts.append(
-            f"Warning: the designs differ in {counted(len(keys), 'setting')} ({a.study.design.title} / "
+            f"Warning: the designs differ in {count_text(len(keys), 'setting')} ({a.study.design.title} / "
             f"{b.study.design.title}), so differences are not due to tolerances alone."
         )
     return texts
@@ -110,11 +110,11 @@ def metric_answers(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> list[d
     answers = []
     for name, metric in METRICS.items():
         of_metric = rows[rows["metric"] == name].set_index("statistic")
-        if _constant(a, b, name) or not set(ANSWERED) <= set(of_metric.index):
+        if _constant(a, b, name) or not set(ANSWERED_STATISTICS) <= set(of_metric.index):
             continue
         cells = {
             statistic: _row({"metric": name, "statistic": statistic, **of_metric.loc[statistic]})
-            for statistic in ANSWERED
+            for statistic in ANSWERED_STATISTICS
         }
         parts = [
             f"{title} {cell['a']} in A, {cell['b']} in B, {_difference_word(of_metric.loc[statistic])} "
@@ -180,7 +180,7 @@ def _drivers(table: pd.DataFrame) -> list[dict[str, str]]:
 
 
 def _index(value: float) -> str:
-    return signed_number(value, 2) if np.isfinite(value) else NOTHING
+    return signed_number(value, 2) if np.isfinite(value) else DASH
 
 
 def _pictures(a: ComparedRun, b: ComparedRun, metrics: Sequence[str], folder: Path) -> dict[str, Picture]:

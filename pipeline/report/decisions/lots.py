@@ -14,51 +14,55 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.figures.samples.lots import lots_figure
 from pipeline.report.layout.pictures import drawn_picture
-from pipeline.report.layout.rendering import rendered
-from pipeline.report.layout.wording import NOTHING, listed
+from pipeline.report.layout.rendering import render
+from pipeline.report.layout.wording import DASH, listed_text
 
 TEMPLATE = "decisions/lots.html"
 DRIFT_LEVEL = 0.05
 """Familywise level of the drifts that the page names, over all dimensions of a lot (Bonferroni)."""
 
 
-def sentences(found: LotFindings, study: Study) -> list[str]:
+def sentences(lot_result: LotFindings, study: Study) -> list[str]:
     """The yield of a lot, what costs most of it, and what to do next."""
-    made, drawn = found.outcome.as_made[ALL_LIMITS], found.outcome.as_drawn[ALL_LIMITS]
+    made_yield, drawn_yield = lot_result.outcome.as_made[ALL_LIMITS], lot_result.outcome.as_drawn[ALL_LIMITS]
     text = (
-        f"{found.lot.name}: {_percent(made.value)} of units made from these parts meet every limit (95 % CI "
-        f"{_percent(made.ci_low)} to {_percent(made.ci_high)}); with the tolerances of {study.name} it is "
-        f"{_percent(drawn.value)}."
+        f"{lot_result.lot.name}: {_percent(made_yield.value)} of units made from these parts meet every limit (95 % CI "
+        f"{_percent(made_yield.ci_low)} to {_percent(made_yield.ci_high)}); with the tolerances of {study.name} it is "
+        f"{_percent(drawn_yield.value)}."
     )
-    costly = [cost for cost in found.outcome.costs if cost.gain.ci_low > 0]
+    costly = [cost for cost in lot_result.outcome.costs if cost.gain.ci_low > 0]
     if not costly:
         return [text, "No measured dimension by itself costs yield beyond the confidence interval."]
-    first = costly[0]
+    first_cost = costly[0]
     return [
         text,
-        f"{PARAMETERS[first.name].capitalize()} costs most yield: at the drawing's mean in every part the yield would "
-        f"be {_percent(first.yield_at_target)} ({_points(first.gain.value)} percentage points more, 95 % CI "
-        f"{_points(first.gain.ci_low)} to {_points(first.gain.ci_high)}).",
+        f"{PARAMETERS[first_cost.name].capitalize()} costs most yield: at the drawing's mean in every part the "
+        "yield would "
+        f"be {_percent(first_cost.yield_at_target)} ({_points(first_cost.gain.value)} percentage points more, 95 % CI "
+        f"{_points(first_cost.gain.ci_low)} to {_points(first_cost.gain.ci_high)}).",
     ]
 
 
-def remarks(found: LotFindings) -> list[str]:
+def remarks(lot_result: LotFindings) -> list[str]:
     """Drifts, outliers, dimensions without a fit, and columns that were not used."""
-    texts, lot = [], found.lot.name
-    for fit in found.fits:
-        if fit.drift and fit.drift.p_value < DRIFT_LEVEL / len(found.fits):
+    texts, lot = [], lot_result.lot.name
+    for fit in lot_result.fits:
+        if fit.drift and fit.drift.p_value < DRIFT_LEVEL / len(lot_result.fits):
             texts.append(
                 f"{lot}: {PARAMETERS[fit.dimension.name]} drifts over the order of production by "
                 f"{fit.drift.change_um.value:.3g} µm (p = {fit.drift.p_value:.2g})."
             )
-    rows = outlier_rows([found])
+    rows = outlier_rows([lot_result])
     if len(rows):
-        named = [f"part {row.part} ({PARAMETERS[row.dimension]}, {row.value_um:.3g} µm)" for row in rows.itertuples()]
-        texts.append(f"{lot}: outliers, which are kept in the fits: {listed(named[:10])}.")
-    texts += [f"{lot}: {PARAMETERS[name]} is not fitted: {reason}." for name, reason in found.skipped_dimensions]
-    if found.lot.ignored_columns:
+        part_names = [
+            f"part {row.part} ({PARAMETERS[row.dimension]}, {row.value_um:.3g} µm)" for row in rows.itertuples()
+        ]
+        texts.append(f"{lot}: outliers, which are kept in the fits: {listed_text(part_names[:10])}.")
+    texts += [f"{lot}: {PARAMETERS[name]} is not fitted: {reason}." for name, reason in lot_result.skipped_dimensions]
+    if lot_result.lot.ignored_columns:
         texts.append(
-            f"{lot}: columns that are no toleranced dimension and were not used: {listed(found.lot.ignored_columns)}."
+            f"{lot}: columns that are no toleranced dimension and were not used: "
+            f"{listed_text(lot_result.lot.ignored_columns)}."
         )
     return texts
 
@@ -70,9 +74,9 @@ def write_lots_page(study: Study, findings: Sequence[LotFindings], files: Sequen
         (
             name,
             [
-                (found.lot.name, fit.values.ravel(), fit.tolerance)
-                for found in findings
-                for fit in found.fits
+                (lot_result.lot.name, fit.values.ravel(), fit.tolerance)
+                for lot_result in findings
+                for fit in lot_result.fits
                 if fit.dimension.name == name
             ],
             drawing,
@@ -80,16 +84,16 @@ def write_lots_page(study: Study, findings: Sequence[LotFindings], files: Sequen
         for name, drawing in dimensions.items()
     ]
     caption = "Steps: measured parts. Dashed: fitted distribution. Dotted: limits of the drawing."
-    page = rendered(
+    page = render(
         TEMPLATE,
         study=study,
-        sentences=[text for found in findings for text in sentences(found, study)],
+        sentences=[text for lot_result in findings for text in sentences(lot_result, study)],
         files=files,
         units=findings[0].outcome.as_made[ALL_LIMITS].n,
         yields=_yields(yield_rows(findings)),
         costs=[_cost(row) for row in cost_rows(findings).to_dict("records")],
         fits=[_fit(row) for row in fit_rows(findings).to_dict("records")],
-        remarks=[text for found in findings for text in remarks(found)],
+        remarks=[text for lot_result in findings for text in remarks(lot_result)],
         differences=_differences(study, findings) if len(findings) == 2 else None,
         pictures={
             "lots": drawn_picture(
@@ -115,9 +119,9 @@ def _title(metric: str) -> str:
 def _yields(table: pd.DataFrame) -> list[dict[str, str]]:
     rows = []
     for (lot, metric), part in table.groupby(["lot", "metric"], sort=False):
-        made, drawn = (part[part["tolerances"] == kind].iloc[0] for kind in ("made", "drawn"))
-        ends = [f"{_percent(row['ci_low'])} to {_percent(row['ci_high'])}" for row in (made, drawn)]
-        values = {"made": _percent(made["yield"]), "drawn": _percent(drawn["yield"])}
+        made_row, drawn_row = (part[part["tolerances"] == kind].iloc[0] for kind in ("made", "drawn"))
+        ends = [f"{_percent(row['ci_low'])} to {_percent(row['ci_high'])}" for row in (made_row, drawn_row)]
+        values = {"made": _percent(made_row["yield"]), "drawn": _percent(drawn_row["yield"])}
         rows.append({"lot": lot, "title": _title(metric), **values, "made_ends": ends[0], "drawn_ends": ends[1]})
     return rows
 
@@ -141,9 +145,9 @@ def _fit(row: dict) -> dict[str, object]:
     }
     short = {"mean_um": "mean", "std_um": "std", "cp": "cp", "cpk": "cpk", "drift_um": "drift"}
     for name, key in {**short, "correlation_length_mm": "length"}.items():
-        known = math.isfinite(row[name])
-        cells[key] = f"{row[name]:.3g}" if known else NOTHING
-        cells[f"{key}_ends"] = f"{row[f'{name}_ci_low']:.3g} to {row[f'{name}_ci_high']:.3g}" if known else ""
+        is_known = math.isfinite(row[name])
+        cells[key] = f"{row[name]:.3g}" if is_known else DASH
+        cells[f"{key}_ends"] = f"{row[f'{name}_ci_low']:.3g} to {row[f'{name}_ci_high']:.3g}" if is_known else ""
     return cells
 
 

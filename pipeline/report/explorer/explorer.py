@@ -17,7 +17,7 @@ KEPT_UNITS = 24
 """Units at most whose contact forces are read for the page."""
 
 
-def explored(frames: Frames) -> Mapping[str, object]:
+def explorer_data(frames: Frames) -> Mapping[str, object]:
     """What the page's script draws; empty where no unit has a result.
 
     Returns
@@ -43,13 +43,13 @@ def explored(frames: Frames) -> Mapping[str, object]:
         "units": [
             {
                 "label": case_label(frames.study, sample),
-                "values": _rounded(values, 4),
-                "angle": _rounded(angles[sample], 4),
-                "force": _rounded(forces[sample], 1) if sample in forces else None,
+                "values": _rounded_values(values, 4),
+                "angle": _rounded_values(angles[sample], 4),
+                "force": _rounded_values(forces[sample], 1) if sample in forces else None,
             }
             for sample, values in zip(map(int, shown_units.index), shown_units.to_numpy(float), strict=True)
         ],
-        "torque": _rounded(torque, 4),
+        "torque": _rounded_values(torque, 4),
     }
 
 
@@ -70,9 +70,9 @@ def explored_units(frames: Frames) -> pd.DataFrame:
     if not metrics:
         return solved_units[:0]
     at_hand = solved_units[solved_units.index.isin(np.unique(frames.curves["sample"]))]
-    worst = _excess(frames, at_hand).nlargest(WORST_SHOWN).index
-    first = at_hand.index[~at_hand.index.isin(worst)][: UNITS_SHOWN - len(worst)]
-    return at_hand[at_hand.index.isin([*first, *worst])]
+    worst_units = _excess(frames, at_hand).nlargest(WORST_SHOWN).index
+    first_units = at_hand.index[~at_hand.index.isin(worst_units)][: UNITS_SHOWN - len(worst_units)]
+    return at_hand[at_hand.index.isin([*first_units, *worst_units])]
 
 
 def _excess(frames: Frames, units: pd.DataFrame) -> pd.Series:
@@ -90,8 +90,8 @@ def _pin_forces(frames: Frames, samples: pd.Index) -> dict[int, np.ndarray]:
     rows = rows[(rows["contact"] < pins) & rows["sample"].isin(samples)]
     if not len(rows):
         return {}
-    largest = rows[rows["torque_Nm"] == rows["torque_Nm"].max()]
-    first_loaded = largest[largest["step"] == largest["step"].min()]
+    largest_rows = rows[rows["torque_Nm"] == rows["torque_Nm"].max()]
+    first_loaded = largest_rows[largest_rows["step"] == largest_rows["step"].min()]
     return {int(sample): part["force_N"].to_numpy() for sample, part in first_loaded.groupby("sample")}
 
 
@@ -108,5 +108,5 @@ def _metric(frames: Frames, name: str) -> Mapping[str, object]:
     }
 
 
-def _rounded(values: np.ndarray, digits: int) -> list[float]:
+def _rounded_values(values: np.ndarray, digits: int) -> list[float]:
     return [round(float(value), digits) for value in values]

@@ -7,7 +7,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from jinja2.utils import Namespace
 
-from pipeline.report.layout.wording import counted, listed, plain
+from pipeline.report.layout.wording import count_text, listed_text, plain_number
 
 REPORT = Path(__file__).parents[1]
 LAYOUT = REPORT / "layout"
@@ -30,7 +30,7 @@ def environment(folder: Path, filters: Mapping[str, Callable[..., str]] | None =
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.filters |= {"plain": plain, "listed": listed, "counted": counted, **(filters or {})}
+    templates.filters |= {"plain": plain_number, "listed": listed_text, "counted": count_text, **(filters or {})}
     templates.globals["numbering"] = Namespace(figure=0)
     return templates
 
@@ -40,7 +40,7 @@ def one_file(templates: Environment, name: str, **values: object) -> str:
     return NUMBER_AND_UNIT.sub("\\1\u00a0\\2", templates.get_template(name).render(**values))
 
 
-def rendered(template: str | Path, filters: Mapping[str, Callable[..., str]] | None = None, **values: object) -> str:
+def render(template: str | Path, filters: Mapping[str, Callable[..., str]] | None = None, **values: object) -> str:
     """A template as one HTML document.
 
     Parameters

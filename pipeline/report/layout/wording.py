@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 from pipeline.model.metrics import Quantity, signed_number
 
-NOTHING = "\u2013"
+DASH = "\u2013"
 """En dash: no value, or an end of an interval that the samples do not determine."""
-UNDETERMINED = "not determined"
+UNDETERMINED_TEXT = "not determined"
 
 SHARE = Quantity("Share of units", "%", 1)
 FINEST_SHARE = 4
@@ -16,19 +16,19 @@ FINEST_SHARE = 4
 
 def number(value: float, quantity: Quantity) -> str:
     """The value with the quantity's digits; an en dash for none."""
-    return quantity.text(value) if math.isfinite(value) else NOTHING
+    return quantity.text(value) if math.isfinite(value) else DASH
 
 
 def interval(low: float, high: float, quantity: Quantity) -> str:
     """A confidence interval; an en dash stands for an undetermined end."""
     if not (math.isfinite(low) or math.isfinite(high)):
-        return UNDETERMINED
+        return UNDETERMINED_TEXT
     return f"{number(low, quantity)} to {number(high, quantity)}"
 
 
 def percent(share: float) -> str:
     """A share in percent, with its sign."""
-    return f"{_percentage(share)} %" if math.isfinite(share) else NOTHING
+    return f"{_percentage(share)} %" if math.isfinite(share) else DASH
 
 
 def _percentage(share: float) -> str:
@@ -42,20 +42,20 @@ def _percentage(share: float) -> str:
 def percent_interval(low: float, high: float) -> str:
     """A confidence interval of a share in percent."""
     if not (math.isfinite(low) or math.isfinite(high)):
-        return UNDETERMINED
-    return f"{' to '.join(_percentage(end) if math.isfinite(end) else NOTHING for end in (low, high))} %"
+        return UNDETERMINED_TEXT
+    return f"{' to '.join(_percentage(end) if math.isfinite(end) else DASH for end in (low, high))} %"
 
 
-def plain(value: float | int) -> str:
+def plain_number(value: float | int) -> str:
     """A setting as it was typed, with grouped digits."""
     return f"{value:,.10g}".replace("-", "\u2212")
 
 
-def counted(count: int, singular: str, plural: str | None = None) -> str:
+def count_text(count: int, singular: str, plural: str | None = None) -> str:
     """``1 sample``, ``2,000 samples``."""
     return f"{count:,} {singular if count == 1 else plural or singular + 's'}"
 
 
-def listed(texts: Sequence[str], conjunction: str = "and") -> str:
+def listed_text(texts: Sequence[str], conjunction: str = "and") -> str:
     """``a``, ``a and b``, ``a, b and c``."""
-    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} {conjunction} {texts[-1]}" if texts else NOTHING
+    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} {conjunction} {texts[-1]}" if texts else DASH

@@ -12,7 +12,7 @@ from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.labels import METRICS
 from pipeline.model.metrics import signed_number
 from pipeline.report.frames import HEADLINES, Frames
-from pipeline.report.layout.wording import NOTHING, interval, number, percent, percent_interval
+from pipeline.report.layout.wording import DASH, interval, number, percent, percent_interval
 from pipeline.report.results import Cell, Results
 
 OK, OF_STUDY, YIELD = "ok", "as stated", "yield"
@@ -72,50 +72,50 @@ class FormResults:
     @property
     def metrics(self) -> list[str]:
         """Headline metrics and those with a limit, as far as they vary."""
-        told = set(self.estimates["metric"])
-        return [name for name in METRICS if name in told and (name in HEADLINES or name in self.frames.limits)]
+        metric_names = set(self.estimates["metric"])
+        return [name for name in METRICS if name in metric_names and (name in HEADLINES or name in self.frames.limits)]
 
-    def yield_range(self, rescaled: bool) -> FormRange | None:
+    def yield_range(self, is_rescaled: bool) -> FormRange | None:
         """Yields of all limits: the study's own, moved as the same units move under each form; None without forms.
 
         Parameters
         ----------
-        rescaled : of the forms with the mean rigidity of the study's own, or of those as stated.
+        is_rescaled : of the forms with the mean rigidity of the study's own, or of those as stated.
         """
         if not len(self.forms):
             return None
         rows = self.estimates[(self.estimates["metric"] == ALL_LIMITS) & (self.estimates["form"] != OF_STUDY)]
-        rows = rows[rows["rescaled"] == rescaled]
-        own = self.results.estimate(ALL_LIMITS, YIELD)[0]
-        if not len(rows) or not np.isfinite(own):
+        rows = rows[rows["rescaled"] == is_rescaled]
+        own_yield = self.results.estimate(ALL_LIMITS, YIELD)[0]
+        if not len(rows) or not np.isfinite(own_yield):
             return None
-        moved = np.clip(own + rows["difference"].to_numpy(float), 0.0, 1.0)
+        moved_yields = np.clip(own_yield + rows["difference"].to_numpy(float), 0.0, 1.0)
         names = rows["form"].to_numpy()
-        title = self.forms.set_index("form")["title"].to_dict()[names[moved.argmin()]]
-        return FormRange(min(own, moved.min()), max(own, moved.max()), str(title))
+        title = self.forms.set_index("form")["title"].to_dict()[names[moved_yields.argmin()]]
+        return FormRange(min(own_yield, moved_yields.min()), max(own_yield, moved_yields.max()), str(title))
 
     @property
     def rows(self) -> Iterator[FormRow]:
         """All forms in their order, those as stated first."""
-        found = self.estimates.set_index(["form", "rescaled", "metric", "statistic"]).sort_index()
+        estimates = self.estimates.set_index(["form", "rescaled", "metric", "statistic"]).sort_index()
         for form in self.forms.itertuples():
             factor = number(form.deflection_factor, METRICS["torsional_rigidity_Nm_per_arcmin"])
             if form.status != OK:
-                yield FormRow(form.title, form.rescaled, NOTHING, Cell(NOTHING), Cell(NOTHING), (), form.status)
+                yield FormRow(form.title, form.rescaled, DASH, Cell(DASH), Cell(DASH), (), form.status)
                 continue
-            of_form = found.loc[(form.form, form.rescaled)]
+            of_form = estimates.loc[(form.form, form.rescaled)]
             means = tuple(self._mean(of_form, name) for name in self.metrics)
             yield FormRow(form.title, form.rescaled, factor, *self._shares(of_form), means, "")
 
     def _mean(self, of_form: pd.DataFrame, name: str) -> Cell:
         if (name, "mean") not in of_form.index:
-            return Cell(NOTHING)
+            return Cell(DASH)
         row = of_form.loc[(name, "mean")]
         return Cell(number(row["value"], METRICS[name]), interval(row["ci_low"], row["ci_high"], METRICS[name]))
 
     def _shares(self, of_form: pd.DataFrame) -> tuple[Cell, Cell]:
         if (ALL_LIMITS, YIELD) not in of_form.index:
-            return Cell(NOTHING), Cell(NOTHING)
+            return Cell(DASH), Cell(DASH)
         row = of_form.loc[(ALL_LIMITS, YIELD)]
         ends = (signed_number(100 * row[f"difference_{end}"], 1) for end in ("ci_low", "ci_high"))
         difference = Cell(signed_number(100 * row["difference"], 1), " to ".join(ends))

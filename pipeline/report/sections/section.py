@@ -8,7 +8,7 @@ from pathlib import Path
 from pipeline.registry import REPORT_SECTIONS
 from pipeline.report.chain.graph import StageNote
 from pipeline.report.drawing import Drawing
-from pipeline.report.explorer.explorer import explored
+from pipeline.report.explorer.explorer import explorer_data
 from pipeline.report.frames import Frames
 from pipeline.report.layout.pictures import LinkedPicture
 from pipeline.report.results import Results
@@ -51,7 +51,7 @@ class Page:
     @cached_property
     def explorer(self) -> Mapping[str, object]:
         """What the script of the single units draws; empty without their figure."""
-        return explored(self.frames) if "units" in self.pictures else {}
+        return explorer_data(self.frames) if "units" in self.pictures else {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +63,7 @@ class Section:
     name : its anchor in the page.
     title : its heading, and its entry in the contents.
     rank : its place; sections stand in ascending order.
-    collapsed : whether the page shows its heading alone until a reader opens it.
+    is_collapsed : whether the page shows its heading alone until a reader opens it.
     template : what stands below the heading, in Jinja's language, or the file that holds it. It is told ``study``,
         ``frames``, ``results``, ``pictures``, ``level`` [%] of the intervals, and ``values``; figures come from
         ``macros.html``.
@@ -77,7 +77,7 @@ class Section:
     title: str
     rank: int
     template: str | Path
-    collapsed: bool = False
+    is_collapsed: bool = False
     values: Callable[[Page], Mapping[str, object]] = lambda page: {}
     applies: Callable[[Frames], bool] = lambda frames: True
     drawings: Callable[[Frames], Iterable[Drawing]] = lambda frames: ()

@@ -10,7 +10,7 @@ from pipeline import assembly
 from pipeline.model.metrics.turn import FEWEST_ANGLES, NEEDS, TurnMetric, turn_library
 from pipeline.model.metrics.turn.turn_metric import BALANCE, FRICTION, RATING, SPEED, TURN
 from pipeline.report.frames import Frames, case_label
-from pipeline.report.layout.wording import NOTHING, interval, listed, number, percent, percent_interval, plain
+from pipeline.report.layout.wording import DASH, interval, listed_text, number, percent, percent_interval, plain_number
 from pipeline.report.results import STATISTICS, Cell
 
 CASES_SHOWN = 12
@@ -48,7 +48,7 @@ class TurnSection:
     def shown_samples(self) -> list[int]:
         """Samples with a column of their own: the nominal reducer, or the listed cases."""
         count = min(self.frames.study.samples.rows, CASES_SHOWN)
-        return list(range(count)) if self.frames.listed else [0] * self.frames.study.samples.nominal_first
+        return list(range(count)) if self.frames.is_listed else [0] * self.frames.study.samples.nominal_first
 
     @property
     def columns(self) -> list[str]:
@@ -58,9 +58,9 @@ class TurnSection:
     @cached_property
     def rows(self) -> list[TurnRow]:
         """The metrics that are known of some unit."""
-        return [self._row(name, metric) for name, metric in turn_library().items() if self._known(name)]
+        return [self._row(name, metric) for name, metric in turn_library().items() if self._is_known(name)]
 
-    def _known(self, name: str) -> bool:
+    def _is_known(self, name: str) -> bool:
         return bool(self.frames.units[name].notna().any())
 
     def _row(self, name: str, metric: TurnMetric) -> TurnRow:
@@ -76,15 +76,15 @@ class TurnSection:
             metric.title,
             metric.unit,
             tuple(number(float(units[sample]), metric) for sample in self.shown_samples),
-            () if self.frames.listed else tuple(cells),
-            f"{side} {plain(limits[name])}" if name in limits else NOTHING,
-            Cell(percent(share), percent_interval(low, high)) if np.isfinite(share) else Cell(NOTHING),
+            () if self.frames.is_listed else tuple(cells),
+            f"{side} {plain_number(limits[name])}" if name in limits else DASH,
+            Cell(percent(share), percent_interval(low, high)) if np.isfinite(share) else Cell(DASH),
         )
 
     @property
-    def limited(self) -> bool:
+    def has_limits(self) -> bool:
         """Whether a metric of the turn has a limit and the samples are random."""
-        return not self.frames.listed and any(name in self.frames.limits for name in turn_library())
+        return not self.frames.is_listed and any(name in self.frames.limits for name in turn_library())
 
     @cached_property
     def missing_needs(self) -> set[str]:
@@ -92,7 +92,7 @@ class TurnSection:
         operation, has_rank = self.frames.study.design.operation, bool(self.told_apart)
         available = {
             TURN: has_rank,
-            BALANCE: not has_rank or self._known("bearing_force_peak_N"),
+            BALANCE: not has_rank or self._is_known("bearing_force_peak_N"),
             SPEED: operation is not None,
             RATING: operation is not None and operation.rating is not None,
             FRICTION: operation is not None and operation.friction is not None,
@@ -100,13 +100,13 @@ class TurnSection:
         return {need for need, present in available.items() if not present}
 
     @property
-    def unknown(self) -> list[str]:
+    def unknown_metrics(self) -> list[str]:
         """The metrics that no unit has, each with what it needs and what the study lacks of that."""
         texts = []
         for name, metric in turn_library().items():
-            if not self._known(name):
+            if not self._is_known(name):
                 missing = [need for need in metric.needs if need in self.missing_needs] or metric.needs
-                texts.append(f"{metric.title}: it needs {listed([NEEDS[need] for need in missing])}.")
+                texts.append(f"{metric.title}: it needs {listed_text([NEEDS[need] for need in missing])}.")
         return texts
 
     @property
@@ -118,7 +118,7 @@ class TurnSection:
     @property
     def torque(self) -> str:
         """The torque that is held [N m]."""
-        return plain(assembly.definitions(self.frames.study).rigidity_high)
+        return plain_number(assembly.definitions(self.frames.study).rigidity_high)
 
     @property
     def told_apart(self) -> int:
@@ -128,9 +128,9 @@ class TurnSection:
         return (angles - 1) // 2 if is_loaded.any() and angles >= FEWEST_ANGLES else 0
 
     @cached_property
-    def folded(self) -> str:
+    def folded_share(self) -> str:
         """Share of the unloaded error's variance in orders that the loaded angles do not tell apart, in the mean."""
         rows = self.frames.orders
-        free = rows[(rows["torque_Nm"] == 0) & (rows["sample"] >= self.frames.first_random)]
-        power = free["amplitude_arcsec"] ** 2
-        return percent(float(power[free["order"] > self.told_apart].sum() / power.sum())) if power.sum() else ""
+        free_rows = rows[(rows["torque_Nm"] == 0) & (rows["sample"] >= self.frames.first_random)]
+        power = free_rows["amplitude_arcsec"] ** 2
+        return percent(float(power[free_rows["order"] > self.told_apart].sum() / power.sum())) if power.sum() else ""

@@ -10,7 +10,7 @@ from pipeline.engine.store import read_json, write_atomic
 from pipeline.figures.measured.change import changes_figure, loops_figure
 from pipeline.identification.change.results import VERDICT_FILE, ChangeAnswer
 from pipeline.report.layout.pictures import drawn_pictures
-from pipeline.report.layout.rendering import rendered
+from pipeline.report.layout.rendering import render
 from pipeline.report.unit.numbers import digits, interval
 
 TEMPLATE = "unit/change.html"
@@ -40,7 +40,7 @@ def write_change_page(change_answer: ChangeAnswer, folder: Path, shown_folder: P
     figures = {"loops": loops_figure(loops[loops["loops"] == clearest], verdict["before"])}
     if change_answer.comparison.freedom:
         figures["changes"] = changes_figure(changes)
-    page = rendered(
+    page = render(
         TEMPLATE,
         verdict=verdict,
         limits=change_answer.limits_sentence,

@@ -13,7 +13,7 @@ from pipeline.identification.described.description import Description, Number
 from pipeline.identification.described.results import TITLES, VERDICT_FILE
 from pipeline.identification.results.residual_signatures import Signature
 from pipeline.report.layout.pictures import drawn_pictures
-from pipeline.report.layout.rendering import rendered
+from pipeline.report.layout.rendering import render
 from pipeline.report.unit.facts import discrepancy_facts
 from pipeline.report.unit.numbers import digits, interval
 
@@ -44,7 +44,7 @@ def write_description_page(
     errors = {TITLES[name].capitalize(): error for name, error in description.errors.items()} | dict(
         description.baselines
     )
-    page = rendered(
+    page = render(
         TEMPLATE,
         verdict=read_json(folder / VERDICT_FILE),
         numbers=[_number(number) for number in description.numbers],
@@ -52,7 +52,7 @@ def write_description_page(
             (title[:1].upper() + title[1:], digits(e.rms_arcmin), digits(e.to_noise)) for title, e in errors.items()
         ],
         signatures=[_signature(signature) for signature in signatures_left if not signature.why_not],
-        left=_left(description),
+        left=_remaining_facts(description),
         folder=shown_folder,
         pictures=pictures,
     )
@@ -70,7 +70,7 @@ def _number(number: Number) -> dict[str, str | bool]:
     }
 
 
-def _left(description: Description) -> list[tuple[str, str]]:
+def _remaining_facts(description: Description) -> list[tuple[str, str]]:
     """What the description leaves, in words; nothing where nothing is left."""
     structure = description.structure
     if structure is None:

@@ -12,8 +12,8 @@ from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.discrepancy import Discrepancy
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.statement import title_of
-from pipeline.report.layout.wording import counted, listed, plain
-from pipeline.report.unit.numbers import capitalised, digits, interval, shown_unit
+from pipeline.report.layout.wording import count_text, listed_text, plain_number
+from pipeline.report.unit.numbers import digits, interval, shown_unit, with_capital
 from pipeline.report.unit.remainder_cards import scatter_words
 from pipeline.sampling import unmeasured_dimensions
 
@@ -39,7 +39,7 @@ def discrepancy_facts(
     for name, change, error, unit in moved_facts:
         significance = "by more than its uncertainty" if abs(change) > 2 * error else "within its uncertainty"
         text = f"moves by {digits(change)} {unit}".rstrip()
-        facts.append((capitalised(name), f"{text} when the term is allowed, {significance} ({digits(2 * error)})"))
+        facts.append((with_capital(name), f"{text} when the term is allowed, {significance} ({digits(2 * error)})"))
     return facts
 
 
@@ -71,32 +71,34 @@ def comparison_sentence(identification: Identification) -> str:
     """Whether the model beats the best of the baselines, by itself and with what is expected to come again."""
     if not identification.baselines:
         return "Every baseline interpolates the data here, so no comparison is made."
-    title, best = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
-    comparison, ratio = _rank_beside(identification.errors["after"], best)
+    title, best_error = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
+    comparison, ratio = _rank_beside(identification.errors["after"], best_error)
     sentence = f"The model is {comparison} the best of them, {title}, by a factor of {ratio} in multiples of the noise"
     if identification.carried_error is None:
         return f"{sentence}."
-    comparison, ratio = _rank_beside(identification.carried_error, best)
+    comparison, ratio = _rank_beside(identification.carried_error, best_error)
     return f"{sentence}; the best description with the predicted systematic residual is {comparison} it by {ratio}."
 
 
-def _rank_beside(error: AngleError, best: AngleError) -> tuple[str, str]:
+def _rank_beside(error: AngleError, best_error: AngleError) -> tuple[str, str]:
     """Ahead or behind, and by which factor."""
-    ratio = error.to_noise / best.to_noise
+    ratio = error.to_noise / best_error.to_noise
     return ("behind", digits(ratio)) if ratio > 1 else ("ahead of", digits(1 / ratio))
 
 
 def tolerances_sentence(identification: Identification) -> str:
     """Which dimensions were measured, and what stands for those that were not."""
     unit = identification.measurement.unit
-    modes = f"{counted(identification.problem.n_modes, 'mode')} represent how units of the study's"
+    modes = f"{count_text(identification.problem.n_modes, 'mode')} represent how units of the study's"
     if unit.dimensions is None:
         return f"The tolerances were not measured: {modes} distributions differ."
     names = [name.replace("_", " ") for name in unmeasured_dimensions(unit.study, unit.dimensions)]
     if not names:
         return "All tolerances are as measured."
     file = unit.settings.as_measured
-    return f"Tolerances that {file} does not state were not measured ({listed(names)}): {modes} distributions differ."
+    return (
+        f"Tolerances that {file} does not state were not measured ({listed_text(names)}): {modes} distributions differ."
+    )
 
 
 def data_sentence(identification: Identification) -> str:
@@ -106,18 +108,18 @@ def data_sentence(identification: Identification) -> str:
     names = [title_of(name) if name else "nothing added" for name in identification.folds.models]
     if not any(identification.folds.models):
         return "On data that were not used for the fit."
-    same = len(set(names)) == 1
-    chosen = f"all {len(names)} chose {names[0]}" if same else f"they chose {'; '.join(names)}"
-    return f"On data that were not used for the fit. Of the cross-validation folds, {chosen}."
+    are_equal = len(set(names)) == 1
+    choice_text = f"all {len(names)} chose {names[0]}" if are_equal else f"they chose {'; '.join(names)}"
+    return f"On data that were not used for the fit. Of the cross-validation folds, {choice_text}."
 
 
 def rows_facts(identification: Identification | FaultyUnit) -> list[tuple[str, str]]:
     """What was read."""
     rows = identification.measurement.rows
-    unknown = identification.measurement.unit.settings.crank_angles == "unknown"
-    note = ", which only distinguish positions: the angles are not known" if unknown else ""
+    are_unknown = identification.measurement.unit.settings.crank_angles == "unknown"
+    note = ", which only distinguish positions: the angles are not known" if are_unknown else ""
     return [
-        ("Rows", f"{counted(len(rows), 'row')} in {counted(len(rows.files), 'file')}"),
+        ("Rows", f"{count_text(len(rows), 'row')} in {count_text(len(rows.files), 'file')}"),
         crank_fact(identification.measurement, note),
     ]
 
@@ -126,13 +128,13 @@ def crank_fact(measurement: Measurement, note: str) -> tuple[str, str]:
     """Where the crank stood, or how it turned."""
     rows = measurement.rows
     if not isinstance(measurement, TurningMeasurement):
-        return "Crank angles", listed([f"{plain(crank)}°" for crank in rows.cranks.tolist()]) + note
+        return "Crank angles", listed_text([f"{plain_number(crank)}°" for crank in rows.cranks.tolist()]) + note
     width, torques = measurement.motion.width, [f"{digits(level)} N m" for level in measurement.motion.levels.tolist()]
-    pitches = counted(measurement.motion.pitches, "pitch", "pitches")
+    pitches = count_text(measurement.motion.pitches, "pitch", "pitches")
     return (
         "Turning crank",
-        f"{counted(len(rows.cranks), 'interval')} of {digits(width)}° ({pitches} of the pins), held torques "
-        f"{listed(torques)}; orders of the crank above {digits(180 / width)} are averaged out",
+        f"{count_text(len(rows.cranks), 'interval')} of {digits(width)}° ({pitches} of the pins), held torques "
+        f"{listed_text(torques)}; orders of the crank above {digits(180 / width)} are averaged out",
     )
 
 
@@ -148,14 +150,14 @@ def data_facts(identification: Identification) -> list[tuple[str, str]]:
     held_out_by = "crank positions" if len(measurement.rows.cranks) > 1 else "cycles"
     if isinstance(measurement, TurningMeasurement):
         held_out_by = f"{measurement.held_out_by or 'turn'}s"
-    chosen = measurement.unit.settings.held_out.train
-    counts = counted(len(measurement.branches), "branch", "branches"), counted(len(measurement.cells), "cell")
+    train = measurement.unit.settings.held_out.train
+    counts = count_text(len(measurement.branches), "branch", "branches"), count_text(len(measurement.cells), "cell")
     return [
         *rows_facts(identification),
         ("Branches and cells", ", ".join(counts)),
         (
             "Held out",
-            "what unit.toml names" if chosen else f"whole {held_out_by}, each predicted by a fit to the others",
+            "what unit.toml names" if train else f"whole {held_out_by}, each predicted by a fit to the others",
         ),
         ("Noise floor of a cell", f"{digits(identification.problem.data.noise)} arcmin: {noise.floor.words}"),
         *(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from pipeline.report.layout.wording import NOTHING
+from pipeline.report.layout.wording import DASH
 
 SMALLEST_P = 1e-3
 """Below it the page says so: the resamples tell no smaller one."""
@@ -13,7 +13,7 @@ SMALLEST_P = 1e-3
 def digits(value: float | None, figures: int = 3) -> str:
     """A number with three significant digits; an en dash for none."""
     if value is None or not math.isfinite(value):
-        return NOTHING
+        return DASH
     if value == 0:
         return "0"
     places = max(figures - 1 - math.floor(math.log10(abs(value))), 0)
@@ -24,15 +24,15 @@ def digits(value: float | None, figures: int = 3) -> str:
 def interval(low: float | None, high: float | None) -> str:
     """Two ends; empty without one of them."""
     ends = digits(low), digits(high)
-    return "" if NOTHING in ends else f"{ends[0]} to {ends[1]}"
+    return "" if DASH in ends else f"{ends[0]} to {ends[1]}"
 
 
 def p_value(value: float) -> str:
     """A p-value, or that it is less than any that is told apart."""
-    return NOTHING if not math.isfinite(value) else f"< {SMALLEST_P:g}" if value < SMALLEST_P else f"{value:.3f}"
+    return DASH if not math.isfinite(value) else f"< {SMALLEST_P:g}" if value < SMALLEST_P else f"{value:.3f}"
 
 
-def capitalised(text: str) -> str:
+def with_capital(text: str) -> str:
     """The text with a capital first letter."""
     return text[:1].upper() + text[1:]
 

@@ -20,7 +20,7 @@ from pipeline.identification.results.write import VERDICT_FILE, Findings
 from pipeline.identification.selection.held_out import STAGES
 from pipeline.identification.selection.statements.statement import title_of
 from pipeline.report.layout.pictures import Picture, drawn_pictures
-from pipeline.report.layout.rendering import rendered
+from pipeline.report.layout.rendering import render
 from pipeline.report.unit.facts import (
     comparison_sentence,
     data_facts,
@@ -31,7 +31,7 @@ from pipeline.report.unit.facts import (
     structure_facts,
     tolerances_sentence,
 )
-from pipeline.report.unit.numbers import capitalised, digits
+from pipeline.report.unit.numbers import digits, with_capital
 from pipeline.report.unit.remainder_cards import remainder_cards, written_facts
 from pipeline.report.unit.rows import (
     baseline_row,
@@ -85,10 +85,10 @@ def write_page(findings_of_unit: Findings | FaultyUnit, folder: Path, shown_fold
     else:
         values = (
             _common(findings_of_unit.identification, verdict, shown_folder)
-            | _tested(findings_of_unit, verdict)
+            | _fit_values(findings_of_unit, verdict)
             | {"pictures": _pictures(findings_of_unit, folder)}
         )
-    page = rendered(TEMPLATE, **values)
+    page = render(TEMPLATE, **values)
     write_atomic(folder / "report.html", page.encode())
 
 
@@ -97,15 +97,15 @@ def _pictures(findings_of_unit: Findings, folder: Path) -> dict[str, Picture]:
     candidates = pd.read_parquet(folder / "candidates.parquet")
     models = MODELS | WRITTEN if cells["written_arcmin"].notna().any() else MODELS
     identification = findings_of_unit.identification
-    drawn = {"candidates": candidates_figure(candidates, identification.selection.base.rms)}
+    pictures = {"candidates": candidates_figure(candidates, identification.selection.base.rms)}
     if isinstance(identification.problem.data, TurningData):
-        figures = turning_figures(identification, cells, models) | drawn
+        figures = turning_figures(identification, cells, models) | pictures
         return drawn_pictures(figures, CAPTIONS | TURNING_CAPTIONS, folder)
     figures = {
         "loops": loops_figure(cells, models),
         "torque": torque_figure(cells),
         "time": time_figure(cells),
-        **drawn,
+        **pictures,
     }
     return drawn_pictures(figures, CAPTIONS, folder)
 
@@ -119,7 +119,7 @@ def _common(identification: Identification | FaultyUnit, verdict: Mapping[str, A
         "design_title": unit.study.design.title,
         "parameters": [parameter_row(parameter) for parameter in verdict["parameters"]],
         "faults": identification.measurement.faults,
-        "not_testable": [(capitalised(title_of(name)), reason) for name, reason in verdict["not_testable"].items()],
+        "not_testable": [(with_capital(title_of(name)), reason) for name, reason in verdict["not_testable"].items()],
         "corrected": verdict["corrected"],
         "not_corrected": verdict["not_corrected"],
         "best": verdict["best"],
@@ -129,13 +129,13 @@ def _common(identification: Identification | FaultyUnit, verdict: Mapping[str, A
     }
 
 
-def _tested(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
+def _fit_values(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
     """What the page says of a unit that was fitted."""
     identification = findings_of_unit.identification
     turns = isinstance(identification.problem.data, TurningData)
-    titles = STAGE_TITLES | {"after": _after(identification)}
+    titles = STAGE_TITLES | {"after": _after_title(identification)}
     rows = pd.DataFrame(tables.candidate_rows(identification))
-    fitted = rows[rows["misfit_after"].notna()]
+    fitted_rows = rows[rows["misfit_after"].notna()]
     pairs = list(zip(*findings_of_unit.signatures.values(), strict=True))
     return {
         "tested": True,
@@ -146,12 +146,12 @@ def _tested(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str,
         "headlines": [headline(titles[stage], identification.errors[stage]) for stage in STAGES],
         "explained": remainder_cards(identification),
         "written": written_facts(verdict),
-        "fitted": [candidate_row(row) for row in fitted.to_dict("records")],
+        "fitted": [candidate_row(row) for row in fitted_rows.to_dict("records")],
         "signatures": [
             signature_row(pair) for pair in pairs if any(math.isfinite(estimate.value) for estimate in pair)
         ],
         "untested_signatures": [
-            (capitalised(pair[0].title), pair[0].why_not)
+            (with_capital(pair[0].title), pair[0].why_not)
             for pair in pairs
             if not any(math.isfinite(estimate.value) for estimate in pair)
         ],
@@ -171,6 +171,6 @@ def _tested(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str,
     }
 
 
-def _after(identification: Identification) -> str:
+def _after_title(identification: Identification) -> str:
     """What the third of the models is."""
     return "With what is named" if identification.verdict.named_effects else "After: no effect named, as refitted"

@@ -22,8 +22,8 @@ from pipeline.populations.results import (
 from pipeline.populations.single_units import SingleUnits
 from pipeline.populations.tolerance_shift import Closing
 from pipeline.report.layout.pictures import drawn_picture
-from pipeline.report.layout.rendering import rendered
-from pipeline.report.layout.wording import NOTHING
+from pipeline.report.layout.rendering import render
+from pipeline.report.layout.wording import DASH
 from pipeline.report.unit.numbers import digits
 
 TEMPLATE = "unit/population.html"
@@ -32,7 +32,7 @@ TEMPLATE = "unit/population.html"
 def write_population_page(
     study: Study,
     units: str,
-    over: str,
+    turn_statistic: str,
     comparisons: Sequence[MetricComparison],
     closings: Mapping[float | None, Closing],
     single: Sequence[SingleUnits],
@@ -43,11 +43,12 @@ def write_population_page(
     Parameters
     ----------
     units : name of the file of the units.
-    over : "mean" or "worst" over the crank angles, of the samples that units without a crank angle are compared with.
+    turn_statistic : "mean" or "worst" over the crank angles, of the samples that units without a crank angle are
+        compared with.
     """
     quantiles = quantile_frame(comparisons)
     quantiles["label"] = [
-        _where(METRICS[metric].title, crank, over)
+        _where(METRICS[metric].title, crank, turn_statistic)
         for metric, crank in zip(quantiles["metric"], quantiles["crank_deg"], strict=True)
     ]
     quantiles["unit"] = [METRICS[metric].unit for metric in quantiles["metric"]]
@@ -60,16 +61,16 @@ def write_population_page(
         f"{caption}are larger or smaller, and steeper or flatter means more or less spread.",
         folder / "figures" / "quantiles",
     )
-    page = rendered(
+    page = render(
         TEMPLATE,
         study=study,
         units=units,
-        angles=_angles(study, over, closings),
-        sentences=[(_where("", crank, over), sentence(closing)) for crank, closing in closings.items()],
-        comparisons=[_comparison(row, over) for row in comparison_frame(comparisons).to_dict("records")],
-        single=[(_where("", group.crank_deg, over), group.sentence) for group in single],
+        angles=_angles(study, turn_statistic, closings),
+        sentences=[(_where("", crank, turn_statistic), sentence(closing)) for crank, closing in closings.items()],
+        comparisons=[_comparison(row, turn_statistic) for row in comparison_frame(comparisons).to_dict("records")],
+        single=[(_where("", group.crank_deg, turn_statistic), group.sentence) for group in single],
         candidates=[
-            _candidate(row, over)
+            _candidate(row, turn_statistic)
             for row in candidate_frame({k: found for k, found in closings.items() if found.has_bias}).to_dict("records")
         ],
         pictures={"quantiles": picture},
@@ -77,32 +78,35 @@ def write_population_page(
     write_atomic(folder / "population.html", page.encode())
 
 
-def _angles(study: Study, over: str, cranks: Iterable[float | None]) -> str:
+def _angles(study: Study, turn_statistic: str, cranks: Iterable[float | None]) -> str:
     """One sentence on the crank angles that the samples are taken at."""
     if None not in cranks:
         return "Each sample is taken at the crank angle that the unit was measured at (column crank_deg)."
-    other = "worst" if over == "mean" else "mean"
+    other_statistic = "worst" if turn_statistic == "mean" else "mean"
     return (
-        f"The units name no crank angle, so each sample is taken as its {over} over the {len(study.cycle.crank_deg)} "
+        f"The units name no crank angle, so each sample is taken as its {turn_statistic} over the "
+        f"{len(study.cycle.crank_deg)} "
         f"crank angles of the study. A bench that measures at known angles gives them in a column crank_deg; --over "
-        f"{other} takes the {other} value instead."
+        f"{other_statistic} takes the {other_statistic} value instead."
     )
 
 
-def _where(title: str, crank: float | None, over: str) -> str:
-    crank_text = f"{over} over the crank angles" if crank is None or np.isnan(crank) else f"crank at {crank:g}°"
+def _where(title: str, crank: float | None, turn_statistic: str) -> str:
+    crank_text = (
+        f"{turn_statistic} over the crank angles" if crank is None or np.isnan(crank) else f"crank at {crank:g}°"
+    )
     return f"{title}, {crank_text}" if title else crank_text
 
 
 def _range(low: float, high: float) -> str:
     ends = digits(low), digits(high)
-    return "" if ends == (NOTHING, NOTHING) else f"{ends[0]} to {ends[1]}"
+    return "" if ends == (DASH, DASH) else f"{ends[0]} to {ends[1]}"
 
 
-def _comparison(row: Mapping[str, object], over: str) -> dict[str, object]:
+def _comparison(row: Mapping[str, object], turn_statistic: str) -> dict[str, object]:
     numbers = pd.Series(row)
     return {
-        "title": _where(METRICS[str(row["metric"])].title, numbers["crank_deg"], over),
+        "title": _where(METRICS[str(row["metric"])].title, numbers["crank_deg"], turn_statistic),
         "unit": METRICS[str(row["metric"])].unit,
         "units": numbers["units"],
         "means": (digits(numbers["units_mean"]), digits(numbers["samples_mean"])),
@@ -114,10 +118,10 @@ def _comparison(row: Mapping[str, object], over: str) -> dict[str, object]:
     }
 
 
-def _candidate(row: Mapping[str, object], over: str) -> dict[str, object]:
+def _candidate(row: Mapping[str, object], turn_statistic: str) -> dict[str, object]:
     numbers = pd.Series(row)
     return {
-        "title": _where(str(row["tolerance"]).replace("_", " "), numbers["crank_deg"], over),
+        "title": _where(str(row["tolerance"]).replace("_", " "), numbers["crank_deg"], turn_statistic),
         "shift": digits(numbers["shift_um"]),
         "shift_range": _range(numbers["shift_low_um"], numbers["shift_high_um"]),
         "room": digits(numbers["room_um"]),

@@ -11,7 +11,7 @@ from pipeline.figures.measured.record import record_figure, record_orders_figure
 from pipeline.identification.record.answer import RecordAnswer, Value, effect_values
 from pipeline.identification.record.results import content
 from pipeline.report.layout.pictures import drawn_pictures
-from pipeline.report.layout.rendering import rendered
+from pipeline.report.layout.rendering import render
 from pipeline.report.unit.numbers import digits, interval
 
 TEMPLATE = "unit/record.html"
@@ -41,8 +41,8 @@ def write_record_page(answer: RecordAnswer, frames: dict[str, pd.DataFrame], fol
         "orders": record_orders_figure(frames["orders"].assign(of=frames["orders"]["of"].astype(str))),
     }
     trials = answer.judgement.trials
-    tried = sorted(answer.judgement.odds, key=lambda name: -answer.judgement.odds[name])
-    page = rendered(
+    names = sorted(answer.judgement.odds, key=lambda name: -answer.judgement.odds[name])
+    page = render(
         TEMPLATE,
         verdict=content(answer),
         numbers=[_row(value) for value in answer.values],
@@ -65,7 +65,7 @@ def write_record_page(answer: RecordAnswer, frames: dict[str, pd.DataFrame], fol
                 digits(60 * trials[name].structure.size * answer.noise),
                 answer.judgement.reasons.get(name, ""),
             )
-            for name in tried[:10]
+            for name in names[:10]
         ],
         why_not=[(name.replace("_", " "), reason) for name, reason in answer.why_not.items()],
         orders=[

@@ -17,14 +17,14 @@ def remainder_cards(identification: Identification) -> list[tuple[str, str, str,
     if identification.verdict.verdict != UNEXPLAINED or not identification.selection.best_model:
         return []
     remainder, floor = identification.remainder, identification.remainder.noise_arcmin
-    title, best = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
+    title, best_error = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
     size = remainder.scatter.size if remainder.scatter else math.nan
     return [
         ("By the nearest", f"{remainder.removed:.0%}", "", "of the refitted model's held-out error is removed"),
         ("Not traced", digits(remainder.rms_arcmin), "arcmin", f"beside a noise floor of {digits(floor)} arcmin"),
         ("Of it alike everywhere", digits(remainder.common_arcmin), "arcmin", "common to all positions"),
         ("Of it by position", digits(size), "arcmin", scatter_words(remainder)),
-        ("Best without a reducer", digits(best.rms_arcmin), "arcmin", title),
+        ("Best without a reducer", digits(best_error.rms_arcmin), "arcmin", title),
     ]
 
 
@@ -39,7 +39,7 @@ def scatter_words(remainder: Remainder) -> str:
 
 def written_facts(verdict: Mapping[str, Any]) -> tuple[str, str, str] | None:
     """Name of the written study, what it leaves of the measured angles [arcmin], and what its fit does."""
-    written = verdict["written"]
-    if written is None:
+    written_study = verdict["written"]
+    if written_study is None:
         return None
-    return written["study"], digits(written["rms_arcmin"]), digits(written["fit_rms_arcmin"])
+    return written_study["study"], digits(written_study["rms_arcmin"]), digits(written_study["fit_rms_arcmin"])

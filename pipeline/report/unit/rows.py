@@ -16,8 +16,8 @@ from pipeline.identification.results.turn_errors import ORDER, ORDERS, SPAN
 from pipeline.identification.results.write import Findings
 from pipeline.identification.selection.held_out import STAGES, AngleError
 from pipeline.identification.selection.statements.detection import DetectionLimit
-from pipeline.report.layout.wording import NOTHING, plain
-from pipeline.report.unit.numbers import capitalised, digits, interval, shown_unit
+from pipeline.report.layout.wording import DASH, plain_number
+from pipeline.report.unit.numbers import digits, interval, shown_unit, with_capital
 
 OTHER_TITLES = {
     SEPARATION: "Separation of the branches under load",
@@ -47,23 +47,23 @@ def error_row(title: str, error: AngleError, by_crank: bool = True) -> dict[str,
 def signature_row(pair: Sequence[Signature]) -> dict[str, Any]:
     """A signature before and after the model."""
     cells = [_signature(estimate) for estimate in pair]
-    return {"title": capitalised(pair[0].title), "unit": pair[0].unit, "cells": cells}
+    return {"title": with_capital(pair[0].title), "unit": pair[0].unit, "cells": cells}
 
 
 def baseline_row(title: str, error: AngleError) -> dict[str, str]:
     """The error of a model without mechanics."""
-    return {"title": capitalised(title), "rms": digits(error.rms_arcmin), "to_noise": digits(error.to_noise)}
+    return {"title": with_capital(title), "rms": digits(error.rms_arcmin), "to_noise": digits(error.to_noise)}
 
 
 def limit_row(limit: DetectionLimit) -> tuple[str, str, str, str]:
     """The sizes at which an effect would be noticed and named: its title, its parameter, both sizes."""
     effect = candidates()[limit.effect]
     (parameter,) = (p for p in effect.parameters if p.name == limit.parameter)
-    noticed, named = (
+    noticed_text, named_text = (
         f"{digits(size)} {shown_unit(limit.unit)}".rstrip() if math.isfinite(size) else "at no size"
         for size in (limit.noticed, limit.named)
     )
-    return capitalised(effect.title), parameter.meaning, noticed, named
+    return with_capital(effect.title), parameter.meaning, noticed_text, named_text
 
 
 def parameter_row(record: Mapping[str, Any]) -> dict[str, str]:
@@ -71,7 +71,7 @@ def parameter_row(record: Mapping[str, Any]) -> dict[str, str]:
     effect = candidates()[record["effect"]]
     (parameter,) = [p for p in effect.parameters if p.name == record["name"]]
     return {
-        "effect": capitalised(effect.title),
+        "effect": with_capital(effect.title),
         "meaning": parameter.meaning,
         "value": digits(record["value"]),
         "interval": interval(record["ci_low"], record["ci_high"]) or "none",
@@ -90,18 +90,18 @@ def candidate_row(row: Mapping[str, Any]) -> dict[str, str]:
     else:
         judgement = row["why_not"] or "no effect is not rejected"
     return {
-        "title": capitalised(row["title"]),
+        "title": with_capital(row["title"]),
         "parameters": _numbers(row["effect"], row["parameters"]),
         "before": digits(row["misfit_before"]),
         "after": digits(row["misfit_after"]),
-        "odds": _signed(row["log_odds"]),
-        "gain": _signed(row["log_score_gain"]),
+        "odds": _signed_text(row["log_odds"]),
+        "gain": _signed_text(row["log_score_gain"]),
         "judgement": judgement,
     }
 
 
-def _signed(value: float) -> str:
-    return f"{value:.1f}".replace("-", "\u2212") if math.isfinite(value) else NOTHING
+def _signed_text(value: float) -> str:
+    return f"{value:.1f}".replace("-", "\u2212") if math.isfinite(value) else DASH
 
 
 def _numbers(name: str, parameters: str) -> str:
@@ -147,5 +147,5 @@ def calibrated_rows(findings_of_unit: Findings, factors: Mapping[str, float]) ->
     rows = []
     for key, factor in factors.items():
         value = number_at(findings_of_unit.identification.measurement.unit.study.design, key)
-        rows.append((key, plain(value), digits(value * factor), digits(factor)))
+        rows.append((key, plain_number(value), digits(value * factor), digits(factor)))
     return rows

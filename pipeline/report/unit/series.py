@@ -13,7 +13,7 @@ from pipeline.identification.series.folds import StateFolds
 from pipeline.identification.series.results import VERDICT_FILE, SeriesAnswer, effect_sizes, number_text, state_errors
 from pipeline.identification.series.shared_effects import TriedEffect
 from pipeline.report.layout.pictures import drawn_pictures
-from pipeline.report.layout.rendering import rendered
+from pipeline.report.layout.rendering import render
 from pipeline.report.unit.numbers import digits, interval
 
 TEMPLATE = "unit/series.html"
@@ -42,14 +42,14 @@ def write_series_page(answer: SeriesAnswer, folder: Path, shown_folder: Path) ->
     figures = {"angle": angle_figure(pd.read_parquet(folder / "cells.parquet"))}
     if len(trends):
         figures["states"] = states_figure(states[states["source"] == "loops"], trends, verdict["variable"])
-    page = rendered(
+    page = render(
         TEMPLATE,
         verdict=verdict,
         classes=[
             [(effect.title, [number_text(*size) for size in effect_sizes(effect).values()]) for effect in members]
             for members in answer.effects.classes
         ],
-        tried=[_tried(effect) for effect in answer.effects.tried_effects],
+        tried=[_effect_row(effect) for effect in answer.effects.tried_effects],
         trends=[_trend(row) for row in trends.to_dict("records")],
         numbers=_numbers(states),
         by_others=_by_others(answer),
@@ -63,21 +63,21 @@ def write_series_page(answer: SeriesAnswer, folder: Path, shown_folder: Path) ->
 
 def _by_others(answer: SeriesAnswer) -> list[tuple[str, list[str]]]:
     """Errors of each state, and of all, by the other states: without, with and with the reversed best effect."""
-    without = answer.effects.folds_without
+    folds_without = answer.effects.folds_without
     trials = [effect.folds for effect in answer.effects.tried_effects if isinstance(effect.folds, StateFolds)]
-    if without is None or not trials:
+    if folds_without is None or not trials:
         return []
-    best = min(trials, key=StateFolds.rms)
-    losses = without.loss, best.loss, best.reversed_loss
+    best_folds = min(trials, key=StateFolds.rms)
+    losses = folds_without.loss, best_folds.loss, best_folds.reversed_loss
     rows = [
         (name, [digits(float(np.sqrt(np.nanmean(loss[k])))) for loss in losses])
         for k, name in enumerate(answer.series.names)
-        if np.any(np.isfinite(without.loss[k]))
+        if np.any(np.isfinite(folds_without.loss[k]))
     ]
     return [*rows, ("all", [digits(float(np.sqrt(np.nanmean(loss)))) for loss in losses])]
 
 
-def _tried(effect: TriedEffect) -> dict[str, str | bool]:
+def _effect_row(effect: TriedEffect) -> dict[str, str | bool]:
     return {
         "title": effect.title,
         "beside": ", ".join(effect.companions).replace("_", " "),

@@ -107,7 +107,7 @@ def test_it_ends_at_the_most_that_it_may_take_and_says_so(own_runs: Path) -> Non
     assert outputs.study.samples.count == 11
     frames = SimpleNamespace(study=outputs.study, over="worst", distributions=outputs.table("aggregate/distributions"))
     section = SamplesSection(frames)
-    assert "ended at 11 samples, the largest number allowed" in section.ended
+    assert "ended at 11 samples, the largest number allowed" in section.end_sentence
     assert section.share is not None
     width, units = needed_units(section.share, 0.95)[1]
     assert (f"±{100 * width:g} %", f"{units:,}") in section.rows

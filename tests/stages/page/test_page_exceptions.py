@@ -15,7 +15,7 @@ from pipeline.report.chain.graph import BOX, GAP, stage_graph
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import percent
 from pipeline.report.sections import drawings
-from pipeline.report.validity import overloaded, ranges
+from pipeline.report.validity import overload_phrases, ranges
 from stages.chain import STAGES
 
 FAILURE = "no equilibrium at <3> N m: residual 1e-3"
@@ -49,7 +49,7 @@ def test_failed_samples_are_listed_with_their_reasons_and_left_out_of_bands(fram
     assert "nominal reducer" in text
     assert 3 not in candidate.band
     assert len(candidate.band) == 11
-    assert candidate.drawn == {}
+    assert candidate.samples_drawn == {}
     assert "keeps the contacts of none of the drawn samples" in text
     names = [drawing.name for drawing in drawings(candidate)]
     assert "hysteresis" in names
@@ -96,11 +96,11 @@ def test_contacts_beyond_the_pressure_limit_are_named(frames):
     nominal = frames.loads[(frames.loads["sample"] == 0) & (frames.loads["crank_deg"] == 0.0)]
     loads = nominal[nominal["pressure_MPa"] > 0.001]
     pins = sorted(loads.loc[loads["contact"] < 80, "contact"].unique())
-    (sentence,) = overloaded(tight)
+    (sentence,) = overload_phrases(tight)
     assert sentence.startswith(f"{len(pins)} pins ({ranges(pins)}) and ")
     assert sentence.endswith("of the nominal reducer")
     loose = replace(frames, study=frames.study.model_copy(update={"limits": Limits(peak_pressure_MPa=1e6)}))
-    assert overloaded(loose) == ["none of the nominal reducer"]
+    assert overload_phrases(loose) == ["none of the nominal reducer"]
     assert ranges([3, 70, 71, 72, 75, 76]) == "3, 70–72, 75–76"
 
 

@@ -16,7 +16,7 @@ from pipeline.engine.store import Output
 from pipeline.figures import style
 from pipeline.figures.labels import METRICS
 from pipeline.report.frames import HEADLINES
-from pipeline.report.layout.wording import interval, percent, percent_interval, plain
+from pipeline.report.layout.wording import interval, percent, percent_interval, plain_number
 from pipeline.report.turn.section import TurnSection
 from stages import report
 from stages.chain import REPORT, STAGES
@@ -29,7 +29,7 @@ def test_the_section_of_the_turn_says_what_the_study_lacks(frames) -> None:
     nominal = frames.units.set_index("sample").loc[0, "unloaded_transmission_error_arcsec"]
     assert titles["Transmission error without load"].values == (f"{nominal:.2f}",)
     assert "Transmission error under load" not in titles
-    unknown = " ".join(section.unknown)
+    unknown = " ".join(section.unknown_metrics)
     assert "Transmission error under load: it needs 8 crank angles evenly over the turn or more." in unknown
     assert "input_speed_rpm" in unknown
     assert "operation.rating" in unknown
@@ -93,7 +93,7 @@ def test_key_numbers_are_those_of_the_tables(page, frames):
     for metric in HEADLINES:
         quantity = METRICS[metric]
         limit, share = getattr(frames.study.limits, metric), worst.loc[(metric, "yield")]
-        expected = [f"{'≥' if quantity.smaller_is_worse else '≤'} {plain(limit)}"]
+        expected = [f"{'≥' if quantity.smaller_is_worse else '≤'} {plain_number(limit)}"]
         expected.append(f"{percent(share['value'])}|{percent_interval(share['ci_low'], share['ci_high'])}")
         for statistic in ("mean", "p05", "p95", "std"):
             row = worst.loc[(metric, statistic)]
@@ -132,7 +132,7 @@ def test_every_number_of_the_design_is_told_with_its_origin(page, frames):
     for section in (design.cycloid, design.disk, design.bearing, design.output):
         for value in section.model_dump().values():
             if isinstance(value, int | float):
-                assert f'<td class="n">{plain(value)}</td>' in page
+                assert f'<td class="n">{plain_number(value)}</td>' in page
     for provenance in design.provenance.values():
         assert provenance.reason in page.replace("&#39;", "'")
     assert page.count('class="tag calibrated"') == sum(p.status == "calibrated" for p in design.provenance.values())

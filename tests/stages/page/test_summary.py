@@ -183,15 +183,15 @@ def scaled(frames: Frames, curves: dict[str, list[float]], costs: bool = True) -
     law = {"law": "reciprocal", "cost": 1.0, "tolerance_um": 6.0}
     data = {"costs": {"pin_radial": law, "pin_tangential": {**law, "cost": 9.0}}} if costs else {}
     others = replace(frames, study=tiny_study("tiny", **data), tables={SCALED_YIELDS: pd.DataFrame(rows)})
-    return SingleChanges.of(others, (0.8, 0.75, 0.85))
+    return SingleChanges.from_frames(others, (0.8, 0.75, 0.85))
 
 
 def test_the_cheapest_single_change_that_reaches_the_target_is_named_with_its_cost(frames):
     changes = scaled(frames, {"pin_tangential": [0.95, 0.5], "pin_radial": [0.9, 0.7], "pin_radius": [0.8, 0.8]})
     assert changes.target == 0.9
-    assert changes.best.tolerance == "pin_radial"  # at half of its limits, for 1; the other at 2/3, for 4.5
-    assert changes.best.scale == pytest.approx(0.5)
-    assert changes.best.cost == pytest.approx(1.0)
+    assert changes.best_change.tolerance == "pin_radial"  # at half of its limits, for 1; the other at 2/3, for 4.5
+    assert changes.best_change.scale == pytest.approx(0.5)
+    assert changes.best_change.cost == pytest.approx(1.0)
     assert "tighten the radial pin position alone from −3 to 3 µm to −1.5 to 1.5 µm (0.5 times" in changes.sentence
     assert "The cost rises by 1, as [costs] states it" in changes.sentence
     assert "This is an estimate: a surrogate rescales 12 units" in changes.sentence
@@ -199,15 +199,15 @@ def test_the_cheapest_single_change_that_reaches_the_target_is_named_with_its_co
 
 def test_without_costs_the_least_scaling_is_named(frames):
     changes = scaled(frames, {"pin_tangential": [0.95, 0.5], "pin_radial": [0.9, 0.7]}, costs=False)
-    assert changes.best.tolerance == "pin_tangential"
-    assert changes.best.scale == pytest.approx(1 - 0.5 * 0.1 / 0.15)
+    assert changes.best_change.tolerance == "pin_tangential"
+    assert changes.best_change.scale == pytest.approx(1 - 0.5 * 0.1 / 0.15)
     assert "The study states no cost of it" in changes.sentence
 
 
 def test_a_target_out_of_reach_of_every_single_change_is_said_so(frames):
     changes = scaled(frames, {"pin_tangential": [0.85, 0.5], "pin_radial": [0.82, 0.7]})
-    assert changes.best is None
-    assert changes.nearest.tolerance == "pin_tangential"
+    assert changes.best_change is None
+    assert changes.largest_yield_change.tolerance == "pin_tangential"
     assert changes.sentence.startswith("No single tolerance reaches a yield of 90.0 %. The most comes from this change")
     assert "No tolerance, scaled alone" in scaled(frames, {"pin_radial": [0.8, 0.8]}).sentence
     assert scaled(frames, {}).sentence == ""

@@ -12,7 +12,7 @@ from pipeline.report import inputs
 from pipeline.report.drawing import Drawing
 from pipeline.report.drivers import base_samples, constant_metrics, driver_tables, drivers
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import plain
+from pipeline.report.layout.wording import plain_number
 from pipeline.report.sections.section import Page, Section
 
 
@@ -29,7 +29,7 @@ def _values(page: Page) -> Mapping[str, object]:
 
 
 def _drawings(frames: Frames) -> Iterator[Drawing]:
-    table, level = frames.sensitivity, plain(100 * frames.study.metrics.confidence)
+    table, level = frames.sensitivity, plain_number(100 * frames.study.metrics.confidence)
     for metric in frames.shown_metrics if len(frames.over_turn) else ():
         of_metric = (table["metric"] == metric) & (table["over"] == "worst")
         rows = table[of_metric & np.isfinite(table["index"].to_numpy(float))]
@@ -49,6 +49,6 @@ SECTION = Section(
     rank=25,
     template=Path(__file__).with_suffix(".html"),
     values=_values,
-    applies=lambda frames: not frames.listed,
+    applies=lambda frames: not frames.is_listed,
     drawings=_drawings,
 )

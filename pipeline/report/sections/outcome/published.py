@@ -14,7 +14,7 @@ from pipeline.figures.labels import LIMITED, METRICS
 from pipeline.figures.samples.published import published_figure
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import counted, interval, number, percent, plain
+from pipeline.report.layout.wording import count_text, interval, number, percent, plain_number
 from pipeline.report.sections.section import Section
 
 OF_UNITS = (5, 50, 95)
@@ -48,11 +48,11 @@ class Published:
         return [unit.label for unit in self.frames.study.published]
 
     @cached_property
-    def predicted(self) -> dict[str, NDArray[np.float64]]:
+    def predicted_values(self) -> dict[str, NDArray[np.float64]]:
         """Values (n_units,) of the random units by each metric that was measured of some published unit."""
         names = [name for name in LIMITED if any(name in unit.of_metrics for unit in self.frames.study.published)]
         random = self.frames.units[self.frames.units["sample"] >= self.frames.first_random]
-        columns = {name: f"{name}_{self.frames.over}" if name in METRICS else name for name in names}
+        columns = {name: f"{name}_{self.frames.turn_statistic}" if name in METRICS else name for name in names}
         return {name: random[column].dropna().to_numpy(float) for name, column in columns.items()}
 
     @property
@@ -65,7 +65,7 @@ class Published:
         ]
 
     def _row(self, label: str, name: str, value: float) -> Row:
-        quantity, values = LIMITED[name], self.predicted[name]
+        quantity, values = LIMITED[name], self.predicted_values[name]
         low, median, high = np.percentile(values, OF_UNITS) if len(values) else (np.nan,) * 3
         return Row(
             label,
@@ -83,11 +83,13 @@ class Published:
         units = self.frames.study.published
         outside = [
             f"{unit.label}: the measured {LIMITED[name].title[:1].lower()}{LIMITED[name].title[1:]} is "
-            f"{'larger' if value > self.predicted[name].max() else 'smaller'} than that of every predicted unit; the "
+            f"{'larger' if value > self.predicted_values[name].max() else 'smaller'} than that of every "
+            "predicted unit; the "
             "stated tolerances and this model do not predict it."
             for unit in units
             for name, value in unit.of_metrics.items()
-            if len(self.predicted[name]) and not self.predicted[name].min() <= value <= self.predicted[name].max()
+            if len(self.predicted_values[name])
+            and not self.predicted_values[name].min() <= value <= self.predicted_values[name].max()
         ]
         sources = [f"{unit.label}: {unit.note}{'. ' if unit.note else ''}Source: {unit.source}." for unit in units]
         return [*outside, *sources]
@@ -95,24 +97,24 @@ class Published:
     @property
     def torque(self) -> str:
         """The torque that is held [N m]."""
-        return plain(assembly.definitions(self.frames.study).rigidity_high)
+        return plain_number(assembly.definitions(self.frames.study).rigidity_high)
 
     @cached_property
     def orders(self) -> pd.DataFrame:
         """Quantiles of the amplitude under load [arcsec] by order of the output turn; no rows where none are known."""
         rows, turns = self.frames.orders, self.frames.study.cycle.crank_turns
-        chosen = (rows["torque_Nm"] > 0) & (rows["sense"] == "+") & (rows["sample"] >= self.frames.first_random)
-        loaded = rows[chosen]
-        order = np.round(loaded["order"] * turns).astype(int)
-        grouped = loaded["amplitude_arcsec"].groupby(order.rename("order"))
-        quantiles = grouped.quantile([0.5, 0.95]).unstack() if len(loaded) else pd.DataFrame(columns=[0.5, 0.95])
+        is_chosen = (rows["torque_Nm"] > 0) & (rows["sense"] == "+") & (rows["sample"] >= self.frames.first_random)
+        loaded_rows = rows[is_chosen]
+        order = np.round(loaded_rows["order"] * turns).astype(int)
+        by_order = loaded_rows["amplitude_arcsec"].groupby(order.rename("order"))
+        quantiles = by_order.quantile([0.5, 0.95]).unstack() if len(loaded_rows) else pd.DataFrame(columns=[0.5, 0.95])
         return quantiles.set_axis(["middle", "high"], axis=1)
 
     @cached_property
     def named_orders(self) -> list[int]:
         """Orders of the output turn that the sources name, as far as they are predicted."""
-        named = sorted({order for unit in self.frames.study.published for order in unit.orders})
-        return [order for order in named if order in self.orders.index]
+        order_set = sorted({order for unit in self.frames.study.published for order in unit.orders})
+        return [order for order in order_set if order in self.orders.index]
 
     @property
     def order_rows(self) -> list[tuple[str, str, str, str]]:
@@ -136,27 +138,31 @@ class Published:
     @property
     def larger(self) -> list[str]:
         """Orders that the sources do not name, predicted larger than the smallest named one, the largest first."""
-        others = self.orders["middle"].drop(self.named_orders)
-        least = self.orders.loc[self.named_orders, "middle"].min()
-        larger = others[others > least].sort_values(ascending=False)[:MOST_LARGER]
+        other_orders = self.orders["middle"].drop(self.named_orders)
+        least_named = self.orders.loc[self.named_orders, "middle"].min()
+        larger = other_orders[other_orders > least_named].sort_values(ascending=False)[:MOST_LARGER]
         return [f"{order} ({amplitude:.2g} arcsec)" for order, amplitude in larger.items()]
 
     @property
     def counted_units(self) -> str:
         """How many units the orders are of."""
         samples = self.frames.orders["sample"]
-        return counted(int(samples[samples >= self.frames.first_random].nunique()), "unit")
+        return count_text(int(samples[samples >= self.frames.first_random].nunique()), "unit")
 
 
 def _drawings(frames: Frames) -> Iterator[Drawing]:
-    published = Published(frames)
-    values = {name: predicted for name, predicted in published.predicted.items() if len(predicted) > 1}
+    published_units = Published(frames)
+    values = {
+        name: metric_values
+        for name, metric_values in published_units.predicted_values.items()
+        if len(metric_values) > 1
+    }
     if values:
-        measured = {
+        measured_values = {
             name: {unit.label: unit.of_metrics[name] for unit in frames.study.published if name in unit.of_metrics}
             for name in values
         }
-        waves = published.orders if published.named_orders else None
+        waves = published_units.orders if published_units.named_orders else None
         text = (
             " Right: amplitude of each order, median and 95 % quantile; named orders have a mark."
             if waves is not None
@@ -166,7 +172,7 @@ def _drawings(frames: Frames) -> Iterator[Drawing]:
             "published",
             "Measured units beside the prediction",
             f"Histogram of the predicted units; each line is a measured unit.{text}",
-            partial(published_figure, values, measured, waves, published.named_orders),
+            partial(published_figure, values, measured_values, waves, published_units.named_orders),
         )
 
 
@@ -176,6 +182,6 @@ SECTION = Section(
     rank=15,
     template=Path(__file__).with_suffix(".html"),
     values=lambda page: {"published": Published(page.frames)},
-    applies=lambda frames: bool(frames.study.published) and not frames.listed,
+    applies=lambda frames: bool(frames.study.published) and not frames.is_listed,
     drawings=_drawings,
 )

@@ -14,7 +14,7 @@ from pipeline.report.convergence import ConvergenceTable
 from pipeline.report.drawing import Drawing
 from pipeline.report.explorer.explorer import UNITS_SHOWN, WORST_SHOWN, explored_units
 from pipeline.report.frames import HEADLINES, Frames
-from pipeline.report.layout.wording import counted, plain
+from pipeline.report.layout.wording import count_text, plain_number
 from pipeline.report.results import STATISTICS, Results
 from pipeline.report.sections.section import Page, Section
 
@@ -22,8 +22,8 @@ from pipeline.report.sections.section import Page, Section
 def _values(page: Page) -> Mapping[str, object]:
     frames = page.frames
     return {
-        "case_rows": case_rows(frames) if frames.listed else [],
-        "case_crank_rows": case_crank_rows(frames) if frames.listed else [],
+        "case_rows": case_rows(frames) if frames.is_listed else [],
+        "case_crank_rows": case_crank_rows(frames) if frames.is_listed else [],
         "rows_shown": ROWS_SHOWN,
         "explorer": page.explorer,
         "statistics": list(STATISTICS.values()),
@@ -32,7 +32,7 @@ def _values(page: Page) -> Mapping[str, object]:
 
 
 def _drawings(frames: Frames) -> Iterator[Drawing]:
-    if frames.listed or not len(frames.over_turn):
+    if frames.is_listed or not len(frames.over_turn):
         return
     metrics = [name for name in frames.shown_metrics if frames.over_turn[name].notna().any()]
     yield _distributions(frames, metrics)
@@ -43,16 +43,17 @@ def _drawings(frames: Frames) -> Iterator[Drawing]:
 
 
 def _distributions(frames: Frames, metrics: list[str]) -> Drawing:
-    worst = frames.distributions[frames.distributions["over"] == frames.over]
-    level = plain(100 * frames.study.metrics.confidence)
+    worst_rows = frames.distributions[frames.distributions["over"] == frames.turn_statistic]
+    level = plain_number(100 * frames.study.metrics.confidence)
     nominal = frames.turn_of(0) if frames.study.samples.nominal_first else {}
     return Drawing(
         "distributions",
         "Distributions of the metrics over the samples",
-        f"{frames.over.capitalize()} value of each of {counted(len(frames.over_turn), 'sample')} over the turn. "
+        f"{frames.turn_statistic.capitalize()} value of each of {count_text(len(frames.over_turn), 'sample')} "
+        "over the turn. "
         f"Below each histogram: 5 % quantile, mean and 95 % quantile with their {level} % intervals; an arrowhead "
         "marks an end that the samples do not determine. Beyond the limit the ground is shaded.",
-        partial(distributions_figure, frames.over_turn[metrics], worst, frames.limits, nominal),
+        partial(distributions_figure, frames.over_turn[metrics], worst_rows, frames.limits, nominal),
     )
 
 
@@ -67,8 +68,9 @@ def _units(frames: Frames) -> Iterator[Drawing]:
     yield Drawing(
         "units",
         "Single units",
-        f"{counted(len(units), 'unit').capitalize()}{_choice(frames, units)}: their values over the turn, and their "
-        f"loops at crank angle {plain(frames.crank_deg)}°. Point at a unit, or go from unit to unit with the arrow "
+        f"{count_text(len(units), 'unit').capitalize()}{_choice(frames, units)}: their values over the turn, and their "
+        f"loops at crank angle {plain_number(frames.crank_deg)}°. Point at a unit, or go from unit to unit "
+        "with the arrow "
         "keys, to see its loop and the forces on its pins (filled points).",
         partial(units_figure, pair, units[pair].to_numpy(), frames.limits, torque, angles),
     )

@@ -11,6 +11,6 @@ SECTION = Section(
     rank=30,
     template=Path(__file__).with_suffix(".html"),
     values=lambda page: {"samples": SamplesSection(page.frames)},
-    applies=lambda frames: not frames.listed and len(frames.over_turn) > 0,
+    applies=lambda frames: not frames.is_listed and len(frames.over_turn) > 0,
     drawings=sample_drawings,
 )

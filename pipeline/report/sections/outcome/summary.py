@@ -21,9 +21,9 @@ def _values(page: Page) -> Mapping[str, object]:
     forms = FormResults(page.frames, page.results)
     return {
         "verdict": Verdict(page.frames, page.results),
-        "changes": SingleChanges.of(page.frames, page.results.estimate(ALL_LIMITS, "yield")),
-        "as_stated": forms.yield_range(rescaled=False),
-        "rescaled": forms.yield_range(rescaled=True),
+        "changes": SingleChanges.from_frames(page.frames, page.results.estimate(ALL_LIMITS, "yield")),
+        "as_stated": forms.yield_range(is_rescaled=False),
+        "rescaled": forms.yield_range(is_rescaled=True),
     }
 
 
@@ -32,9 +32,9 @@ def _drawings(frames: Frames) -> Iterator[Drawing]:
     breaks = dict(Verdict(frames, results).breaks)
     failing = breaks.pop(ALL_LIMITS, np.zeros(0, bool))
     if failing.any():
-        changes = SingleChanges.of(frames, results.estimate(ALL_LIMITS, "yield"))
+        changes = SingleChanges.from_frames(frames, results.estimate(ALL_LIMITS, "yield"))
         curves = changes.curves()
-        scaled = (
+        scaled_yields = (
             " Right: estimated yield against all limits if one tolerance alone is scaled, the five of the widest span; "
             "the band is the interval of the first, the dotted line is the next target."
         )
@@ -44,7 +44,7 @@ def _drawings(frames: Frames) -> Iterator[Drawing]:
             if curves
             else "Limits that the failing units break",
             f"{'Left: share' if curves else 'Share'} of {len(failing):,} units; a unit that breaks two limits counts "
-            f"in both bars.{scaled if curves else ''}",
+            f"in both bars.{scaled_yields if curves else ''}",
             partial(failures_figure, breaks, curves, changes.target),
         )
 
@@ -55,7 +55,7 @@ SECTION = Section(
     rank=5,
     template=Path(__file__).with_suffix(".html"),
     values=_values,
-    applies=lambda frames: not frames.listed and len(frames.over_turn) > 0,
+    applies=lambda frames: not frames.is_listed and len(frames.over_turn) > 0,
     drawings=_drawings,
     tables=(SCALED_YIELDS,),
 )

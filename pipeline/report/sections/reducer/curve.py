@@ -7,7 +7,7 @@ from pipeline import assembly
 from pipeline.figures.loads.hysteresis import hysteresis_figure
 from pipeline.report.drawing import Drawing, band_sentence, loop_spreads, loop_traces
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import plain
+from pipeline.report.layout.wording import plain_number
 from pipeline.report.sections.section import Section
 
 
@@ -17,7 +17,8 @@ def _drawings(frames: Frames) -> Iterator[Drawing]:
     yield Drawing(
         "hysteresis",
         "Torsion angle against torque",
-        f"At crank angle {plain(frames.crank_deg)}°, input held; marked are the definitions of the metrics. Without "
+        f"At crank angle {plain_number(frames.crank_deg)}°, input held; marked are the definitions of the "
+        "metrics. Without "
         "friction loading and unloading coincide outside the free play."
         f"{centre}{band_sentence(frames, spreads)}",
         partial(

@@ -14,7 +14,7 @@ from pipeline.figures.loads.springs import spring_laws_figure
 from pipeline.figures.spread import spread_frame
 from pipeline.report.drawing import Drawing, band_sentence, disk_words, loop_spreads, loop_traces
 from pipeline.report.frames import DRAWN_CASES, Frames
-from pipeline.report.layout.wording import plain
+from pipeline.report.layout.wording import plain_number
 from pipeline.report.sections.section import Section
 
 RISING = (0.25, 0.5, 1.0)
@@ -50,14 +50,15 @@ def _clearances(frames: Frames) -> Drawing:
     pins = frames.study.design.cycloid.pins
     gaps = frames.at_crank(frames.gaps)
     of_pins = gaps[gaps["contact"] < pins]
-    traces = {label: of_pins[of_pins["sample"] == sample] for label, sample in frames.drawn.items()}
+    traces = {label: of_pins[of_pins["sample"] == sample] for label, sample in frames.samples_drawn.items()}
     spread = None
     if len(frames.band) > 1:
         spread = spread_frame(frames.of_band(frames.gaps, "clearance_um")[:, :pins], contact=np.arange(pins))
     return Drawing(
         "clearances",
         "Clearance between disk and pins",
-        f"At crank angle {plain(frames.crank_deg)}°, before any load. Equal errors of the pins do not give equal "
+        f"At crank angle {plain_number(frames.crank_deg)}°, before any load. Equal errors of the pins do not "
+        "give equal "
         f"clearances. Negative values are interference.{band_sentence(frames, spread)}",
         partial(pin_clearances_figure, traces, spread),
     )
@@ -65,31 +66,31 @@ def _clearances(frames: Frames) -> Drawing:
 
 def _loads(frames: Frames) -> Iterator[Drawing]:
     """Forces on pins and rollers of the drawn samples whose contacts were kept."""
-    selected = {
+    selected_figures = {
         label: rows
-        for label, sample in frames.drawn.items()
+        for label, sample in frames.samples_drawn.items()
         if len(rows := frames.at_crank(frames.loads[frames.loads["sample"] == sample]))
     }
-    if not selected:
+    if not selected_figures:
         return
     study, pins = frames.study, frames.study.design.cycloid.pins
-    torques = _rising_torques(frames, next(iter(selected.values())))
-    low, crank = torques[0], plain(frames.crank_deg)
-    at_low = {label: _at_torque(rows, low) for label, rows in selected.items()}
+    torques = _rising_torques(frames, next(iter(selected_figures.values())))
+    low, crank = torques[0], plain_number(frames.crank_deg)
+    at_low = {label: _at_torque(rows, low) for label, rows in selected_figures.items()}
     of_pins = {label: rows[rows["contact"] < pins] for label, rows in at_low.items()}
     yield Drawing(
         "dead_zones",
-        f"Clearance and approach at {plain(low)} N m",
-        f"At crank angle {crank}° and {plain(study.metrics.lost_motion_percent)} % of the rated torque. A pin carries "
-        "load where the bodies approach each other by more than its clearance.",
+        f"Clearance and approach at {plain_number(low)} N m",
+        f"At crank angle {crank}° and {plain_number(study.metrics.lost_motion_percent)} % of the rated torque. A pin "
+        "carries load where the bodies approach each other by more than its clearance.",
         partial(dead_zones_figure, of_pins),
     )
     contacts, of_disk = frames.at_crank(frames.contacts), disk_words(study.design)
-    if len(selected) > 1:
-        traces, rising, condition = at_low, False, f"at {plain(low)} N m"
+    if len(selected_figures) > 1:
+        traces, rising, condition = at_low, False, f"at {plain_number(low)} N m"
     else:
-        ((label, rows),) = selected.items()
-        traces = {f"{plain(torque)} N m": _at_torque(rows, torque) for torque in torques}
+        ((label, rows),) = selected_figures.items()
+        traces = {f"{plain_number(torque)} N m": _at_torque(rows, torque) for torque in torques}
         rising, condition = True, f"of {frames.owner(label)} under growing torque"
     yield Drawing(
         "pin_loads",
@@ -126,7 +127,7 @@ def _bearing(frames: Frames) -> Drawing:
     return Drawing(
         "bearing",
         "Displacement of the disk" + ("" if design.output.carries_disks else " on the input bearing"),
-        f"At crank angle {plain(frames.crank_deg)}°{disk_words(design)}, in the housing's directions; the "
+        f"At crank angle {plain_number(frames.crank_deg)}°{disk_words(design)}, in the housing's directions; the "
         f"eccentric points along {_direction(frames.crank_deg)}.{band_sentence(frames, spreads)}",
         partial(bearing_figure, loop_traces(frames), spreads),
     )
@@ -134,7 +135,7 @@ def _bearing(frames: Frames) -> Drawing:
 
 def _direction(crank_deg: float) -> str:
     names: dict[float, str] = {0.0: "+x", 90.0: "+y", 180.0: "−x", 270.0: "−y"}
-    return names.get(crank_deg, f"{plain(crank_deg)}° from x, counterclockwise")
+    return names.get(crank_deg, f"{plain_number(crank_deg)}° from x, counterclockwise")
 
 
 SECTION = Section(

@@ -16,7 +16,7 @@ from pipeline.report.cases import ROWS_SHOWN
 from pipeline.report.drawing import Drawing
 from pipeline.report.flank import flank_fact, nominal_gap_curve, nominal_gaps
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import plain
+from pipeline.report.layout.wording import plain_number
 from pipeline.report.sections.section import Page, Section
 
 FLANK_POINTS_PER_LOBE = 48
@@ -80,13 +80,14 @@ def _reducer(frames: Frames) -> Drawing:
 
 def _flank(frames: Frames) -> Drawing:
     design = frames.study.design
-    measured = design.flank.measured if design.flank else None
-    lobes_differ = measured is not None and len(measured.deviation_um) > 1
+    measured_flank = design.flank.measured if design.flank else None
+    lobes_differ = measured_flank is not None and len(measured_flank.deviation_um) > 1
     return Drawing(
         "flank",
         "Gap of the drawn flank",
         f"What the drawn flank leaves to nominal pins before any take-up, {flank_fact(design)}; crank angle of the "
-        f"pins {plain(frames.crank_deg)}°. First order fails at the roots, where the centre of curvature of the flank "
+        f"pins {plain_number(frames.crank_deg)}°. First order fails at the roots, where the centre of "
+        "curvature of the flank "
         "is close to the pin's.",
         partial(nominal_gap_figure, nominal_gap_curve(design), nominal_gaps(design, frames.crank_deg), lobes_differ),
     )

@@ -8,7 +8,7 @@ from pipeline.figures.labels import METRICS
 from pipeline.report import inputs
 from pipeline.report.chain.graph import BOX, stage_graph
 from pipeline.report.sections.section import Page, Section
-from pipeline.report.validity import beyond_law, overloaded
+from pipeline.report.validity import beyond_law, overload_phrases
 from pipeline.statistics.replicated import FEWEST_BEYOND
 
 FOLDER = Path(__file__).parent
@@ -31,7 +31,7 @@ def _limit_values(page: Page) -> Mapping[str, object]:
     numbers = inputs.design_numbers(design)
     return {
         "beyond_law": beyond_law(frames),
-        "overloaded": overloaded(frames),
+        "overloaded": overload_phrases(frames),
         "law": inputs.law_fact(frames.study),
         "stress": inputs.STRESS[design.disk.stress],
         "calibrated": inputs.names_by_status(numbers, "calibrated"),
@@ -55,7 +55,7 @@ SECTIONS = (
         name="numbers",
         title="Every number of the design",
         rank=120,
-        collapsed=True,
+        is_collapsed=True,
         template=FOLDER / "numbers.html",
         values=lambda page: {"numbers": inputs.design_numbers(page.frames.study.design)},
     ),
@@ -64,7 +64,7 @@ SECTIONS = (
         name="data",
         title="Data and versions",
         rank=130,
-        collapsed=True,
+        is_collapsed=True,
         template=FOLDER / "data.html",
         values=_data_values,
     ),
