@@ -6,7 +6,7 @@ from pipeline.model.metrics.turn import turn_library
 
 METRICS = library()
 """The metrics by column name."""
-LIMITED: dict[str, Limited] = {**METRICS, **turn_library()}
+LIMITED_METRICS: dict[str, Limited] = {**METRICS, **turn_library()}
 """What a limit may be set for: the metrics of loops, then those of the whole turn."""
 
 FULL_TURN = 360.0

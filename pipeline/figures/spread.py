@@ -24,7 +24,7 @@ def spread_frame(values: NDArray[np.float64], **keys: NDArray) -> pd.DataFrame:
     return pd.DataFrame({**keys, "low": low, "middle": middle, "high": high})
 
 
-def centred(angle: NDArray[np.float64], branch: NDArray, torque: NDArray[np.float64]) -> NDArray[np.float64]:
+def centred_loops(angle: NDArray[np.float64], branch: NDArray, torque: NDArray[np.float64]) -> NDArray[np.float64]:
     """Loops (n, n_steps) about the middle of their width at zero torque, where a bench puts its zero.
 
     Parameters

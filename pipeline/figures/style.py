@@ -30,7 +30,7 @@ PNG_COMPRESSION = 3
 MOST_INTERVALS = 8
 """Between ticks; more are slow to draw and make no figure clearer."""
 
-INK, MUTED, RULE = "#1f2933", "#66727f", "#dfe4ea"
+INK, MUTED_INK, RULE = "#1f2933", "#66727f", "#dfe4ea"
 ACCENT, ACCENT_LIGHT, ALARM = "#0072b2", "#cfe2f0", "#d55e00"
 COLOURS = (ACCENT, ALARM, "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 MARKERS = ("o", "s", "^", "D", "v", "P")
@@ -45,7 +45,7 @@ RC: Mapping[str, Any] = {
     "axes.titlepad": 8.0,
     "axes.titley": 1.0,  # no ticks stand above; else each title looks for some whenever it is drawn
     "axes.labelcolor": INK,
-    "axes.edgecolor": MUTED,
+    "axes.edgecolor": MUTED_INK,
     "axes.linewidth": 0.8,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -53,8 +53,8 @@ RC: Mapping[str, Any] = {
     "axes.axisbelow": True,
     "grid.color": RULE,
     "grid.linewidth": 0.7,
-    "xtick.color": MUTED,
-    "ytick.color": MUTED,
+    "xtick.color": MUTED_INK,
+    "ytick.color": MUTED_INK,
     "xtick.labelcolor": INK,
     "ytick.labelcolor": INK,
     "xtick.labelsize": 8.5,
@@ -73,11 +73,11 @@ RC: Mapping[str, Any] = {
 Arguments = ParamSpec("Arguments")
 
 
-def styled(draw: Callable[Arguments, Figure]) -> Callable[Arguments, Figure]:
+def with_style(draw: Callable[Arguments, Figure]) -> Callable[Arguments, Figure]:
     """A function that draws its figure in the look of all figures."""
 
     @wraps(draw)
-    def drawn(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Figure:
+    def styled_draw(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Figure:
         with rc_context(dict(RC)):
             figure = draw(*args, **kwargs)
             for axes in figure.axes:
@@ -87,7 +87,7 @@ def styled(draw: Callable[Arguments, Figure]) -> Callable[Arguments, Figure]:
                         locator.set_params(nbins=MOST_INTERVALS)
             return figure
 
-    return drawn
+    return styled_draw
 
 
 class _SteadyAxes(Axes):

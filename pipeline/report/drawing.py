@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.designs.design import Design
-from pipeline.figures.spread import centred, spread_frame
+from pipeline.figures.spread import centred_loops, spread_frame
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import count_text
 
@@ -61,6 +61,6 @@ def loop_spreads(frames: Frames, *columns: str) -> Mapping[str, pd.DataFrame] | 
     spreads = {}
     for name in columns:
         values = frames.of_band(frames.curves, name)
-        values = centred(values, branch, torque) if name == "angle_arcmin" else values
+        values = centred_loops(values, branch, torque) if name == "angle_arcmin" else values
         spreads[name] = spread_frame(values[:, spanning], branch=branch[spanning], torque_Nm=torque[spanning])
     return spreads

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS, ANGLES_TO_CONTINUE
-from pipeline.figures.labels import LIMITED, METRICS
+from pipeline.figures.labels import LIMITED_METRICS, METRICS
 from pipeline.model.metrics import signed_number
 from pipeline.report.frames import HEADLINES, Frames, case_label
 from pipeline.report.layout.wording import (
@@ -68,7 +68,7 @@ class Results:
 
     def estimate(self, metric: str, statistic: str, crank: float | None = None) -> tuple[float, float, float]:
         """A statistic and its interval at a crank angle, or over the turn as the limits mean it; NaN where missing."""
-        whole_turn = "turn" if metric in LIMITED and metric not in METRICS else self.frames.turn_statistic
+        whole_turn = "turn" if metric in LIMITED_METRICS and metric not in METRICS else self.frames.turn_statistic
         turn_value = whole_turn if crank is None else "angle"
         if turn_value == "worst" and (metric, "whole_turn", None, statistic) in self._estimates:
             turn_value = "whole_turn"
@@ -125,7 +125,7 @@ class Results:
         """The limit of a metric with the side that it bounds."""
         if metric not in self.frames.limits:
             return DASH
-        return f"{'≥' if LIMITED[metric].smaller_is_worse else '≤'} {plain_number(self.frames.limits[metric])}"
+        return f"{'≥' if LIMITED_METRICS[metric].smaller_is_worse else '≤'} {plain_number(self.frames.limits[metric])}"
 
     @property
     def all_limits(self) -> Cell:

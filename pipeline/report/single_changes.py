@@ -8,7 +8,7 @@ import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.priced import Priced
-from pipeline.figures.labels import LIMITED, PARAMETERS
+from pipeline.figures.labels import LIMITED_METRICS, PARAMETERS
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import percent, percent_interval, plain_number
 
@@ -161,7 +161,9 @@ class SingleChanges:
         """What the estimate rests on."""
         units, correlation = int(self.rows["n"].max()), self.rows.groupby("metric")["explained"].first()
         poor = [
-            LIMITED[name].inline for name, share in correlation.items() if name in LIMITED and share < POORLY_EXPLAINED
+            LIMITED_METRICS[name].inline
+            for name, share in correlation.items()
+            if name in LIMITED_METRICS and share < POORLY_EXPLAINED
         ]
         warning = f" It predicts the {' and the '.join(poor)} poorly." if poor else ""
         return (

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.config.studies.study import ALL_LIMITS
-from pipeline.figures.labels import LIMITED
+from pipeline.figures.labels import LIMITED_METRICS
 from pipeline.model.metrics.turn import turn_library
 from pipeline.report.drivers import main_contributor, share_note
 from pipeline.report.frames import Frames
@@ -46,7 +46,7 @@ class Verdict:
         return [self._card(name) for name in order]
 
     def _card(self, name: str) -> LimitCard:
-        metric = LIMITED[name]
+        metric = LIMITED_METRICS[name]
         low, high = (self.results.estimate(name, statistic)[0] for statistic in ("p05", "p95"))
         return LimitCard(
             name=name,
@@ -85,7 +85,7 @@ class Verdict:
         driver_text = f"; its main contributor is the {contributor}" if contributor else ""
         return (
             f"{percent(1 - value)} of the units fail (95 % CI {percent_interval(1 - high, 1 - low)}); "
-            f"{percent(shares[worst_limit])} of these on {LIMITED[worst_limit].inline}{driver_text}."
+            f"{percent(shares[worst_limit])} of these on {LIMITED_METRICS[worst_limit].inline}{driver_text}."
         ).replace("95 % CI", f"{100 * self.frames.study.metrics.confidence:g} % CI")
 
     @property

@@ -19,7 +19,7 @@ from pipeline.figures.parts.mesh import mesh_figure
 from pipeline.figures.parts.reducer import reducer_figure
 from pipeline.figures.samples.distributions import crank_figure, distributions_figure
 from pipeline.figures.samples.sensitivity import sensitivity_figure
-from pipeline.figures.spread import centred, spread_frame
+from pipeline.figures.spread import centred_loops, spread_frame
 from pipeline.figures.style import ALARM, save
 from pipeline.model.load_history.loop_readings import curve_readings
 from pipeline.model.metrics import Definitions, library, signed_number
@@ -97,7 +97,7 @@ def test_centring_takes_off_any_shift_and_keeps_the_width():
     rows = loop(1.0, 0.0)
     branch, torque = rows["branch"].to_numpy(), rows["torque_Nm"].to_numpy()
     angle = rows["angle_arcmin"].to_numpy()
-    pair = centred(np.stack([angle + 0.7, angle - 3.0]), branch, torque)
+    pair = centred_loops(np.stack([angle + 0.7, angle - 3.0]), branch, torque)
     np.testing.assert_allclose(pair[0], pair[1], atol=1e-12)
     np.testing.assert_allclose(pair[0], angle, atol=1e-12)
 

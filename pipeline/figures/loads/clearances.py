@@ -5,10 +5,19 @@ from collections.abc import Mapping
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import ACCENT_LIGHT, INK, MUTED, legend_below, line_styles, new_figure, pin_axis, styled
+from pipeline.figures.style import (
+    ACCENT_LIGHT,
+    INK,
+    MUTED_INK,
+    legend_below,
+    line_styles,
+    new_figure,
+    pin_axis,
+    with_style,
+)
 
 
-@styled
+@with_style
 def pin_clearances_figure(traces: Mapping[str, pd.DataFrame], spread: pd.DataFrame | None = None) -> Figure:
     """Clearance against pin number for each trace, over the spread of the samples.
 
@@ -19,7 +28,7 @@ def pin_clearances_figure(traces: Mapping[str, pd.DataFrame], spread: pd.DataFra
     """
     figure = new_figure(3.3)
     axes = figure.subplots()
-    axes.axhline(0, color=MUTED, linewidth=0.8)
+    axes.axhline(0, color=MUTED_INK, linewidth=0.8)
     if spread is not None:
         axes.fill_between(
             spread["contact"],

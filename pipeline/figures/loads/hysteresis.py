@@ -7,15 +7,15 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.figures.spread import centred
+from pipeline.figures.spread import centred_loops
 from pipeline.figures.style import (
     ACCENT_LIGHT,
     INK,
-    MUTED,
+    MUTED_INK,
     legend_below,
     line_styles,
     new_figure,
-    styled,
+    with_style,
 )
 from pipeline.model.metrics import Definitions
 
@@ -26,7 +26,7 @@ SMALLEST_MARK = 0.08
 BEHIND_TEXT = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
 
 
-@styled
+@with_style
 def hysteresis_figure(
     traces: Mapping[str, pd.DataFrame], spread: pd.DataFrame | None = None, marks: Definitions | None = None
 ) -> Figure:
@@ -36,7 +36,7 @@ def hysteresis_figure(
     ----------
     traces : label -> rows of ``hysteresis/curves`` of one sample at one crank angle, in the order of steps.
     spread : ``branch``, ``torque_Nm``, ``low``, ``middle``, ``high`` [arcmin]: 5th, 50th and 95th percentile of the
-        angle over the samples, each loop `centred`, on the branches loading+ and loading-.
+        angle over the samples, each loop `centred_loops`, on the branches loading+ and loading-.
     marks : where to draw the definitions of the metrics, on the trace with the widest loop.
     """
     figure = new_figure(4.4)
@@ -49,7 +49,7 @@ def hysteresis_figure(
     if marks is not None:
         _zoom(middle, loops, spread, ZOOM * marks.lost_motion)
     if marks is not None and loops:
-        widest = max(loops.values(), key=lambda rows: _at(rows, 0.0, "unloading+"))
+        widest = max(loops.values(), key=lambda rows: _angle_at(rows, 0.0, "unloading+"))
         _mark_rigidity(cycle_axes, widest, (marks.rigidity_low, marks.rigidity_high))
         _mark_widths(middle, widest, marks.lost_motion)
     legend_below(figure, cycle_axes)
@@ -65,7 +65,7 @@ def draw_loops(axes: Axes, loops: Mapping[str, pd.DataFrame], spread: pd.DataFra
     return axes
 
 
-@styled
+@with_style
 def bearing_figure(traces: Mapping[str, pd.DataFrame], spread: Mapping[str, pd.DataFrame] | None = None) -> Figure:
     """Displacement of the disk's centre on the input bearing against torque, along x and y of the housing.
 
@@ -85,7 +85,9 @@ def bearing_figure(traces: Mapping[str, pd.DataFrame], spread: Mapping[str, pd.D
 
 
 def _centred_frame(rows: pd.DataFrame) -> pd.DataFrame:
-    angle = centred(rows["angle_arcmin"].to_numpy()[None], np.asarray(rows["branch"]), rows["torque_Nm"].to_numpy())[0]
+    angle = centred_loops(
+        rows["angle_arcmin"].to_numpy()[None], np.asarray(rows["branch"]), rows["torque_Nm"].to_numpy()
+    )[0]
     return rows.assign(angle_arcmin=angle)
 
 
@@ -112,14 +114,14 @@ def _draw_spread(axes: Axes, spread: pd.DataFrame | None, description: str) -> N
         )
 
 
-def _at(rows: pd.DataFrame, torque: float, branch: str) -> float:
+def _angle_at(rows: pd.DataFrame, torque: float, branch: str) -> float:
     """Angle of a loop at one of its torques [arcmin]."""
     branch_rows = rows[np.asarray(rows["branch"]) == branch]
     return float(branch_rows["angle_arcmin"].iloc[int(np.argmin(np.abs(branch_rows["torque_Nm"].to_numpy() - torque)))])
 
 
 def _mark_rigidity(axes: Axes, loop: pd.DataFrame, torque: tuple[float, float]) -> None:
-    angle = [_at(loop, level, "loading+") for level in torque]
+    angle = [_angle_at(loop, level, "loading+") for level in torque]
     axes.plot([torque[0], torque[1], torque[1]], [angle[0], angle[0], angle[1]], color=INK, linewidth=1.0)
     axes.plot(torque, angle, "o", color=INK, markersize=5, markerfacecolor="white", zorder=4)
     text = "torsional rigidity:\nΔ torque / Δ angle between the circles"
@@ -133,7 +135,7 @@ def _mark_widths(axes: Axes, loop: pd.DataFrame, torque: float) -> None:
         (-0.14, 0.0, ("unloading+", "unloading-"), "clearance\nbacklash"),
         (0.78, torque, ("loading+", "loading-"), "lost\nmotion"),
     ):
-        high, low = _at(loop, level, branches[0]), _at(loop, -level, branches[1])
+        high, low = _angle_at(loop, level, branches[0]), _angle_at(loop, -level, branches[1])
         if high - low < SMALLEST_MARK * height:
             continue
         arrow_torque = side * reach
@@ -152,7 +154,7 @@ def _mark_widths(axes: Axes, loop: pd.DataFrame, torque: float) -> None:
             bbox=BEHIND_TEXT,
         )
     for level in (-torque, torque):
-        axes.axvline(level, color=MUTED, linewidth=0.8, linestyle=":")
+        axes.axvline(level, color=MUTED_INK, linewidth=0.8, linestyle=":")
 
 
 def _zoom(axes: Axes, loops: Mapping[str, pd.DataFrame], spread: pd.DataFrame | None, reach: float) -> None:

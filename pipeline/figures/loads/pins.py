@@ -8,13 +8,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import ALARM, legend_below, line_styles, new_figure, pin_axis, rising_styles, styled
+from pipeline.figures.style import ALARM, legend_below, line_styles, new_figure, pin_axis, rising_styles, with_style
 
 MARGIN = 2
 """Pins shown beyond the first and last loaded one."""
 
 
-@styled
+@with_style
 def dead_zones_figure(traces: Mapping[str, pd.DataFrame]) -> Figure:
     """Clearance of every pin and how far the bodies approach there: contact where the approach exceeds the clearance.
 
@@ -48,7 +48,7 @@ def dead_zones_figure(traces: Mapping[str, pd.DataFrame]) -> Figure:
     return figure
 
 
-@styled
+@with_style
 def pin_loads_figure(traces: Mapping[str, pd.DataFrame], rising: bool = False) -> Figure:
     """Contact force and contact deformation of the loaded pins against pin number.
 
@@ -79,7 +79,7 @@ def _draw_loads(force: Axes, depth: Axes, traces: Mapping[str, pd.DataFrame], nu
     depth.set(ylabel="deformation (µm)", ylim=(0, None))
 
 
-@styled
+@with_style
 def output_loads_figure(
     traces: Mapping[str, pd.DataFrame],
     contacts: pd.DataFrame,

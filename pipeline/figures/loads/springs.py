@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from pipeline.figures.style import line_styles, new_figure, styled
+from pipeline.figures.style import line_styles, new_figure, with_style
 
 CURVES_SHOWN = 5
 """Laws of pins that a figure tells apart, spread over their curvatures."""
@@ -16,7 +16,7 @@ BEARING = -1
 """Stands for the input bearing, which is no contact."""
 
 
-@styled
+@with_style
 def spring_laws_figure(
     laws: pd.DataFrame,
     contacts: pd.DataFrame,
@@ -81,12 +81,12 @@ def _pin_curves(contacts: pd.DataFrame) -> Mapping[str, int]:
     curvatures = pins["curvature_per_mm"].to_numpy()
     targets = np.linspace(curvatures.min(), curvatures.max(), CURVES_SHOWN)
     picks = dict.fromkeys(int(np.argmin(np.abs(curvatures - curvature))) for curvature in targets)
-    chosen = {}
+    curves = {}
     for contact, curvature in zip(pins["contact"].iloc[list(picks)], curvatures[list(picks)], strict=True):
         shape = "concave" if curvature < 0 else "convex"
         radius = np.inf if curvature == 0 else 1 / abs(curvature)
-        chosen[f"{radius:.3g} mm {shape}, pin {contact}"] = int(contact)
-    return chosen
+        curves[f"{radius:.3g} mm {shape}, pin {contact}"] = int(contact)
+    return curves
 
 
 def _other_curves(

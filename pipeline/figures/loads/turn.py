@@ -8,14 +8,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pipeline.figures.labels import FULL_TURN
-from pipeline.figures.style import ACCENT, ACCENT_LIGHT, ALARM, INK, legend_below, new_figure, styled
+from pipeline.figures.style import ACCENT, ACCENT_LIGHT, ALARM, INK, legend_below, new_figure, with_style
 
 SENSES = {"+": (ACCENT, "-o"), "-": (ALARM, "--s")}
 """Colour and line of each sense of the torque."""
 BAND = "5 % to 95 % of samples, sense +"
 
 
-@styled
+@with_style
 def transmission_figure(panels: Mapping[str, pd.DataFrame], spreads: Mapping[str, pd.DataFrame]) -> Figure:
     """Transmission error against the crank angle, about its mean, a panel without and one under load.
 
@@ -33,7 +33,7 @@ def transmission_figure(panels: Mapping[str, pd.DataFrame], spreads: Mapping[str
     return figure
 
 
-@styled
+@with_style
 def orders_figure(panels: Mapping[str, pd.DataFrame]) -> Figure:
     """Amplitude of each order over the samples: median and 95 % quantile.
 
@@ -52,7 +52,7 @@ def orders_figure(panels: Mapping[str, pd.DataFrame]) -> Figure:
     return figure
 
 
-@styled
+@with_style
 def turn_forces_figure(
     bearing: pd.DataFrame, spread: pd.DataFrame | None, pins: Sequence[pd.DataFrame], name: str
 ) -> Figure:
@@ -78,7 +78,7 @@ def turn_forces_figure(
     return figure
 
 
-@styled
+@with_style
 def output_turn_figure(
     errors: Mapping[str, pd.DataFrame],
     waves: Mapping[str, pd.DataFrame],
@@ -130,15 +130,15 @@ def _band(axes: Axes, spread: pd.DataFrame | None) -> None:
     if spread is None:
         return
     crank = spread["crank_deg"]
-    if _joined(spread):
+    if _is_dense(spread):
         axes.fill_between(crank, spread["low"], spread["high"], color=ACCENT_LIGHT, linewidth=0, label=BAND)
     else:
         axes.vlines(crank, spread["low"], spread["high"], color=ACCENT_LIGHT, linewidth=4, label=BAND)
-    style = ":" if _joined(spread) else "_"
+    style = ":" if _is_dense(spread) else "_"
     axes.plot(crank, spread["middle"], style, color=INK, linewidth=1.0, label="median, sense +")
 
 
-def _joined(rows: pd.DataFrame) -> bool:
+def _is_dense(rows: pd.DataFrame) -> bool:
     """Whether the crank angles stand so near to each other that a line through them says something."""
     return bool(rows["crank_deg"].max() < FULL_TURN)
 
@@ -147,5 +147,5 @@ def _senses(axes: Axes, rows: pd.DataFrame, column: str) -> None:
     for sense, (colour, line) in SENSES.items():
         part = rows[rows["sense"] == sense]
         name = sense.replace("-", "−")
-        drawn_line = line if _joined(rows) else line[-1]
+        drawn_line = line if _is_dense(rows) else line[-1]
         axes.plot(part["crank_deg"], part[column], drawn_line, color=colour, markersize=2.5, label=f"sense {name}")

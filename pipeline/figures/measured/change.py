@@ -6,20 +6,20 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import ACCENT, ALARM, INK, MUTED, RULE, legend_below, new_figure, styled
+from pipeline.figures.style import ACCENT, ALARM, INK, MUTED_INK, RULE, legend_below, new_figure, with_style
 
 ACROSS, MOST_POSITIONS = 3, 9
 """Panels side by side, and positions that are drawn at most."""
 
 
-@styled
-def loops_figure(loops: pd.DataFrame, before: str) -> Figure:
+@with_style
+def loops_figure(loops: pd.DataFrame, state_before: str) -> Figure:
     """Mean loops of both states over the torque, a panel for each position.
 
     Parameters
     ----------
     loops : rows of one size of the table ``loops``.
-    before : the first state; the other one is drawn above it.
+    state_before : the first state; the other one is drawn above it.
     """
     labels = list(dict.fromkeys(loops["position"]))[:MOST_POSITIONS]
     rows = -(-len(labels) // ACROSS)
@@ -27,7 +27,7 @@ def loops_figure(loops: pd.DataFrame, before: str) -> Figure:
     panels = figure.subplots(rows, min(len(labels), ACROSS), squeeze=False, sharey=True).ravel()
     for axes, label in zip(panels, labels, strict=False):
         for state, curve in loops[loops["position"] == label].groupby("state", sort=False, observed=True):
-            colour, line = (MUTED, "--") if state == before else (ACCENT, "-")
+            colour, line = (MUTED_INK, "--") if state == state_before else (ACCENT, "-")
             axes.plot(curve["torque_Nm"], curve["rising_arcmin"], line, color=colour, label=str(state))
             axes.plot(curve["torque_Nm"], curve["falling_arcmin"], line, color=colour)
         axes.set_title(f"Position {label}")
@@ -39,7 +39,7 @@ def loops_figure(loops: pd.DataFrame, before: str) -> Figure:
     return figure
 
 
-@styled
+@with_style
 def changes_figure(changes: pd.DataFrame) -> Figure:
     """Change of each positive number in per cent, with its interval and the growth that would be shown."""
     shares = changes[changes["change_unit"] == "1"]

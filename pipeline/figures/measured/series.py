@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import ACCENT, INK, MUTED, new_figure, styled
+from pipeline.figures.style import ACCENT, INK, MUTED_INK, new_figure, with_style
 
 ACROSS = 3
 """Panels side by side."""
@@ -40,7 +40,7 @@ def angle_figure(cells: pd.DataFrame) -> Figure:
     return figure
 
 
-@styled
+@with_style
 def states_figure(states: pd.DataFrame, trends: pd.DataFrame, variable: str) -> Figure:
     """Each number of the loops over the variable, or over the states in order, with its interval and trend.
 
@@ -54,19 +54,21 @@ def states_figure(states: pd.DataFrame, trends: pd.DataFrame, variable: str) -> 
     figure = new_figure(0.3 + 2.6 * rows)
     panels = figure.subplots(rows, min(len(trends), ACROSS), squeeze=False).ravel()
     for axes, trend in zip(panels, trends.to_dict("records"), strict=False):
-        chosen = states[(states["number"] == trend["number"]) & (states["loops"] == trend["loops"])]
-        place = chosen["variable"].to_numpy() if variable else np.arange(len(chosen))
+        trend_rows = states[(states["number"] == trend["number"]) & (states["loops"] == trend["loops"])]
+        place = trend_rows["variable"].to_numpy() if variable else np.arange(len(trend_rows))
         colour = ACCENT if trend["shown"] else INK
-        axes.vlines(place, chosen["ci_low"], chosen["ci_high"], color=colour)
-        axes.plot(place, chosen["value"], "o", color=colour, markersize=4)
+        axes.vlines(place, trend_rows["ci_low"], trend_rows["ci_high"], color=colour)
+        axes.plot(place, trend_rows["value"], "o", color=colour, markersize=4)
         if variable:
             line = np.linspace(place.min(), place.max(), 50)
             axes.plot(
-                line, _line(chosen["value"].to_numpy(), place, trend, line), color=colour if trend["shown"] else MUTED
+                line,
+                _line(trend_rows["value"].to_numpy(), place, trend, line),
+                color=colour if trend["shown"] else MUTED_INK,
             )
         axes.set_title(f"{trend['number'].replace('_', ' ')}, to {trend['loops']}")
         axes.set_xlabel(variable.replace("_", " ") if variable else "state")
-        axes.set_ylabel(str(chosen["unit"].iloc[0]))
+        axes.set_ylabel(str(trend_rows["unit"].iloc[0]))
     for axes in panels[len(trends) :]:
         axes.set_axis_off()
     return figure

@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pipeline.figures.measured.unit import ACROSS, EXTREME, MODELS, ROOM, STAGES
-from pipeline.figures.style import ACCENT, ALARM, INK, legend_below, new_figure, styled
+from pipeline.figures.style import ACCENT, ALARM, INK, legend_below, new_figure, with_style
 
 MOST_PANELS = 6
 """Held torques and senses that share a figure."""
@@ -18,7 +18,7 @@ SENSES = {-1: ("crank forward", ACCENT, "o"), 1: ("crank backward", ALARM, "v")}
 HARMONICS = {"measured": (INK, "measured"), "recalibrated": (ALARM, "refitted"), "after": (ACCENT, "after")}
 
 
-@styled
+@with_style
 def turns_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]] = MODELS) -> Figure:
     """Measured cells of each held torque and sense, means over its turns, against the models; the mean is removed.
 
@@ -48,7 +48,7 @@ def turns_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]]
     return figure
 
 
-@styled
+@with_style
 def turn_residual_figure(cells: pd.DataFrame) -> Figure:
     """Residual over the crank angle before and after, the senses in two colours, one scale for both."""
     figure = new_figure(3.4)
@@ -74,7 +74,7 @@ def turn_residual_figure(cells: pd.DataFrame) -> Figure:
     return figure
 
 
-@styled
+@with_style
 def orders_figure(amplitudes: Mapping[str, Sequence[float]], floor: float) -> Figure:
     """Orders of the crank (n_orders,) [arcmin] from 1 on, means over whole turns, measured and of the models.
 
@@ -85,11 +85,11 @@ def orders_figure(amplitudes: Mapping[str, Sequence[float]], floor: float) -> Fi
     """
     figure = new_figure(3.2)
     axes = figure.subplots()
-    shown = {name: style for name, style in HARMONICS.items() if name in amplitudes}
-    for number, (name, (colour, label)) in enumerate(shown.items()):
+    shown_styles = {name: style for name, style in HARMONICS.items() if name in amplitudes}
+    for number, (name, (colour, label)) in enumerate(shown_styles.items()):
         order = np.arange(1, len(amplitudes[name]) + 1)
-        place = order + 0.8 * ((number + 0.5) / len(shown) - 0.5)
-        axes.bar(place, amplitudes[name], 0.8 / len(shown), color=colour, label=label)
+        place = order + 0.8 * ((number + 0.5) / len(shown_styles) - 0.5)
+        axes.bar(place, amplitudes[name], 0.8 / len(shown_styles), color=colour, label=label)
     axes.axhline(floor, color=INK, linewidth=1.0, linestyle=":", label="noise of an amplitude")
     axes.set(xlabel="order of the crank", ylabel="amplitude (arcmin)")
     legend_below(figure, axes)

@@ -9,14 +9,14 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED, legend_below, new_figure, styled
+from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED_INK, legend_below, new_figure, with_style
 
 MODELS = {
-    "declared": ("model as declared", MUTED, ":"),
+    "declared": ("model as declared", MUTED_INK, ":"),
     "recalibrated": ("calibrated numbers refitted", ALARM, "--"),
     "after": ("with what is named", ACCENT, "-"),
 }
-WRITTEN = {"written": ("written study", MUTED, "-.")}
+WRITTEN_STYLE = {"written": ("written study", MUTED_INK, "-.")}
 """The study beside the page on the same load history, as ``MODELS``."""
 STAGES = {"recalibrated": "Before: calibrated numbers refitted", "after": "After: with what is named"}
 SENSES = {1: ("torque rising", ACCENT, "o"), -1: ("torque falling", ALARM, "v")}
@@ -26,18 +26,21 @@ ACROSS = 3
 """Panels side by side."""
 EXTREME = 4.0
 """Percent of the residuals at each end that the scale does not follow: there the angle jumps through the play."""
-ZOOMED = 0.12
+ZOOM_SHARE = 0.12
 """Share of the largest torque that the small panels of the loops show."""
 ROOM = 2.0
 """Reach of the scale beyond the others."""
 
 
-DESCRIBED = {"spring": ("a spring alone", ALARM, "--"), "described": ("play, friction, softening spring", ACCENT, "-")}
+DESCRIPTION_STYLES = {
+    "spring": ("a spring alone", ALARM, "--"),
+    "described": ("play, friction, softening spring", ACCENT, "-"),
+}
 """Models of a drive without a design, as ``MODELS``."""
-LEFT = {"spring": "A spring alone", "described": "Play, friction, softening spring"}
+REMAINDER_TITLES = {"spring": "A spring alone", "described": "Play, friction, softening spring"}
 
 
-@styled
+@with_style
 def loops_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]] = MODELS) -> Figure:
     """Measured cells of each position, in the second cycle where there is one, against the models; offsets removed.
 
@@ -75,20 +78,22 @@ def _draw_loop(axes: Axes, rows: pd.DataFrame, models: Mapping[str, tuple[str, s
 
 def _draw_zoom(axes: Axes, rows: pd.DataFrame, models: Mapping[str, tuple[str, str, str]]) -> None:
     """The loop about zero torque, where the models differ most, in the corner that no loop passes through."""
-    reach = ZOOMED * float(rows["torque_Nm"].abs().max())
-    near = rows[rows["torque_Nm"].abs() <= reach]
-    if near.empty:
+    reach = ZOOM_SHARE * float(rows["torque_Nm"].abs().max())
+    near_rows = rows[rows["torque_Nm"].abs() <= reach]
+    if near_rows.empty:
         return
     zoom = axes.inset_axes((0.02, 0.62, 0.36, 0.36))
     _draw_loop(zoom, rows, models)
-    angles = near[["angle_arcmin", *(f"{stage}_arcmin" for stage in models)]].to_numpy() - rows["angle_arcmin"].mean()
+    angles = (
+        near_rows[["angle_arcmin", *(f"{stage}_arcmin" for stage in models)]].to_numpy() - rows["angle_arcmin"].mean()
+    )
     low, high = np.nanmin(angles), np.nanmax(angles)
     room = 0.1 * max(high - low, 1e-9)
     zoom.set(xlim=(-reach, reach), ylim=(low - room, high + room), xticks=[0.0], yticks=[])
     zoom.tick_params(labelsize=7)
 
 
-@styled
+@with_style
 def torque_figure(cells: pd.DataFrame, stages: Mapping[str, str] = STAGES) -> Figure:
     """Residual over torque before and after, the branches in two colours, one scale for both."""
     figure = new_figure(3.4)
@@ -114,7 +119,7 @@ def torque_figure(cells: pd.DataFrame, stages: Mapping[str, str] = STAGES) -> Fi
     return figure
 
 
-@styled
+@with_style
 def time_figure(cells: pd.DataFrame) -> Figure:
     """Residual over the sequence of the cells, before and after; positions in turn, their crank angles above."""
     figure = new_figure(4.6)
@@ -123,12 +128,12 @@ def time_figure(cells: pd.DataFrame) -> Figure:
     cranks = list(dict.fromkeys(cells["crank_deg"]))
     for axes, (stage, title) in zip(panels, STAGES.items(), strict=True):
         for k, crank in enumerate(cranks):
-            selected = (cells["crank_deg"] == crank).to_numpy()
-            residual = cells[f"residual_{stage}_arcmin"].to_numpy()[selected]
+            is_selected = (cells["crank_deg"] == crank).to_numpy()
+            residual = cells[f"residual_{stage}_arcmin"].to_numpy()[is_selected]
             colour = COLOURS[k % len(COLOURS)]
-            axes.plot(number[selected], residual, ".", color=colour, markersize=2.5, label=f"crank at {crank:g}°")
+            axes.plot(number[is_selected], residual, ".", color=colour, markersize=2.5, label=f"crank at {crank:g}°")
         for start in np.flatnonzero(np.diff(cells["cycle"].to_numpy()) != 0) + 0.5:
-            axes.axvline(start, color=MUTED, linewidth=0.5, alpha=0.5)
+            axes.axvline(start, color=MUTED_INK, linewidth=0.5, alpha=0.5)
         _zero_line(axes, cells)
         axes.set_title(title)
     panels[1].set_xlabel("cell in order of time, position by position; lines part the cycles")
@@ -137,20 +142,20 @@ def time_figure(cells: pd.DataFrame) -> Figure:
     return figure
 
 
-@styled
+@with_style
 def candidates_figure(candidates: pd.DataFrame, base_error: float) -> Figure:
     """Misfit with every effect that was fitted, against that of the recalibrated model and the noise."""
-    fitted = candidates[candidates["misfit_after"].notna()].iloc[::-1]
-    figure = new_figure(0.9 + 0.27 * max(len(fitted), 3))
+    fitted_rows = candidates[candidates["misfit_after"].notna()].iloc[::-1]
+    figure = new_figure(0.9 + 0.27 * max(len(fitted_rows), 3))
     axes = figure.subplots()
-    positions = np.arange(len(fitted))
+    positions = np.arange(len(fitted_rows))
     colours = [
-        ACCENT if member else (COLOURS[5] if good else MUTED)
-        for member, good in zip(fitted["member_of_class"], fitted["significant"], strict=True)
+        ACCENT if member else (COLOURS[5] if good else MUTED_INK)
+        for member, good in zip(fitted_rows["member_of_class"], fitted_rows["significant"], strict=True)
     ]
-    axes.barh(positions, fitted["misfit_after"], color=colours, height=0.62)
+    axes.barh(positions, fitted_rows["misfit_after"], color=colours, height=0.62)
     axes.set_yticks(
-        positions, [_label(*candidate) for candidate in zip(fitted["effect"], fitted["title"], strict=True)]
+        positions, [_label(*candidate) for candidate in zip(fitted_rows["effect"], fitted_rows["title"], strict=True)]
     )
     axes.axvline(base_error, color=ALARM, linewidth=1.2, linestyle="--", label="calibrated numbers refitted")
     axes.axvline(1.0, color=INK, linewidth=1.0, linestyle=":", label="noise of the cells")
@@ -175,7 +180,7 @@ def _zero_line(axes: Axes, cells: pd.DataFrame, stages: Mapping[str, str] = STAG
         axes.set_ylim(-reach, reach)
 
 
-@styled
+@with_style
 def quantiles_figure(quantiles: pd.DataFrame) -> Figure:
     """Quantiles of measured units against those of a study, a panel a metric; on the line the two are alike.
 
@@ -190,7 +195,7 @@ def quantiles_figure(quantiles: pd.DataFrame) -> Figure:
     for axes, label in zip(panels, labels, strict=False):
         metric_rows = quantiles[quantiles["label"] == label]
         ends = [metric_rows[["study", "measured"]].min().min(), metric_rows[["study", "measured"]].max().max()]
-        axes.plot(ends, ends, color=MUTED, linewidth=1.0, linestyle="--")
+        axes.plot(ends, ends, color=MUTED_INK, linewidth=1.0, linestyle="--")
         axes.plot(metric_rows["study"], metric_rows["measured"], "o", color=ACCENT)
         axes.set(
             title=label,

@@ -24,7 +24,10 @@ def outlines_dxf(outlines: Mapping[str, NDArray]) -> bytes:
     InputError : ezdxf is not installed.
     """
     ezdxf = import_extra("ezdxf", "cad")
-    fixed, ezdxf.options.write_fixed_meta_data_for_testing = ezdxf.options.write_fixed_meta_data_for_testing, True
+    former_option, ezdxf.options.write_fixed_meta_data_for_testing = (
+        ezdxf.options.write_fixed_meta_data_for_testing,
+        True,
+    )
     try:  # equal outlines give equal bytes: neither time nor a random number is written
         document = ezdxf.new(RELEASE)
         document.units = ezdxf.units.MM
@@ -35,5 +38,5 @@ def outlines_dxf(outlines: Mapping[str, NDArray]) -> bytes:
         text = io.StringIO()
         document.write(text)
     finally:
-        ezdxf.options.write_fixed_meta_data_for_testing = fixed
+        ezdxf.options.write_fixed_meta_data_for_testing = former_option
     return text.getvalue().encode()

@@ -4,12 +4,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import ACCENT, ALARM, INK, MUTED, legend_below, new_figure, styled
+from pipeline.figures.style import ACCENT, ALARM, INK, MUTED_INK, legend_below, new_figure, with_style
 
 PHASE_TICKS = np.arange(-180, 181, 45)
 
 
-@styled
+@with_style
 def nominal_gap_figure(curve: pd.DataFrame, pins: pd.DataFrame, lobes_differ: bool) -> Figure:
     """Gap against the phase of a pin: exact, to first order, and at the pins of one crank angle.
 
@@ -21,7 +21,7 @@ def nominal_gap_figure(curve: pd.DataFrame, pins: pd.DataFrame, lobes_differ: bo
     """
     figure = new_figure(3.3)
     axes = figure.subplots()
-    axes.axhline(0, color=MUTED, linewidth=0.8)
+    axes.axhline(0, color=MUTED_INK, linewidth=0.8)
     exact, first_order = (".", ".") if lobes_differ else ("-", "--")
     axes.plot(curve["phase_deg"], curve["exact_um"], exact, color=ACCENT, markersize=2, label="exact distance")
     axes.plot(curve["phase_deg"], curve["first_order_um"], first_order, color=ALARM, markersize=1, label="first order")

@@ -7,7 +7,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from pipeline.figures.style import ACCENT, ALARM, INK, new_figure, styled
+from pipeline.figures.style import ACCENT, ALARM, INK, new_figure, with_style
 
 PATCH_PITCHES_SHOWN = 1.05
 """Half width of the close-up in distances between neighbouring patches."""
@@ -16,7 +16,7 @@ HOLE_PATCHES_SHOWN = 2.5
 NO_HOLES = np.zeros((0, 0), complex)
 
 
-@styled
+@with_style
 def mesh_figure(
     nodes: NDArray[np.complex128],
     triangles: NDArray[np.intp],
@@ -37,8 +37,8 @@ def mesh_figure(
     figure, (overview, close, *hole_axes) = _panels(len(hole_points) > 0)
     plane = Triangulation(nodes.real, nodes.imag, triangles[:, :3])
     size = np.abs(displacement)
-    shaded = overview.tripcolor(plane, size, shading="gouraud", cmap="viridis", rasterized=True)
-    scale = figure.colorbar(shaded, ax=overview, label="deflection by 1 N on one pin (µm/N)", shrink=0.85)
+    shading = overview.tripcolor(plane, size, shading="gouraud", cmap="viridis", rasterized=True)
+    scale = figure.colorbar(shading, ax=overview, label="deflection by 1 N on one pin (µm/N)", shrink=0.85)
     scale.outline.set_visible(False)
     centres = patch_points.mean(axis=1)
     loaded_patch = _loaded_patch(nodes, centres, size)
@@ -86,8 +86,8 @@ def _draw_hole(
 
 def _loaded_patch(nodes: NDArray[np.complex128], centres: NDArray[np.complex128], size: NDArray[np.float64]) -> int:
     """The patch that deflects most: that of the loaded pin."""
-    nearest = [int(np.argmin(np.abs(nodes - centre))) for centre in centres]
-    return int(np.argmax(size[nearest]))
+    nearest_nodes = [int(np.argmin(np.abs(nodes - centre))) for centre in centres]
+    return int(np.argmax(size[nearest_nodes]))
 
 
 def _draw_flank(

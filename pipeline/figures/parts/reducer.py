@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.config.mechanisms.drawing import Circles, Panel, Part, Points, RowLabel
-from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED, new_figure, styled
+from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED_INK, new_figure, with_style
 
 LINES: Mapping[Part, str] = {"disk": INK, "output": COLOURS[2], "between": ALARM}
 MARGIN = 1.05
@@ -21,7 +21,7 @@ NUMBER_RADIUS = 1.07
 """Circle of the numbers over that of the pins."""
 
 
-@styled
+@with_style
 def reducer_figure(
     contacts: pd.DataFrame,
     flanks: Sequence[NDArray[np.complex128]],
@@ -74,7 +74,7 @@ def draw_ring(axes: Axes, pins: pd.DataFrame, flank: NDArray[np.complex128], cra
     """The disk among its numbered pins, whose rows of ``clearance/contacts`` are ``pins``."""
     normal = pins["normal_x"].to_numpy() + 1j * pins["normal_y"].to_numpy()
     centre = pins["x_mm"].to_numpy() + 1j * pins["y_mm"].to_numpy() - radius * normal
-    axes.fill(flank.real, flank.imag, facecolor="#f1f4f7", edgecolor=MUTED, linewidth=0.7)
+    axes.fill(flank.real, flank.imag, facecolor="#f1f4f7", edgecolor=MUTED_INK, linewidth=0.7)
     circles(axes, centre, radius, facecolor="white", edgecolor=ACCENT, linewidth=0.8)
     for number, label_point in zip(pins["contact"], NUMBER_RADIUS * centre, strict=True):
         if len(pins) <= MOST_NUMBERS or number % 5 == 0:
@@ -94,21 +94,21 @@ def draw_ring(axes: Axes, pins: pd.DataFrame, flank: NDArray[np.complex128], cra
     axes.plot(0, 0, "+", color=INK, markersize=7)
     axes.text(0, -0.09 * reach, "arrow: direction of\nthe eccentric", ha="center", va="top", fontsize=8.5, color=ALARM)
     turn = 0.72 * reach * np.exp(-1j * np.linspace(0.25, 1.0, 40))
-    axes.plot(turn.real, turn.imag, color=MUTED, linewidth=1.0)
+    axes.plot(turn.real, turn.imag, color=MUTED_INK, linewidth=1.0)
     axes.annotate(
         "",
         (turn[-1].real, turn[-1].imag),
         (turn[-4].real, turn[-4].imag),
-        arrowprops={"arrowstyle": "-|>", "color": MUTED, "linewidth": 1.0},
+        arrowprops={"arrowstyle": "-|>", "color": MUTED_INK, "linewidth": 1.0},
     )
-    axes.text(0.42 * reach, -0.3 * reach, "count\nclockwise", ha="center", va="center", fontsize=8.5, color=MUTED)
+    axes.text(0.42 * reach, -0.3 * reach, "count\nclockwise", ha="center", va="center", fontsize=8.5, color=MUTED_INK)
     edge = 1.12 * reach
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title=f"Pins 0 to {len(pins) - 1}, crank at {crank_deg:g}°")
 
 
 def _draw_panel(axes: Axes, panel: Panel, flank: NDArray[np.complex128]) -> None:
     if panel.disk:
-        axes.fill(flank.real, flank.imag, facecolor="#f1f4f7", edgecolor=MUTED, linewidth=0.7)
+        axes.fill(flank.real, flank.imag, facecolor="#f1f4f7", edgecolor=MUTED_INK, linewidth=0.7)
     for shape in panel.shapes:
         match shape:
             case Circles():

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.figures.labels import METRICS
-from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, legend_below, new_figure, styled
+from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, legend_below, new_figure, with_style
 
 ROWS = {"full": ("Monte Carlo", ACCENT), "linear": ("linear stack (RSS)", COLOURS[2])}
 """Columns of the stacks, with their labels and colours."""
@@ -14,7 +14,7 @@ DEVIATIONS = 3.0
 """Standard deviations on either side of the mean."""
 
 
-@styled
+@with_style
 def bounds_figure(bounds: pd.DataFrame, stacks: pd.DataFrame) -> Figure:
     """For each metric and crank angle the worst cases, and the mean with three standard deviations of both models.
 
@@ -56,5 +56,5 @@ def _crank(axes: Axes, crank_index: int, bounds: pd.DataFrame, stacks: pd.DataFr
         axes.plot(
             [float(values.loc["far", column])], [y], "|", color=INK, markersize=9, markeredgewidth=1.4, label=tail_label
         )
-    worst = "worst cases" if is_first else None
-    axes.plot(bounds["value"], np.full(len(bounds), crank_index), "D", color=ALARM, markersize=4.5, label=worst)
+    worst_label = "worst cases" if is_first else None
+    axes.plot(bounds["value"], np.full(len(bounds), crank_index), "D", color=ALARM, markersize=4.5, label=worst_label)

@@ -5,10 +5,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.figures.style import COLOURS, INK, legend_below, new_figure, styled
+from pipeline.figures.style import COLOURS, INK, legend_below, new_figure, with_style
 
 
-@styled
+@with_style
 def certificate_figure(
     torque: NDArray[np.float64], angle: NDArray[np.float64], band: tuple[float, float], crank_deg: float
 ) -> Figure:

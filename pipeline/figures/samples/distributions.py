@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pipeline.figures.labels import FULL_TURN, METRICS
-from pipeline.figures.style import ACCENT, ALARM, INK, MUTED, legend_below, new_figure, styled
+from pipeline.figures.style import ACCENT, ALARM, INK, MUTED_INK, legend_below, new_figure, with_style
 
 BARS = "#a9cbe4"
 BINS = (8, 40)
@@ -22,7 +22,7 @@ BAND = "5 % to 95 %"
 ESTIMATES = {"p05": "5 %", "mean": "mean", "p95": "95 %"}
 
 
-@styled
+@with_style
 def distributions_figure(
     values: pd.DataFrame,
     estimates: pd.DataFrame,
@@ -62,13 +62,13 @@ def draw_histogram(
     axes.bar(edges[:-1], counts, np.diff(edges), align="edge", color=BARS, edgecolor="white", linewidth=0.6)
     axes.grid(False, axis="x")
     top = counts.max()
-    marked = [value for value in (limit, nominal) if value is not None and np.isfinite(value)]
-    low, high = min([edges[0], *marked]), max([edges[-1], *marked])
+    marked_values = [value for value in (limit, nominal) if value is not None and np.isfinite(value)]
+    low, high = min([edges[0], *marked_values]), max([edges[-1], *marked_values])
     room = 0.06 * (high - low)
     axes.set(xlabel=quantity.axis, ylabel="samples", xlim=(low - room, high + room), ylim=(-0.36 * top, 1.12 * top))
     ticks = MaxNLocator(5, integer=True).tick_values(0, top)
     axes.set_yticks(ticks[ticks <= top])
-    axes.axhline(0, color=MUTED, linewidth=0.8)
+    axes.axhline(0, color=MUTED_INK, linewidth=0.8)
     if nominal is not None and np.isfinite(nominal):
         axes.plot([nominal], [0.0], "D", color=INK, markersize=5, markerfacecolor="white", clip_on=False, zorder=5)
         axes.annotate(
@@ -87,13 +87,13 @@ def draw_histogram(
         axes.axvline(limit, color=ALARM, linewidth=1.3)
         failing = (start, limit) if quantity.smaller_is_worse else (limit, end)
         axes.axvspan(*failing, facecolor=ALARM, alpha=0.07, linewidth=0)
-        right = limit < 0.5 * (start + end)
+        is_right = limit < 0.5 * (start + end)
         axes.annotate(
             f"limit {limit:g}",
             (limit, 1.12 * top),
-            (4 if right else -4, -2),
+            (4 if is_right else -4, -2),
             textcoords="offset points",
-            ha="left" if right else "right",
+            ha="left" if is_right else "right",
             va="top",
             fontsize=8.5,
             color=ALARM,
@@ -125,12 +125,12 @@ def _estimates(axes: Axes, rows: pd.DataFrame) -> None:
             xycoords=("axes fraction", "data"),
             textcoords="offset points",
             fontsize=8,
-            color=MUTED,
+            color=MUTED_INK,
             va="center",
         )
 
 
-@styled
+@with_style
 def crank_figure(
     estimates: pd.DataFrame, nominal: pd.DataFrame, metrics: Sequence[str], limits: Mapping[str, float]
 ) -> Figure:

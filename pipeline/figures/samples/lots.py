@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.distributions import Distribution
 from pipeline.figures.labels import PARAMETERS
-from pipeline.figures.style import COLOURS, INK, legend_below, new_figure, styled
+from pipeline.figures.style import COLOURS, INK, legend_below, new_figure, with_style
 
 POINTS = 400
 """Of a distribution function."""
@@ -17,7 +17,7 @@ LotValues = tuple[str, NDArray[np.float64], Distribution]
 """Name of a lot, its values (n,) [um], and the fitted distribution."""
 
 
-@styled
+@with_style
 def lots_figure(dimensions: Sequence[tuple[str, Sequence[LotValues], Distribution]]) -> Figure:
     """The share of parts below each deviation, measured and fitted, for each dimension.
 
@@ -40,13 +40,21 @@ def lots_figure(dimensions: Sequence[tuple[str, Sequence[LotValues], Distributio
 def _dimension(axes: Axes, lots: Sequence[LotValues], drawing: Distribution) -> None:
     """Steps of the measured values and lines of the fits of one dimension."""
     probability = (np.arange(POINTS) + 0.5) / POINTS
-    for (lot, values, fitted), colour in zip(lots, COLOURS, strict=False):
-        ordered = np.sort(values)
+    for (lot, values, distribution), colour in zip(lots, COLOURS, strict=False):
+        ordered_values = np.sort(values)
         axes.step(
-            ordered, (np.arange(len(ordered)) + 0.5) / len(ordered), color=colour, alpha=0.6, label=f"{lot}: parts"
+            ordered_values,
+            (np.arange(len(ordered_values)) + 0.5) / len(ordered_values),
+            color=colour,
+            alpha=0.6,
+            label=f"{lot}: parts",
         )
         axes.plot(
-            fitted.allowance_um + fitted.deviation(probability), probability, "--", color=colour, label=f"{lot}: fit"
+            distribution.allowance_um + distribution.deviation(probability),
+            probability,
+            "--",
+            color=colour,
+            label=f"{lot}: fit",
         )
     for k, limit in enumerate(drawing.limits_um if drawing.varies else ()):
         label = "limits of the drawing" if k == 0 else None

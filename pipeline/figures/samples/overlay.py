@@ -7,14 +7,14 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pipeline.figures.labels import METRICS
-from pipeline.figures.style import COLOURS, new_figure, styled
+from pipeline.figures.style import COLOURS, new_figure, with_style
 
 BARS = 40
 """Bars of the common histogram."""
 LINES = ("-", "--")
 
 
-@styled
+@with_style
 def overlay_figure(
     runs: Mapping[str, pd.DataFrame], limits: Sequence[Mapping[str, float]], metrics: Sequence[str]
 ) -> Figure:

@@ -8,14 +8,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from pipeline.figures.labels import METRICS
-from pipeline.figures.style import ACCENT, ALARM, COLOURS, MARKERS, MUTED, legend_below, new_figure, styled
+from pipeline.figures.style import ACCENT, ALARM, COLOURS, MARKERS, MUTED_INK, legend_below, new_figure, with_style
 
-LABELLED = (1.0, 2.0, 5.0)
+LABELLED_SHARES = (1.0, 2.0, 5.0)
 """Numbers of a decade that stand on the axis."""
 QUANTILES = {"p95": "95 % quantile", "p50": "median", "p05": "5 % quantile"}
 
 
-@styled
+@with_style
 def sample_convergence_figure(
     rows: pd.DataFrame, limits: Mapping[str, float], share: str, half_width: float | None
 ) -> Figure:
@@ -39,7 +39,7 @@ def sample_convergence_figure(
     for axes, metric in zip(panels, metrics, strict=False):
         part = rows[rows["metric"] == metric]
         axes.set(xscale="log", xlabel="samples")
-        axes.xaxis.set_major_locator(LogLocator(subs=LABELLED))
+        axes.xaxis.set_major_locator(LogLocator(subs=LABELLED_SHARES))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda number, _: f"{number:,.0f}"))
         axes.xaxis.set_minor_locator(NullLocator())
         if metric == share:
@@ -47,7 +47,7 @@ def sample_convergence_figure(
             continue
         quantiles = axes
         for (statistic, label), colour, marker in zip(QUANTILES.items(), COLOURS, MARKERS, strict=False):
-            _banded(axes, part[part["statistic"] == statistic], 1.0, colour, marker, label)
+            _draw_band(axes, part[part["statistic"] == statistic], 1.0, colour, marker, label)
         if metric in limits:
             axes.axhline(limits[metric], color=ALARM, linewidth=1.2, linestyle="--", label="limit")
         axes.set(title=METRICS[metric].title, ylabel=METRICS[metric].unit)
@@ -57,15 +57,15 @@ def sample_convergence_figure(
 
 
 def _share(axes: Axes, rows: pd.DataFrame, half_width: float | None) -> None:
-    _banded(axes, rows, 100.0, ACCENT, "o", "yield")
+    _draw_band(axes, rows, 100.0, ACCENT, "o", "yield")
     if half_width is not None:
         middle = 50 * float(rows["ci_low"].iloc[-1] + rows["ci_high"].iloc[-1])
         for end in (middle - 100 * half_width, middle + 100 * half_width):
-            axes.axhline(end, color=MUTED, linewidth=1.0, linestyle=":")
+            axes.axhline(end, color=MUTED_INK, linewidth=1.0, linestyle=":")
     axes.set(title="Yield against all limits", ylabel="%")
 
 
-def _banded(axes: Axes, rows: pd.DataFrame, scale: float, colour: str, marker: str, label: str) -> None:
+def _draw_band(axes: Axes, rows: pd.DataFrame, scale: float, colour: str, marker: str, label: str) -> None:
     n, value = rows["n"], scale * rows["value"]
     axes.plot(n, value, marker=marker, markersize=3, linewidth=1.1, color=colour, label=label)
     low, high = (scale * rows[end].where(abs(rows[end]) < float("inf")) for end in ("ci_low", "ci_high"))

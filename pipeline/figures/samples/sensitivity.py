@@ -8,7 +8,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from pipeline.figures.labels import parameter_title
-from pipeline.figures.style import INK, MUTED, new_figure, styled
+from pipeline.figures.style import INK, MUTED_INK, new_figure, with_style
 from pipeline.model.metrics import signed_number
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
 
@@ -21,7 +21,7 @@ SUM_COLOURS = {FIRST_ORDER: "#8b95a1", TOTAL: "#c3cad2"}
 LABELS = {FIRST_ORDER: "by itself", TOTAL: "with interactions"}
 
 
-@styled
+@with_style
 def sensitivity_figure(indices: pd.DataFrame) -> Figure:
     """Bars of rank correlation and of the shares of the variance, largest first; a kind without an index is left out.
 
@@ -34,8 +34,8 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
     A bar without a filling and a number in brackets are not determined: the interval is as wide as the index. Errors
     that do not vary in the study have an index of exactly 0, or none, and no bar.
     """
-    estimated = np.isfinite(indices["index"].to_numpy(float)) & (indices["ci_low"] != indices["ci_high"]).to_numpy()
-    shown_indices = indices[estimated]
+    is_estimated = np.isfinite(indices["index"].to_numpy(float)) & (indices["ci_low"] != indices["ci_high"]).to_numpy()
+    shown_indices = indices[is_estimated]
     panels = [kind for kind in PANELS if (shown_indices["kind"] == kind).any()]
     bars = {
         RANK_CORRELATION: int((shown_indices["kind"] == RANK_CORRELATION).sum()),
@@ -51,15 +51,15 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
 def draw_shares(axes: Axes, rows: pd.DataFrame, kinds: tuple[str, ...]) -> Axes:
     """Parameters by the size of their last kind, a bar for each kind; sums of shares come last."""
     order = rows[rows["kind"] == kinds[-1]]
-    summed = (order["parameter"] == SUM).to_numpy()
-    names = list(order["parameter"].iloc[np.lexsort([-np.abs(order["index"].to_numpy(float)), summed])])
+    is_sum = (order["parameter"] == SUM).to_numpy()
+    names = list(order["parameter"].iloc[np.lexsort([-np.abs(order["index"].to_numpy(float)), is_sum])])
     height = 0.72 / len(kinds)
     for k, kind in enumerate(kinds):
         part = rows[(rows["kind"] == kind) & rows["parameter"].isin(names)]
         positions = np.array([names.index(name) for name in part["parameter"]], float)
         colours = [SUM_COLOURS[kind] if name == SUM else COLOURS[kind] for name in part["parameter"]]
         _bars(axes, part, positions + height * (k - (len(kinds) - 1) / 2), height, colours)
-    axes.axvline(0, color=MUTED, linewidth=0.8)
+    axes.axvline(0, color=MUTED_INK, linewidth=0.8)
     axes.set_yticks(range(len(names)), [parameter_title(name) for name in names])
     axes.tick_params(axis="y", length=0)
     axes.grid(False, axis="y")
@@ -79,7 +79,7 @@ def _bars(axes: Axes, rows: pd.DataFrame, positions: Real, height: float, colour
     for y, number, sure, colour in zip(positions, value, certain, colours, strict=True):
         (bar,) = axes.barh(y, number, height=0.92 * height, color=colour)
         if not sure:
-            bar.set(facecolor="none", edgecolor=MUTED, linestyle=":")
+            bar.set(facecolor="none", edgecolor=MUTED_INK, linestyle=":")
         axes.annotate(
             signed_number(number, 2) if sure else f"({signed_number(number, 2)})",
             (1.0, y),
@@ -88,7 +88,7 @@ def _bars(axes: Axes, rows: pd.DataFrame, positions: Real, height: float, colour
             textcoords="offset points",
             va="center",
             fontsize=8 if height > 0.5 else 7,
-            color=INK if sure else MUTED,
+            color=INK if sure else MUTED_INK,
         )
-    bounded = np.isfinite(low) & np.isfinite(high)
-    axes.hlines(positions[bounded], low[bounded], high[bounded], color=INK, linewidth=1.0)
+    has_interval = np.isfinite(low) & np.isfinite(high)
+    axes.hlines(positions[has_interval], low[has_interval], high[has_interval], color=INK, linewidth=1.0)

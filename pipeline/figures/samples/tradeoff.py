@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import ACCENT, COLOURS, MARKERS, MUTED, new_figure, styled
+from pipeline.figures.style import ACCENT, COLOURS, MARKERS, MUTED_INK, new_figure, with_style
 
 
-@styled
+@with_style
 def tradeoff_figure(
     curve: np.ndarray, choices: Mapping[str, tuple[float, float, float, float]], target: float
 ) -> Figure:
@@ -31,7 +31,7 @@ def tradeoff_figure(
         axes.errorbar(
             [100 * (1 - value)], [cost], xerr=ends, fmt=marker, color=colour, markersize=6, capsize=3, label=label
         )
-    axes.axvline(100 * (1 - target), color=MUTED, linestyle=":", label="wanted")
+    axes.axvline(100 * (1 - target), color=MUTED_INK, linestyle=":", label="wanted")
     axes.set(xlabel="units beyond a limit (%)", ylabel="cost, as stated", xscale="log")
     axes.invert_xaxis()
     axes.legend()

@@ -7,12 +7,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.figures.labels import METRICS
-from pipeline.figures.style import ACCENT, ALARM, new_figure, styled
+from pipeline.figures.style import ACCENT, ALARM, new_figure, with_style
 
 Real = NDArray[np.float64]
 
 
-@styled
+@with_style
 def units_figure(
     metrics: Sequence[str], values: Real, limits: Mapping[str, float], torque: Real, angles: Real
 ) -> Figure:

@@ -15,7 +15,7 @@ from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUT
 from pipeline.engine.frames import write_tables
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Columns
-from pipeline.figures.labels import LIMITED, METRICS, parameter_title
+from pipeline.figures.labels import LIMITED_METRICS, METRICS, parameter_title
 from pipeline.figures.samples.overlay import overlay_figure
 from pipeline.model.metrics import Quantity, signed_number
 from pipeline.report.layout.pictures import Picture, drawn_pictures
@@ -80,7 +80,7 @@ def warnings(a: ComparedRun, b: ComparedRun) -> list[str]:
     """What makes the two runs differ beside their tolerances."""
     texts, limits = [], [run.study.limits.of_metrics for run in (a, b)]
     if limits[0] != limits[1] or a.study.limits.over != b.study.limits.over:
-        names = [name for name in LIMITED if limits[0].get(name) != limits[1].get(name)]
+        names = [name for name in LIMITED_METRICS if limits[0].get(name) != limits[1].get(name)]
         pairs = [f"{name} {limits[0].get(name, DASH)} in A, {limits[1].get(name, DASH)} in B" for name in names]
         what = "; ".join(pairs) or f"over = {a.study.limits.over} in A, {b.study.limits.over} in B"
         texts.append(f"Warning: the limits differ ({what}), so the yields answer different requirements.")

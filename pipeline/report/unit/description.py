@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.engine.store import read_json, write_atomic
-from pipeline.figures.measured.unit import DESCRIBED, LEFT, loops_figure, torque_figure
+from pipeline.figures.measured.unit import DESCRIPTION_STYLES, REMAINDER_TITLES, loops_figure, torque_figure
 from pipeline.identification.described.description import Description, Number
 from pipeline.identification.described.results import TITLES, VERDICT_FILE
 from pipeline.identification.results.residual_signatures import Signature
@@ -39,7 +39,7 @@ def write_description_page(
     shown_folder : the folder as a user would type it.
     """
     cells = pd.read_parquet(folder / "description.parquet")
-    figures = {"loops": loops_figure(cells, DESCRIBED), "torque": torque_figure(cells, LEFT)}
+    figures = {"loops": loops_figure(cells, DESCRIPTION_STYLES), "torque": torque_figure(cells, REMAINDER_TITLES)}
     pictures = drawn_pictures(figures, CAPTIONS, folder)
     errors = {TITLES[name].capitalize(): error for name, error in description.errors.items()} | dict(
         description.baselines

@@ -11,7 +11,14 @@ import pandas as pd
 
 from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.store import read_json, write_atomic
-from pipeline.figures.measured.unit import MODELS, WRITTEN, candidates_figure, loops_figure, time_figure, torque_figure
+from pipeline.figures.measured.unit import (
+    MODELS,
+    WRITTEN_STYLE,
+    candidates_figure,
+    loops_figure,
+    time_figure,
+    torque_figure,
+)
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
@@ -95,7 +102,7 @@ def write_page(findings_of_unit: Findings | FaultyUnit, folder: Path, shown_fold
 def _pictures(findings_of_unit: Findings, folder: Path) -> dict[str, Picture]:
     cells = pd.read_parquet(folder / "residual.parquet")
     candidates = pd.read_parquet(folder / "candidates.parquet")
-    models = MODELS | WRITTEN if cells["written_arcmin"].notna().any() else MODELS
+    models = MODELS | WRITTEN_STYLE if cells["written_arcmin"].notna().any() else MODELS
     identification = findings_of_unit.identification
     pictures = {"candidates": candidates_figure(candidates, identification.selection.base.rms)}
     if isinstance(identification.problem.data, TurningData):

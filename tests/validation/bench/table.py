@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.engine.store import write_atomic
-from pipeline.figures.style import COLOURS, RULE, line_styles, new_figure, save, styled
+from pipeline.figures.style import COLOURS, RULE, line_styles, new_figure, save, with_style
 
 STAGE = "stage_seconds_"
 RATES = {
@@ -46,7 +46,7 @@ def write(results: Sequence[Result], folder: Path) -> None:
     save(bench_figure(results), folder / "figures" / "bench")
 
 
-@styled
+@with_style
 def bench_figure(results: Sequence[Result]) -> Figure:
     """Rates per core against the number of samples, and the seconds of every stage."""
     figure = new_figure(3.4)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import INK, new_figure, save, styled
+from pipeline.figures.style import INK, new_figure, save, with_style
 from pipeline.identification.selection.criteria import LARGEST_CLASS
 from tests.validation.blind.generate import TWO
 from tests.validation.blind.rates import confusion, rates, write_confusion, write_rates
@@ -34,7 +34,7 @@ def _said(row: Row) -> list[str]:
     return row.named.split(";") if row.class_size <= LARGEST_CLASS else ["unresolved"]
 
 
-@styled
+@with_style
 def confusion_figure(rows: Sequence[Row]) -> Figure:
     """Truth against what was named; a case whose class has n members counts 1/n for each."""
     truths = sorted({_truth(row) for row in rows}, key=lambda name: (name != "none", ":" in name, name))

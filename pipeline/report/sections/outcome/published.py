@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.figures.labels import LIMITED, METRICS
+from pipeline.figures.labels import LIMITED_METRICS, METRICS
 from pipeline.figures.samples.published import published_figure
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames
@@ -50,7 +50,9 @@ class Published:
     @cached_property
     def predicted_values(self) -> dict[str, NDArray[np.float64]]:
         """Values (n_units,) of the random units by each metric that was measured of some published unit."""
-        names = [name for name in LIMITED if any(name in unit.of_metrics for unit in self.frames.study.published)]
+        names = [
+            name for name in LIMITED_METRICS if any(name in unit.of_metrics for unit in self.frames.study.published)
+        ]
         random = self.frames.units[self.frames.units["sample"] >= self.frames.first_random]
         columns = {name: f"{name}_{self.frames.turn_statistic}" if name in METRICS else name for name in names}
         return {name: random[column].dropna().to_numpy(float) for name, column in columns.items()}
@@ -65,7 +67,7 @@ class Published:
         ]
 
     def _row(self, label: str, name: str, value: float) -> Row:
-        quantity, values = LIMITED[name], self.predicted_values[name]
+        quantity, values = LIMITED_METRICS[name], self.predicted_values[name]
         low, median, high = np.percentile(values, OF_UNITS) if len(values) else (np.nan,) * 3
         return Row(
             label,
@@ -82,7 +84,7 @@ class Published:
         """Source and conditions of each unit."""
         units = self.frames.study.published
         outside = [
-            f"{unit.label}: the measured {LIMITED[name].title[:1].lower()}{LIMITED[name].title[1:]} is "
+            f"{unit.label}: the measured {LIMITED_METRICS[name].title[:1].lower()}{LIMITED_METRICS[name].title[1:]} is "
             f"{'larger' if value > self.predicted_values[name].max() else 'smaller'} than that of every "
             "predicted unit; the "
             "stated tolerances and this model do not predict it."
