@@ -226,8 +226,10 @@ def _run(job: Job) -> Tables:
     groups = groupby(sorted(suitable, key=partial(_disks, job, study)), key=partial(_disks, job, study))
     parts = worker_results(
         job.jobs,
-        (delayed(_solve)(job, study, group, units, rigidity)
-        for group in sorted(map(_forms_of_group, groups), key=len)[::-1]),
+        (
+            delayed(_solve)(job, study, group, units, rigidity)
+            for group in sorted(map(_forms_of_group, groups), key=len)[::-1]
+        ),
     )
     results = [result for part in parts for result in part]
     results += [_Result(form, False, np.nan, {}, form.unsuitable) for form in forms if form.unsuitable]

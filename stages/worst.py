@@ -39,7 +39,9 @@ OF_PITCHES = {
 """Columns of the worst at all pitches, without the phases between them, by metric."""
 N_PHASES = Column("n_phases", "int32", "1", "phases of a pitch that are looked at beside the worst pitches; 1: none")
 AUDIT = Table(
-    "audit", "sample that was solved at every pitch", (SAMPLE, *FOUND_COLUMNS, SOLVED_COLUMN, *OF_PITCHES.values(), N_PHASES)
+    "audit",
+    "sample that was solved at every pitch",
+    (SAMPLE, *FOUND_COLUMNS, SOLVED_COLUMN, *OF_PITCHES.values(), N_PHASES),
 )
 
 
@@ -99,7 +101,7 @@ def _solve(search_inputs: Shared, chunk: Chunk) -> Tables:
     units = units_of(drives.study, {name: chunk.tables[f"sample/{name}"] for name in SAMPLED_TABLES})
     audited_rows = np.flatnonzero(np.isin(samples, search_inputs.audited_samples))
     search_columns = _columns(drives, samples, search(drives, search_inputs.ranking, units))
-    return {"found": search_columns, "audit": _audit(drives, samples[audited], units.some(audited))}
+    return {"found": search_columns, "audit": _audit(drives, samples[audited_rows], units.some(audited_rows))}
 
 
 def _audit(drives: TurnDrives, samples: NDArray[np.intp], units: Units) -> dict[str, np.ndarray]:

@@ -183,7 +183,8 @@ def _solve_metrics(study: Study, measured_values: Mapping[str, Real], solve: Sol
     """Each metric over the turn (n,) of units with these parts."""
     n = len(next(iter(measured_values.values())))
     parts = worker_results(
-        jobs, (delayed(solve)(_errors(study, measured_values, start, min(start + BATCH, n))) for start in range(0, n, BATCH))
+        jobs,
+        (delayed(solve)(_errors(study, measured_values, start, min(start + BATCH, n))) for start in range(0, n, BATCH)),
     )
     return {name: np.concatenate([part[1][name] for part in parts]) for name in parts[0][1]}
 

@@ -132,21 +132,19 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
     recalibration_error = angle_error(data, cranks, *folds.curves(False)["recalibrated"], folds.cells)
     best_error = angle_error(data, cranks, folds.best_curve, folds.open_best, folds.cells)
     turns = isinstance(data, TurningData)
-    is_untraced = verdict.verdict == UNEXPLAINED and not turns
-    curves = folds.curves(bool(verdict.named_effects))
+    has_names = bool(verdict.named_effects)
+    curves = folds.curves(has_names)
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
     description_error = angle_error(data, cranks, folds.described_curve, folds.open_described, folds.cells)
     carried_error = angle_error(data, cranks, folds.carried_curve, folds.open_carried, folds.cells)
     structure_left = remainder(data, folds.best_curve, folds.cells, best_error.to_noise, recalibration_error.to_noise)
-    limits = (
-        () if verdict.named_effects or folds.in_sample else detection_limits(fitter, selection.base, selector.testable)
-    )
+    has_limits = not has_names and not folds.in_sample
+    is_answer = has_names and selection.description is selection.answer
     effects = selection.description.fit.model.effects
     in_sample = ("turn" if turns else "loop") if folds.in_sample else ""
-    shown_curve = (
-        folds.best_curve - folds.recalibrated_curve if verdict.named_effects else data.angle - folds.recalibrated_curve
-    )
+    shown_curve = (folds.best_curve if has_names else data.angle) - folds.recalibrated_curve
     where = place_of_largest(data, shown_curve, folds.cells)
+    known_curves = {title: (curve, np.zeros(len(data))) for title, curve in baseline_curves.items()}
     reasons = {name: fitter.problem.why_not(effect, is_training) for name, effect in candidates().items()}
     return Identification(
         measurement=measurement,
@@ -159,20 +157,15 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
         why_not={name: reason for name, reason in reasons.items() if reason},
         folds=folds,
         errors=errors,
-        baselines={
-            title: angle_error(data, cranks, curve, np.zeros(len(data)), folds.cells)
-            for title, curve in baseline_curves.items()
-        },
+        baselines={title: angle_error(data, cranks, *curve, folds.cells) for title, curve in known_curves.items()},
         remainder=structure_left,
         discrepancy=discrepancy_of(fitter, selection.answer.fit, measurement.cells.direction, is_training)
-        if is_untraced
+        if verdict.verdict == UNEXPLAINED and not turns
         else None,
-        description_error=None
-        if verdict.named_effects and selection.description is selection.answer or not effects
-        else description_error,
+        description_error=None if is_answer or not effects else description_error,
         carried_error=carried_error if np.any(np.isfinite(folds.carried_curve)) and not folds.in_sample else None,
-        could_hide=limits,
-        _between_cranks(fitter, selection),
+        could_hide=detection_limits(fitter, selection.base, selector.testable) if has_limits else (),
+        between_cranks=_between_cranks(fitter, selection),
     )
 
 

@@ -122,7 +122,7 @@ def _description_answer(measurement: Measurement, folder: Path) -> UnitAnswer:
 
 def _turning(measurement: Measurement, folder: Path) -> UnitAnswer:
     """The answer on a drive of which no design is known and whose crank turns within its loops."""
-    with determined(measurement.unit.name):
+    with linear_algebra_faults(measurement.unit.name):
         answer = identify_measurements([measurement])
     frames = series_results.write(answer, folder)
     write_series_page(answer, folder, settings.shown(folder))

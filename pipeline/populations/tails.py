@@ -101,7 +101,9 @@ def far_tails(study: Study, units: int, budget: int, rough: Solve, solve: Solve,
     """
     tails, large_population = tails_of(study), population(study, units)
     starts = range(0, units, BATCH)
-    parts = worker_results(jobs, (delayed(_rough_metrics)(large_population, rough, a, min(a + BATCH, units)) for a in starts))
+    parts = worker_results(
+        jobs, (delayed(_rough_metrics)(large_population, rough, a, min(a + BATCH, units)) for a in starts)
+    )
     rough_units = _join(parts)
     pilot = draw(large_population, units, units + PILOT)
     loaded_pilot, rough_pilot = solve(pilot), rough(pilot)

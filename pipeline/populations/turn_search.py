@@ -126,7 +126,9 @@ def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence
         metrics.append(values)
     force, gaps = np.stack(forces, axis=1), SeparateGaps.from_units(drives, units)  # (n, n_pitches, n_states, n_places)
     compliance = place_compliance(np.stack(deflections, axis=1).reshape(-1, n_places), force.reshape(-1, n_places))
-    springs = Springs.from_compliance(drives, compliance).with_fitted_spread(gaps, pitches, force[:, :, _top_states(drives)])
+    springs = Springs.from_compliance(drives, compliance).with_fitted_spread(
+        gaps, pitches, force[:, :, _top_states(drives)]
+    )
     turn = waves(pitches, drives.study.design.cycloid.lobes)
     features = np.concatenate(
         [springs.features(gaps)[:, pitches], np.broadcast_to(turn, (len(units), *turn.shape))], axis=2
@@ -156,7 +158,9 @@ def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
         for further in range(ROUNDS + 1):
             candidates = [pool.promising(ranking) if further else pool.first_pairs() for pool in pools]
             parts = np.split(
-                _solve_pairs(drives, units, np.concatenate([pairs * [drives.phases, 1] for pairs in candidates]), best_values),
+                _solve_pairs(
+                    drives, units, np.concatenate([pairs * [drives.phases, 1] for pairs in candidates]), best_values
+                ),
                 np.cumsum([len(pairs) for pairs in candidates])[:-1],
             )
             for pool, pairs, values in zip(pools, candidates, parts, strict=True):
@@ -179,8 +183,8 @@ class _Pool:
     ----------
     rows : (n,) numbers of the units.
     pitches : (n, n_pitches) ascending, -1 where there are fewer.
-    predicted_values, solved_values : (n_metrics, n, n_pitches) the ranking's metrics and true ones, larger ones being worse; missing
-        where not solved.
+    predicted_values, solved_values : (n_metrics, n, n_pitches) the ranking's metrics and true ones, larger ones being
+        worse; missing where not solved.
     names : metrics that are ranked.
     """
 
@@ -200,10 +204,15 @@ class _Pool:
         is_repeated = np.zeros(best_pitches.shape, bool)
         is_repeated[:, 1:] = best_pitches[:, 1:] == best_pitches[:, :-1]
         columns = np.argsort(is_repeated, axis=1, kind="stable")[:, : int((~is_repeated).sum(axis=1).max())]
-        best_pitches, is_repeated = np.take_along_axis(best_pitches, columns, axis=1), np.take_along_axis(is_repeated, columns, axis=1)
+        best_pitches, is_repeated = (
+            np.take_along_axis(best_pitches, columns, axis=1),
+            np.take_along_axis(is_repeated, columns, axis=1),
+        )
         predicted_values = np.take_along_axis(bad, best_pitches[None], axis=2).astype(np.float32)
         pitches = np.where(is_repeated, -1, best_pitches).astype(np.int32)
-        return cls(rows, pitches, predicted_values, np.full(predicted_values.shape, np.nan, np.float32), tuple(rankings))
+        return cls(
+            rows, pitches, predicted_values, np.full(predicted_values.shape, np.nan, np.float32), tuple(rankings)
+        )
 
     def first_pairs(self) -> Index:
         """Pairs (n_pairs, 2) of a pitch and a unit: of each metric the best ranked."""
@@ -214,18 +223,24 @@ class _Pool:
         is_known = np.isfinite(self.solved_values).any(axis=0)
         width = max(1, int(is_known.sum(axis=1).max()))
         columns = np.argsort(~is_known, axis=1, kind="stable")[:, :width]
-        pitches = np.where(np.take_along_axis(is_known, columns, axis=1), np.take_along_axis(self.pitches, columns, 1), -1)
+        pitches = np.where(
+            np.take_along_axis(is_known, columns, axis=1), np.take_along_axis(self.pitches, columns, 1), -1
+        )
         scores = np.full(self.predicted_values.shape, -np.inf)
         for k, name in enumerate(self.names):
             if PROMISING.get(name, PROMISING_OTHERWISE)[1] == 0:
                 continue
             residuals = np.take_along_axis(self.solved_values[k] - self.predicted_values[k], columns, axis=1)
             count = min(CANDIDATES, self.pitches.shape[1])
-            best_columns = np.argpartition(-np.where(self.pitches < 0, -np.inf, self.predicted_values[k]), count - 1, axis=1)[
-                :, :count
-            ]
-            other_pitches, predicted_values = (np.take_along_axis(values, best_columns, 1) for values in (self.pitches, self.predicted_values[k]))
-            bounds = upper_bounds(ranking.correlations[name], pitches, residuals, np.abs(other_pitches), predicted_values)
+            best_columns = np.argpartition(
+                -np.where(self.pitches < 0, -np.inf, self.predicted_values[k]), count - 1, axis=1
+            )[:, :count]
+            other_pitches, predicted_values = (
+                np.take_along_axis(values, best_columns, 1) for values in (self.pitches, self.predicted_values[k])
+            )
+            bounds = upper_bounds(
+                ranking.correlations[name], pitches, residuals, np.abs(other_pitches), predicted_values
+            )
             np.put_along_axis(scores[k], best_columns, np.stack(list(bounds)), axis=1)
         return self._pairs(np.where(is_known, -np.inf, scores), 1)
 
@@ -238,7 +253,9 @@ class _Pool:
             if count == 0:
                 continue
             best_columns = np.argpartition(-of_metric, count - 1, axis=1)[:, :count]
-            np.put_along_axis(is_chosen, best_columns, np.take_along_axis(of_metric, best_columns, axis=1) > -np.inf, axis=1)
+            np.put_along_axis(
+                is_chosen, best_columns, np.take_along_axis(of_metric, best_columns, axis=1) > -np.inf, axis=1
+            )
         unit, column = np.nonzero(is_chosen)
         return np.stack([self.pitches[unit, column], self.rows[unit]], axis=1).astype(np.intp)
 

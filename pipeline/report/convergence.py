@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.labels import METRICS
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import NOTHING, counted, number, percent
+from pipeline.report.layout.wording import DASH, count_text, number, percent
 from pipeline.report.results import Results
 
 ESTIMATES = {
@@ -39,7 +39,7 @@ class ConvergenceTable:
     @property
     def rows(self) -> Iterator[tuple[str, list[str]]]:
         """Label and cells of each number of angles; none where all limits are over another value than the worst."""
-        if self.frames.over != "worst":
+        if self.frames.turn_statistic != "worst":
             return
         table = self.frames.convergence[~self.frames.convergence["extrapolated"].astype(bool)]
         by_metric = {name: table[table["metric"] == name] for name in (*self.metrics, ALL_LIMITS)}
@@ -47,8 +47,8 @@ class ConvergenceTable:
         loaded = [part["n_angles"].to_list() for name, part in by_metric.items() if len(part) == len(counts)]
         for place in range(len(counts)):
             angles = min(row[place] for row in loaded)
-            searched = self.results.searched and place == len(counts) - 1
-            label = f"{angles:,} pitches, searched" if searched else counted(angles, "loaded angle")
+            searched = self.results.n_searched and place == len(counts) - 1
+            label = f"{angles:,} pitches, searched" if searched else count_text(angles, "loaded angle")
             means = [self._value(by_metric[name], "worst_mean", place) for name in self.metrics]
             share = [self._value(by_metric[ALL_LIMITS], "yield", place)] if self.frames.limits else []
             yield label, self._cells(means, share)
@@ -64,4 +64,4 @@ class ConvergenceTable:
 
     def _cells(self, means: list[float], share: list[float]) -> list[str]:
         texts = [number(value, METRICS[name]) for name, value in zip(self.metrics, means, strict=True)]
-        return texts + [percent(value) if np.isfinite(value) else NOTHING for value in share]
+        return texts + [percent(value) if np.isfinite(value) else DASH for value in share]

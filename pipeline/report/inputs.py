@@ -112,10 +112,11 @@ def nominal_outside(tolerances: Tolerances) -> list[str]:
     for name, tolerance in tolerances:
         low, high = tolerance.limits_um
         if not low <= 0 <= high:
-            zone = f"{plain(tolerance.allowance_um + low)} to {plain(tolerance.allowance_um + high)}"
-            middle = plain(tolerance.allowance_um + 0.5 * (low + high))
+            zone = f"{plain_number(tolerance.allowance_um + low)} to {plain_number(tolerance.allowance_um + high)}"
+            middle = plain_number(tolerance.allowance_um + 0.5 * (low + high))
             rows.append(
-                f"{PARAMETERS[name]} (zone {zone} \u00b5m, middle {middle}, nominal {plain(tolerance.allowance_um)})"
+                f"{PARAMETERS[name]} (zone {zone} \u00b5m, middle {middle}, nominal "
+                f"{plain_number(tolerance.allowance_um)})"
             )
     return rows
 

@@ -123,7 +123,7 @@ def test_torque_at_the_input_is_that_of_the_output_by_the_mean_of_the_senses(tmp
     table["torque_Nm"] = (table["torque_Nm"] + 30.0 * sense) / RATIO
     record = record_of(unit_of(tmp_path / "u", table, CARRIER.replace("\n", '\nside = "input"\n', 1)))
     np.testing.assert_allclose(record.levels, [-600.0, -200.0, 0.0, 200.0, 600.0], atol=1.0)
-    values = {value.name: value for value in answered(record).values}
+    values = {value.name: value for value in record_answer(record).values}
     for name in ("rigidity_positive", "rigidity_negative"):
         assert values[name].value == pytest.approx(RIGIDITY, rel=0.005)
     one_sense = table[~((sense < 0) & (table["torque_Nm"] * RATIO > 400))]

@@ -199,7 +199,9 @@ def _by_code(dimension: Dimension, settings: Mapping[str, Any], design: Design) 
         return Mistake(key, code, f"{dimension.title} has no nominal size; take {LIMITS}, or lower_um and upper_um")
     if settings.get(OF_SIZE, "diameter") != "diameter":
         return Mistake(
-            f"tolerances.{dimension.name}.{OF_SIZE}", settings[OF_SIZE], 'must be "diameter": an ISO code is of a diameter'
+            f"tolerances.{dimension.name}.{OF_SIZE}",
+            settings[OF_SIZE],
+            'must be "diameter": an ISO code is of a diameter',
         )
     match = CODE.fullmatch(code) if isinstance(code, str) else None
     if match is None:

@@ -14,7 +14,7 @@ STAGES = {"refitted": "friction, play and compliance", "after": "with what is na
 """Predictions of positions that were left out, with their titles."""
 
 
-@styled
+@with_style
 def angle_figure(cells: pd.DataFrame) -> Figure:
     """Residuals of unused positions over the crank angle, of the first state: without and with what is named.
 
@@ -31,7 +31,7 @@ def angle_figure(cells: pd.DataFrame) -> Figure:
             axes.plot(
                 rows["crank_deg"] % 360, rows[f"residual_{stage}_arcmin"], ".", color=ACCENT, alpha=shade, markersize=2
             )
-        axes.axhline(0.0, color=MUTED, linewidth=0.8)
+        axes.axhline(0.0, color=MUTED_INK, linewidth=0.8)
         axes.set_title(title)
         axes.set_xlabel("crank angle within its turn [deg]")
         axes.set_xlim(0, 360)

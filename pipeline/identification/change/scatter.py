@@ -74,7 +74,9 @@ class Contrast:
         By the noncentral t distribution of the scatter as estimated: Cohen, Statistical Power Analysis (1988), ch. 2.
         """
         critical = float(scipy.stats.t.isf(self.family.level(chance) / 2, self.freedom))
-        shift = brentq(lambda shift: scipy.stats.nct.sf(critical, self.freedom, shift) - POWER, critical / 4, LARGEST_NONCENTRALITY)
+        shift = brentq(
+            lambda shift: scipy.stats.nct.sf(critical, self.freedom, shift) - POWER, critical / 4, LARGEST_NONCENTRALITY
+        )
         return shift * self.error + self.bias
 
 

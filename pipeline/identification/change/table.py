@@ -84,16 +84,19 @@ class LoopTable:
         first_half, second_half = (self._on_scale(half) for half in self.halves)
         errors = 0.5 * (first_half - second_half), 0.5 * (first_half + second_half) - self.layout.values
         factors = np.asarray(weights, float)
-        numbers_of_keys = np.flatnonzero(factors)  # a level without weight counts nothing, whatever its error
-        sizes = np.array([[_shared_error(error[self.state == state]) for error in errors] for state in numbers_of_keys])
-        summed = np.abs(factors[numbers_of_keys]) @ sizes.max(axis=1)
-        rows = [[np.flatnonzero((self.state == s) & (self.position == p)) for s in numbers_of_keys] for p in set(self.position)]
-        paired = np.array([np.concatenate(at) for at in rows if all(len(row) == 1 for row in at)], int)
-        if paired.size:
-            common = [_shared_error(np.einsum("s,psk->pk", factors[numbers_of_keys], error[paired])) for error in errors]
-            half_difference = max(_distance(self.curves[at[0]], self.curves[row]) for at in paired for row in at[1:])
-            summed = np.minimum(summed, np.max(common, axis=0) + half_difference * summed)
-        return np.nan_to_num(summed, nan=np.inf)
+        chosen_states = np.flatnonzero(factors)  # a level without weight counts nothing, whatever its error
+        sizes = np.array([[_shared_error(error[self.state == state]) for error in errors] for state in chosen_states])
+        total = np.abs(factors[chosen_states]) @ sizes.max(axis=1)
+        at_place = [self.position == place for place in set(self.position)]
+        rows = [[np.flatnonzero((self.state == s) & place) for s in chosen_states] for place in at_place]
+        shared_rows = np.array([np.concatenate(at) for at in rows if all(len(row) == 1 for row in at)], int)
+        if shared_rows.size:
+            common = [
+                _shared_error(np.einsum("s,psk->pk", factors[chosen_states], error[shared_rows])) for error in errors
+            ]
+            distance = max(_distance(self.curves[at[0]], self.curves[row]) for at in shared_rows for row in at[1:])
+            total = np.minimum(total, np.max(common, axis=0) + distance * total)
+        return np.nan_to_num(total, nan=np.inf)
 
     def _on_scale(self, values: Real) -> Real:
         """Logarithms of positive numbers (n_rows, n_numbers), the others as they are."""
@@ -151,7 +154,9 @@ def loop_table(states: Sequence[State], n_compared: int) -> LoopTable:
     for number, entry in enumerate(states):
         if not is_complete[state == number].any():
             raise InputError(f"{entry.name}: no position has loops like those of the states that are compared")
-    label = [states[number].labels[place] for (number, place), is_kept in zip(rows, is_complete, strict=True) if is_kept]
+    label = [
+        states[number].labels[place] for (number, place), is_kept in zip(rows, is_complete, strict=True) if is_kept
+    ]
     return LoopTable(
         states=tuple(states),
         numbers=tuple(number for number, is_kept in zip(every, complete, strict=True) if is_kept),
@@ -162,7 +167,7 @@ def loop_table(states: Sequence[State], n_compared: int) -> LoopTable:
         values=values[np.ix_(is_complete, complete)],
         halves=(first_point[np.ix_(is_complete, complete)], second[np.ix_(is_complete, complete)]),
         loops=tuple(curves for curves, is_kept in zip(read, is_complete, strict=True) if is_kept),
-        tuple(curves for curves, is_kept in zip(loops, is_complete, strict=True) if is_kept),
+        curves=tuple(curves for curves, is_kept in zip(loops, is_complete, strict=True) if is_kept),
     )
 
 

@@ -28,6 +28,7 @@ from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.effect import LOOPS, RATE, STILL
 from pipeline.model.geometry.clearance import Errors
+from pipeline.model.load_history.backbone import Backbone
 from pipeline.sampling import Errors as SampledErrors
 from pipeline.sampling import draw, draw_as_measured, usual_beside
 
@@ -72,23 +73,22 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     visible : (n_cells,) training cells, all by default: of the others nothing enters noise, bounds, modes and what is
         tested.
     """
-    unit, rows = measurement.unit, measurement.rows
-    study = unit.study
+    unit, study = measurement.unit, measurement.unit.study
     moves = unit.settings.crank.moves != "fixed"
     if isinstance(measurement, TurningMeasurement) or moves:
         _refuse_paths(unit, STILL_ALONE if moves else WAYS)
     states, conditions = _states(measurement)
     visible_cells = np.ones(len(measurement.cells), bool) if visible is None else visible
     stations = stations_of(measurement)
-    courses = [_course(measurement, states, stations, position, visible_cells) for position in range(len(rows.cranks))]
+    positions = range(len(measurement.rows.cranks))
+    courses = [_course(measurement, states, stations, position, visible_cells) for position in positions]
     at_stations = [conditions[p] for p, numbers in enumerate(stations.of_position) for _ in numbers]
     keys = refittable_keys(study.design)
     case, population_errors = unit.dimensions, _population(study, unit.dimensions)
     mean_study = None if case is None else one_unit(study, usual_beside(study, case))
     sampled_errors = _mean_unit(population_errors) if mean_study is None else draw(mean_study, 0, 1)
     drives = drives_of(study, keys, sampled_errors, stations.cranks, compliances, at_stations)
-    rated_torque = study.design.cycloid.rated_torque_Nm
-    nmm = assembly.NMM_PER_NM * rated_torque
+    nmm = assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm
     reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))
     stateless = Forward([course.without_states() for course in courses], nmm, reach)
     ranges = np.array([plausible_range(study.design, key).log for key in keys] + [LAWS.log] * 2).T
@@ -96,11 +96,8 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     nominal = first_states([drives((1.0,) * ranges.shape[1], station) for station in range(len(stations.cranks))])
     errors = assembly.errors(population_errors)
     errors = _indistinguishable_errors(errors) if case else errors
-    population = [drive.with_errors(errors).gap for drive in nominal]
-    curves = [stateless.backbone(drive) for drive in nominal]
-    nodes = _asked_nodes(measurement, curves[0].torque)
-    influences = tuple(curve.influence[0][nodes] for curve in curves)
-    components = PriorModes.from_population(population, influences)
+    influences = _influences(measurement, [stateless.backbone(drive) for drive in nominal])
+    components = PriorModes.from_population([drive.with_errors(errors).gap for drive in nominal], influences)
 
     def trained_on(training: Truth) -> Problem:
         data = data_of(measurement, training)
@@ -121,12 +118,18 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
             compliances=tuple(compliances),
             conditions=tuple(at_stations),
             met_needs=met_needs(measurement, training),
-            rated_torque=rated_torque,
+            rated_torque=study.design.cycloid.rated_torque_Nm,
             mean_unit=sampled_errors,
             modes_of_errors=lambda amounts: _combined_errors(errors, amounts @ weights),
         )
 
     return trained_on(visible_cells)
+
+
+def _influences(measurement: Measurement, curves: Sequence[Backbone]) -> tuple[Real, ...]:
+    """Influence of the gaps on the curve of each station, at the torques that the measurement asks for."""
+    nodes = _asked_nodes(measurement, curves[0].torque)
+    return tuple(curve.influence[0][nodes] for curve in curves)
 
 
 def _combined_errors(population: Errors, amounts: Real) -> Errors:

@@ -212,7 +212,9 @@ class TurnRecord:
         held = held_torques(self.torque, np.where(self.numeric, self.run, -1))
         is_apart = np.abs(self.torque - held) > LEVEL_SHARE * self.largest_torque
         steps = groups_of(np.where(self.numeric, self.torque, np.nan), LEVEL_SHARE * self.largest_torque)
-        return np.where(is_apart, steps, -2) if np.mean(is_apart[self.numeric]) > LEVEL_SHARE else np.zeros(len(self), int)
+        return (
+            np.where(is_apart, steps, -2) if np.mean(is_apart[self.numeric]) > LEVEL_SHARE else np.zeros(len(self), int)
+        )
 
     @property
     def passes(self) -> Passes:
@@ -252,7 +254,9 @@ class TurnRecord:
         rows = np.flatnonzero(number >= 0)
         first_place = float(self.place[rows].min())
         width = self.span_deg / self.n_intervals
-        folded_place = np.mod(self.place[rows] - first_place, self.period_deg * (1 + CROSSED_SHARE * width / self.period_deg))
+        folded_place = np.mod(
+            self.place[rows] - first_place, self.period_deg * (1 + CROSSED_SHARE * width / self.period_deg)
+        )
         interval = np.minimum((folded_place / width).astype(np.int64), self.n_intervals - 1)
         keys = number[rows] * self.n_intervals + interval
         kept_keys, cell, count = np.unique(keys, return_inverse=True, return_counts=True)
@@ -351,7 +355,10 @@ def _angles(record: Recorded, unit: UnitFile) -> tuple[Real, Real]:
         place, output = turned_angle / ratio, record.quantity("output_deg")
     is_known = np.isfinite(place) & np.isfinite(output)
     sign = (
-        1.0 if not is_known.any() or np.ptp(output[is_known] - place[is_known]) <= np.ptp(output[is_known] + place[is_known]) else -1.0
+        1.0
+        if not is_known.any()
+        or np.ptp(output[is_known] - place[is_known]) <= np.ptp(output[is_known] + place[is_known])
+        else -1.0
     )
     place = sign * place
     error = ARCMIN_A_DEGREE * (output - place)

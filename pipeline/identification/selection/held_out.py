@@ -141,29 +141,22 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
             left_open[3, judged_cells] = np.hypot(open_of_fit[id(fits[2])], deviation)[judged_cells]
             shares.append(common_share)
     cells = np.isfinite(declared_curve + predicted_curves[:3].sum(axis=0))  # errors are compared over the same cells
-    in_sample = splits[0][0] is splits[0][1]
-    refitted_curve, best_curve, described_curve, carried_curve = predicted_curves
-    open_refitted, open_best, open_described, open_carried = left_open
-    angles = (
-        refitted_curve,
-        best_curve,
-        described_curve,
-        carried_curve,
-        open_refitted,
-        open_best,
-        open_described,
-        open_carried,
-    )
-    common_share = float(np.mean(shares or np.nan))
     return Folds(
-        cells,
-        declared_curve,
-        *angles,
-        tuple(models),
-        right_squares[0],
-        right_squares[1],
-        common_share,
-        in_sample=in_sample,
+        cells=cells,
+        declared_curve=declared_curve,
+        recalibrated_curve=predicted_curves[0],
+        best_curve=predicted_curves[1],
+        described_curve=predicted_curves[2],
+        carried_curve=predicted_curves[3],
+        open_recalibrated=left_open[0],
+        open_best=left_open[1],
+        open_described=left_open[2],
+        open_carried=left_open[3],
+        models=tuple(models),
+        right_recalibrated=right_squares[0],
+        right_best=right_squares[1],
+        common_share=float(np.mean(shares or np.nan)),
+        in_sample=splits[0][0] is splits[0][1],
     )
 
 

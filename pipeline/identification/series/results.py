@@ -153,13 +153,14 @@ class SeriesAnswer:
         basis = "in sample (a single position)" if in_sample else "at positions that were left out in all states"
         error_before, refit_error, error_after = (float(np.sqrt(np.nanmean(loss))) for loss in self.errors.values())
         errors = (
-            f"Root mean square error {basis}: {error_before:.3g} arcmin with the numbers of {self.series.names[0]} in every "
-            f"state, {refit_error:.3g} arcmin with each state's own friction, play and compliance"
+            f"Root mean square error {basis}: {error_before:.3g} arcmin with the numbers of {self.series.names[0]} in "
+            f"every state, {refit_error:.3g} arcmin with each state's own friction, play and compliance"
         )
         if not self.effects.classes:
             return f"No effect that all states share is shown. {errors}.{self._leading_words}"
         claims = "; ".join(class_words(members, self.effects) for members in self.effects.classes)
-        return f"All states share: {claims}. {errors}, {after:.3g} arcmin with the shared effects.{self._leading_words}"
+        after_text = f"{error_after:.3g} arcmin with the shared effects"
+        return f"All states share: {claims}. {errors}, {after_text}.{self._leading_words}"
 
     @property
     def _single_sentence(self) -> str:
@@ -265,7 +266,9 @@ def effect_sizes(effect: TriedEffect) -> dict[str, tuple[float, float, float, st
     own_numbers = [name for name in numbers if name not in UNIT_OF]
     final, folds = effect.folds.final.values[0], [fit.values[0] for fit in effect.folds.fits]
     if len(own_numbers) == 2:
-        value, *left_out = (float(np.hypot(values[own_numbers[0]], values[own_numbers[1]])) for values in (final, *folds))
+        value, *left_out = (
+            float(np.hypot(values[own_numbers[0]], values[own_numbers[1]])) for values in (final, *folds)
+        )
         return {"amplitude": (value, *jackknife_interval(value, left_out), numbers[own_numbers[0]].unit)}
     return {
         name.replace("_", " "): (
@@ -405,19 +408,19 @@ def error_rows(answer: SeriesAnswer) -> Columns:
 def cell_rows(answer: SeriesAnswer) -> Columns:
     """Columns of `CELLS`."""
     series, parts = answer.series, []
-    stages = {"refitted": answer.effects.recalibrated_folds, "after": answer.effects.after}
+    stages = {"refitted": answer.effects.recalibrated_folds, "after": answer.effects.final_folds}
     for k, (state, loops) in enumerate(zip(series.states, series.loops, strict=True)):
         residuals = {stage: np.full(len(loops.angle), np.nan) for stage in stages}
         for number, group in enumerate(fold_groups(series)):
             cells = np.any([series.cells_of(name)[k] for name in group or series.positions], axis=0)
             for stage, folds in stages.items():
-                residuals[stage][cells] = (loops.angle - folds.fits[number].predicted[k])[cells]
+                residuals[stage][cells] = (loops.angle - folds.fits[number].predicted_angles[k])[cells]
         parts.append(
             pd.DataFrame(
                 {
                     "state": state.name,
                     "position": np.array(state.labels)[loops.position],
-                    "crank_deg": np.degrees(loops.crank + loops.turned * (loops.angle - loops.start)),
+                    "crank_deg": np.degrees(loops.crank + loops.crank_per_output * (loops.angle - loops.start)),
                     "torque_Nm": loops.torque[:, -1],
                     "angle_arcmin": loops.angle,
                     **{f"residual_{stage}_arcmin": residual for stage, residual in residuals.items()},
@@ -453,7 +456,11 @@ def state_errors(answer: SeriesAnswer) -> list[tuple[str, dict[str, tuple[float,
         for stage, loss in answer.errors.items():
             known_losses = loss[k][np.isfinite(loss[k])]
             value = float(np.sqrt(known_losses.mean())) if known_losses.size else float("nan")
-            left_out = [float(np.sqrt(np.delete(known_losses, p).mean())) for p in range(len(known_losses)) if len(known_losses) > 2]
+            left_out = [
+                float(np.sqrt(np.delete(known_losses, p).mean()))
+                for p in range(len(known_losses))
+                if len(known_losses) > 2
+            ]
             errors[stage] = (value, *jackknife_interval(value, left_out))
         rows.append((name, errors))
     return rows

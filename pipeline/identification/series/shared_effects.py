@@ -128,7 +128,9 @@ class SharedEffects:
         groups = fold_groups(self.series)
         loss = np.full((len(self.series.states), len(self.series.positions)), np.nan)
         for group, fit in zip(groups, self.recalibrated_folds.fits, strict=True):
-            predicted_angles = [LoopModel(loops).predict_angle(fit.values[0]) for loops in _loops_without(self.series, group)]
+            predicted_angles = [
+                LoopModel(loops).predict_angle(fit.values[0]) for loops in _loops_without(self.series, group)
+            ]
             _add_losses(loss, self.series, group, predicted_angles)
         return loss
 
@@ -146,15 +148,21 @@ def share_effects(series: Series) -> SharedEffects:
         known_names = {name for members in classes for effect in members for name in (effect.name, *twins(effect.name))}
         round_effects = _tried_round(series, base, [name for name in testable if name not in {*known_names, *waves}])
         tried_effects += round_effects
-        claimed_effects = sorted((effect for effect in round_effects if effect.is_claimed), key=lambda effect: effect.folds.rms())
+        claimed_effects = sorted(
+            (effect for effect in round_effects if effect.is_claimed), key=lambda effect: effect.folds.rms()
+        )
         if not claimed_effects:
             break
         classes.append(tuple(effect for effect in claimed_effects if _replaces(effect, claimed_effects[0])))
         base = claimed_effects[0].folds
     folds_without, by_others = _tried_by_states(series, waves) if waves else (None, ())
-    members = tuple(sorted((effect for effect in by_others if effect.is_claimed), key=lambda effect: effect.folds.rms()))
+    members = tuple(
+        sorted((effect for effect in by_others if effect.is_claimed), key=lambda effect: effect.folds.rms())
+    )
     all_classes = (*classes, members) if members else tuple(classes)
-    return SharedEffects(series, recalibrated_folds, (*tried_effects, *by_others), all_classes, folds_without, untestable)
+    return SharedEffects(
+        series, recalibrated_folds, (*tried_effects, *by_others), all_classes, folds_without, untestable
+    )
 
 
 def states_with_unused(series: Series) -> int:
@@ -343,7 +351,7 @@ def _replaces(effect: TriedEffect, best_effect: TriedEffect) -> bool:
 
     What is no twin acts on the loops in another way. It is tried beside the best one in the next round.
     """
-    if effect is best_effect or effect.name not in twins(best.name):
-        return effect is best
+    if effect is best_effect or effect.name not in twins(best_effect.name):
+        return effect is best_effect
     gap = np.log(effect.folds.loss + LEAST_LOSS) - np.log(best_effect.folds.loss + LEAST_LOSS)
     return _left_out_p(np.nanmean(gap, axis=0)) >= LEVEL

@@ -84,7 +84,7 @@ def _close_first_on_the_way(system, work):
     if contact < 0:
         return False
     move(system, max(shortest, 0.0), work)
-    work.force[contact] = ENTRY * force_at_penetration(system, contact, OPEN)
+    work.force[contact] = ENTRY * force_at_penetration(system, contact, OPEN_DEPTH)
     activate(system, contact, work)
     return True
 
@@ -108,12 +108,12 @@ def settle(system, friction, torque, gap, clearance, work):
             activate(system, contact, work)
             steps_since, before = 0, np.inf
             continue
-        is_free = deviation <= FORCE_TOLERANCE and unbalanced > STALLED * before and not system.planar
-        before = unbalanced
+        is_free = deviation <= FORCE_TOLERANCE and imbalance > STALLED * before and not system.planar
+        before = imbalance
         renew(work)
         if not include_all(system, work) or not newton_step(system, friction, work):
             break
-        if is_free and unbalanced > ACCEPTED:
+        if is_free and imbalance > ACCEPTED_RESIDUAL:
             if not _close_first_on_the_way(system, work):
                 break
             steps_since, before = 0, np.inf

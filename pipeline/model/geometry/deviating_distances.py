@@ -109,17 +109,7 @@ def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, distance
     """Least distance of c from one side of a valley."""
     last_point, circle = points.shape[1] - 1, gear[1]
     smallest_distance = _scan_distances(
-        0,
-        last_point,
-        COARSE,
-        points=points,
-        circle=circle,
-        offset=offset,
-        cubics=cubics,
-        sense=sense,
-        cx=cx,
-        cy=cy,
-        distances=distances,
+        0, last_point, COARSE, points, circle, offset, cubics, sense=sense, cx=cx, cy=cy, distances=distances
     )
     for block in range(chords.shape[0]):
         block_start, end = block * COARSE, (block + 1) * COARSE
@@ -129,17 +119,7 @@ def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, distance
         smallest_distance = min(
             smallest_distance,
             _scan_distances(
-                from_k,
-                to_k,
-                1,
-                points=points,
-                circle=circle,
-                offset=offset,
-                cubics=cubics,
-                sense=sense,
-                cx=cx,
-                cy=cy,
-                distances=distances,
+                from_k, to_k, 1, points, circle, offset, cubics, sense=sense, cx=cx, cy=cy, distances=distances
             ),
         )
         for k in range(block_start, end + 1):
@@ -150,7 +130,7 @@ def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, distance
                     low, high = points[0, chord], points[0, chord + 1]
                     smallest_distance = min(
                         smallest_distance,
-                        _least_distance(low, high, gear, offset=offset, cubics=cubics, sense=sense, cx=cx, cy=cy),
+                        _least_distance(low, high, gear, offset, cubics, sense, cx, cy=cy),
                     )
     return smallest_distance
 
@@ -187,15 +167,7 @@ def _distances(
                 parallel, cubics = radius + shares[1] * error, deviation[neighbour % rows]
                 px, py = _rotate(x, y, -rotation[s, neighbour])
                 side = _least_of_side(
-                    points,
-                    chords,
-                    shifted_gear,
-                    offset=parallel,
-                    cubics=cubics,
-                    sense=sense,
-                    cx=px,
-                    cy=-sense * py,
-                    distances=distances,
+                    points, chords, shifted_gear, parallel, cubics, sense, px, cy=-sense * py, distances=distances
                 )
                 smallest_distance = min(smallest_distance, side)
             distance[s, i] = smallest_distance
@@ -234,10 +206,10 @@ def deviating_distances(
         nominal.pins,
         points,
         chords,
-        eccentric=nominal.eccentric,
-        gear=gear,
-        radius=flank.pin_radius,
-        deviation=deviation,
+        nominal.eccentric,
+        gear,
+        flank.pin_radius,
+        deviation,
         shares=shares,
         lobe=lobe,
         lobe_before=lobe_before,

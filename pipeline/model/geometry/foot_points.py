@@ -127,15 +127,15 @@ def _foot_terms(sx, sy, fx, fy, cx, cy, pins):
 
 
 @part
-def _single_distances(sx, sy, fx, fy, cx, cy, offset, allowed_distance, pins, turn, distance):
-    """Distances from the flank of the pins that moved no farther than ``allowed_distance``; -1 for the others.
+def _single_distances(sx, sy, fx, fy, cx, cy, offset, limit, pins, turn, distance):
+    """Distances from the flank of the pins that moved no farther than ``limit``; -1 for the others.
 
     A loop writes one array and reads few: only then does the compiler prove that none overlaps, and solves several
     pins at once.
     """
     for i in range(turn.shape[0]):
         x, y = sx[i] - fx[i] - cx[i], sy[i] - fy[i] - cy[i]
-        turn[i] = 0.0 if np.sqrt(x * x + y * y) <= allowed_distance[i] else np.inf
+        turn[i] = 0.0 if np.sqrt(x * x + y * y) <= limit[i] else np.inf
     for _ in range(SINGLE_STEPS):
         for i in range(turn.shape[0]):
             tx, ty = _rotate(sx[i], sy[i], turn[i])
@@ -199,16 +199,7 @@ def _nearest_distance(first_point, last_point, points, circle, offset, cx, cy, p
             smallest_distance = min(
                 smallest_distance,
                 _refined_distance(
-                    k,
-                    first_point,
-                    last_point,
-                    points=points,
-                    circle=circle,
-                    offset=offset,
-                    cx=cx,
-                    cy=cy,
-                    pins=pins,
-                    squares=squares,
+                    k, first_point, last_point, points, circle, offset, cx, cy=cy, pins=pins, squares=squares
                 ),
             )
     return smallest_distance
@@ -230,7 +221,7 @@ def pin_distances(
     last_point = points.shape[1] - 1
     sx, sy, cx, cy = np.empty(n_pins), np.empty(n_pins), np.empty(n_pins), np.empty(n_pins)
     ox, oy, offset = np.empty(n_pins), np.empty(n_pins), np.empty(n_pins)
-    allowed_distance, turn = np.empty(n_pins), np.empty(n_pins)
+    limit, turn = np.empty(n_pins), np.empty(n_pins)
     squares = np.empty(last_point + 1)
     distance = np.empty((n, n_pins))
     for s in range(n):
@@ -240,23 +231,13 @@ def pin_distances(
             offset[i] = pin_radius + shares[1] * lobe[s, met_lobe[i]]
             step = (shares[0] + shares[1]) * abs(lobe[s, lobe_before[i]] - lobe[s, lobe_behind[i]])
             step += pin_circle * abs(rotation[s, lobe_before[i]] - rotation[s, lobe_behind[i]])
-            allowed_distance[i] = min(table[10, i], 0.5 * (table[11, i] - step))
+            limit[i] = min(table[10, i], 0.5 * (table[11, i] - step))
             shift, lateral = radial[s, i], tangential[s, i]
             cx[i] = table[4, i] + table[6, i] * shift - table[7, i] * lateral - eccentricity[s] * eccentric.real
             cy[i] = table[5, i] + table[7, i] * shift + table[6, i] * lateral - eccentricity[s] * eccentric.imag
             ox[i], oy[i] = _rotate(cx[i], cy[i], -rotation[s, met_lobe[i]])
         _single_distances(
-            sx,
-            sy,
-            table[2],
-            fy=table[3],
-            cx=ox,
-            cy=oy,
-            offset=offset,
-            allowed_distance=allowed_distance,
-            pins=pins,
-            turn=turn,
-            distance=distance[s],
+            sx, sy, table[2], table[3], ox, oy, offset, limit=limit, pins=pins, turn=turn, distance=distance[s]
         )
         for i in range(n_pins):
             if distance[s, i] >= 0.0:
@@ -271,19 +252,9 @@ def pin_distances(
                 error = lobe[s, neighbour]
                 centre_radius, parallel = pin_circle - shares[0] * error, pin_radius + shares[1] * error
                 px, py = _rotate(x, y, -rotation[s, neighbour])
-                smallest_distance = min(
-                    smallest_distance,
-                    _nearest_distance(
-                        start,
-                        end,
-                        points,
-                        circle=centre_radius,
-                        offset=parallel,
-                        cx=px,
-                        cy=py,
-                        pins=pins,
-                        squares=squares,
-                    ),
+                side = _nearest_distance(
+                    start, end, points, centre_radius, parallel, px, py, pins=pins, squares=squares
                 )
+                smallest_distance = min(smallest_distance, side)
             distance[s, i] = smallest_distance
     return distance

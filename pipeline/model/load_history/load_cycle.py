@@ -99,7 +99,7 @@ def _play_to_start_from(drive: Drive) -> RigidPlay:
     """
     play = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
     tight = np.flatnonzero(play.preloaded)
-    if drive.reducer.centred or not len(tight):
+    if drive.reducer.is_centred or not len(tight):
         return play
     overlap = (1 + RELAXED) * play.overlap[tight, None]
     relaxed = rigid_play(drive.reducer, drive.gap[tight] + overlap, drive.bearing_clearance[tight])

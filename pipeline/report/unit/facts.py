@@ -60,7 +60,8 @@ def interpolation_sentence(identification: Identification) -> str:
         return ""
     counts = [len(stations) for stations in identification.problem.stations]
     return (
-        f"The model is condensed at {listed(sorted({str(count) for count in counts}))} crank angles for each position "
+        f"The model is condensed at {listed_text(sorted({str(count) for count in counts}))} crank angles for "
+        "each position "
         f"and interpolated between them by cubic splines. Without every second of them the angle moves by at most "
         f"{digits(identification.between_cranks)} arcmin, {digits(identification.between_cranks / HALVED)} arcmin "
         "is expected of all: the error of a cubic falls sixteenfold with half the distance."

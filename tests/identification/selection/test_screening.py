@@ -147,7 +147,7 @@ def test_an_effect_is_looked_at_in_all_directions_and_further_in_the_best_two():
         return float(np.sum((start.shares - goal) ** 2))
 
     base = SimpleNamespace(unknowns=Vector(np.zeros(0), np.zeros(0), np.zeros(0)))
-    screening = SimpleNamespace(base=base, _at=misfit)
+    screening = SimpleNamespace(base=base, _misfit_at=misfit)
     screening._start_at = lambda model, shares: Screening._start_at(screening, model, shares)
     grows, zero = np.ones(2, bool), np.full(2, 0.5)
     starts = Screening._directional_starts(screening, None, zero, grows)

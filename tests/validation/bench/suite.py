@@ -88,7 +88,7 @@ def _stages(
         yield Result(f"{STAGE}{name}", value, "s", samples, 1, grown)
     note = f"{study.name} samples, {study.drivers.base_samples} base samples of drivers, no other forms of the model"
     yield Result("study_seconds", sum(seconds.values()), "s", samples, 1, note)
-    if study.cycle.searched:
+    if study.cycle.has_turn_search:
         pairs = sum(int(np.sum(outputs["worst"].read(table)["n_solved"])) for table in ("found", "audit"))
         note = f"{pairs:,} pairs of a unit and an angle, ranking included"
         yield Result("searched_pair_microseconds", 1e6 * seconds["worst"] / pairs, "us", samples, 1, note)

@@ -114,15 +114,14 @@ def discrepancy(
     common, predicted_means = shared_part @ weights, (shared_part + position_kernel) @ weights
     largest_row = int(np.argmax(np.abs(common)))
     centred_means = means - offset_columns(states[2]) @ np.linalg.lstsq(offset_columns(states[2]), means, rcond=None)[0]
+    share_left = np.mean((means - design @ amounts - predicted_means) ** 2) / np.mean(centred_means**2)
     sizes = unit * np.exp(most_likely[:2])
     single_position = len(np.unique(states[2])) == 1
     return Discrepancy(
         common_arcmin=float(np.hypot(*sizes) if single_position else sizes[0]),
         own_arcmin=float("nan") if single_position else float(sizes[1]),
         reach_Nm=top * float(np.exp(most_likely[2])),
-        structured=float(
-            np.clip(1 - np.mean((means - design @ amounts - predicted_means) ** 2) / np.mean(centred_means**2), 0, 1)
-        ),
+        structured=float(np.clip(1 - share_left, 0, 1)),
         worst_torque_Nm=float(states[0][largest_row]),
         worst_sense=int(states[1][largest_row]),
         worst_arcmin=float(common[largest_row]),

@@ -64,14 +64,7 @@ class KelvinVoigt(Hysteresis):
         crept = np.empty(len(path.torque))
         begin = float(path.time[0]) if np.isnan(time_before) else time_before
         last = _crept(
-            path.torque,
-            path.time,
-            twist,
-            torque_before=torque_before,
-            time_before=begin,
-            constant=self.time_constant,
-            compliance=self.compliance,
-            crept=crept,
+            path.torque, path.time, twist, torque_before, begin, self.time_constant, self.compliance, crept=crept
         )
         return crept, (last, float(path.torque[-1]), float(path.time[-1]))
 

@@ -106,9 +106,7 @@ def _solve(rows, limits, radii, basis, inverse, duals, points, state):
                     own_rows[d, n_rows] = x[d] / reach
                 entering, limit[n_rows] = n_rows, radii[s, farthest]
                 n_rows += 1
-            if not _exchange(
-                own_rows, entering, worst, basis=own_basis, inverse=own_inverse, duals=own_duals, share=share, x=x
-            ):
+            if not _exchange(own_rows, entering, worst, own_basis, own_inverse, own_duals, share, x=x):
                 state[s] = 1
                 break
 
@@ -140,14 +138,7 @@ def optimal_points(objective: Real, rows: Real, limits: Real, radii: Real) -> tu
     scaled = np.vstack([scaled, np.zeros((MOST_TANGENTS * discs, size))])
     columns = np.ascontiguousarray(scaled.T)
     _solve(
-        columns,
-        np.ascontiguousarray(limits),
-        np.ascontiguousarray(radii),
-        basis=basis,
-        inverse=inverse,
-        duals=duals,
-        points=points,
-        state=state,
+        columns, np.ascontiguousarray(limits), np.ascontiguousarray(radii), basis, inverse, duals, points, state=state
     )
     if np.any(state == 2):
         effort = f"{MOST_PIVOTS} pivots per unknown and {MOST_TANGENTS} tangents of a disc"

@@ -109,16 +109,7 @@ def _follow(system, friction, work, torques, gap, clearance, seeds, solution_rea
         goal = solution_reached.torque[0] + progress.share[0] * (torques[t] - solution_reached.torque[0])
         residual = progress.afresh[0]
         if np.isnan(residual):
-            residual = _attempt(
-                system,
-                friction,
-                goal,
-                gap=gap,
-                clearance=clearance,
-                seeds=seeds,
-                solution_reached=solution_reached,
-                work=work,
-            )
+            residual = _attempt(system, friction, goal, gap, clearance, seeds, solution_reached, work=work)
             if not residual <= ACCEPTED_RESIDUAL:
                 if progress.halvings[0] == HALVINGS:
                     return goal
@@ -197,10 +188,10 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
             system,
             friction,
             work,
-            torques=steps,
-            gap=gap,
-            clearance=clearance,
-            seeds=nodes,
+            steps,
+            gap,
+            clearance,
+            nodes,
             solution_reached=unloaded_states,
             path=path,
             progress=progress,

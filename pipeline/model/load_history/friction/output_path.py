@@ -130,10 +130,7 @@ def _stretch(sense, j, x, angle, carried_torque, curve, slides, stride, anchor):
     if width > 0.0:
         step = min(
             step,
-            _to_bend(
-                sense, angle, carried_torque, width=width, height=height, slides=slides, stride=stride, anchor=anchor
-            )
-            / width,
+            _to_bend(sense, angle, carried_torque, width, height, slides, stride, anchor=anchor) / width,
         )
     end = x + sense * step
     if abs(end - np.rint(end)) < 1e-14:
@@ -202,17 +199,7 @@ def _trace_path(turns, curve, slides, ripple, corners, corner_of_turn):
         largest_torque, goal = sense * total, sense * turns[t]
         while sense * total < goal and -FARTHEST_STEP < x < 1 + FARTHEST_STEP:
             stride = wave / (WAVE if sense * total >= largest_torque else JUMP_WAVE)
-            j, x, end = _stretch(
-                sense,
-                j,
-                x,
-                angle=angle,
-                carried_torque=carried_torque,
-                curve=curve,
-                slides=slides,
-                stride=stride,
-                anchor=anchor,
-            )
+            j, x, end = _stretch(sense, j, x, angle, carried_torque, curve, slides, stride=stride, anchor=anchor)
             point, first_sine = (angle, carried_torque), sine
             step = angles[j] + end * (angles[j + 1] - angles[j]) - angle, nodes[j] + end * (nodes[j + 1] - nodes[j])
             step = step[0], step[1] - carried_torque
@@ -232,9 +219,7 @@ def _trace_path(turns, curve, slides, ripple, corners, corner_of_turn):
                 return -1
             target = largest_torque if low < largest_torque else goal  # thrown back before: the jump ends there
             if high >= target:
-                share = _share_to_goal(
-                    target, low, high, sense=sense, angle=point[0], turn=step[0], rise=sine - first_sine, ripple=ripple
-                )
+                share = _share_to_goal(target, low, high, sense, point[0], step[0], sine - first_sine, ripple=ripple)
                 end, high = x + share * (end - x), target
                 angle, carried_torque = point[0] + share * step[0], point[1] + share * step[1]
                 sine = _sine(angle, ripple)
