@@ -33,6 +33,20 @@ def test_torsion_of_the_output_is_exact():
     )
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_compliance_that_varies_with_the_crank_has_its_size_and_phase(order):
+    """Twist of a perfect spring of 1 + cos over the crank, in proportion to the torque in both senses."""
+    size, phase = 0.05, 0.7
+    waves = size * np.cos(phase), size * np.sin(phase)
+    for crank in np.linspace(0.0, 2 * np.pi, 5, endpoint=False):
+        drive = small_drive(crank=crank)
+        variant = backbone(put(drive, f"crank_compliance_{order}", *waves), SHARES)
+        reference = backbone(drive, SHARES)
+        compliance = 1e-3 * size * (1 + np.cos(order * crank - phase))
+        difference = ARCMIN * (variant.angle - reference.angle)[0]
+        np.testing.assert_allclose(difference, compliance * reference.torque, atol=1e-12)
+
+
 def test_softening_compliance_is_a_cubic_spring():
     drive, knee = small_drive(), 0.3 * RATED
     spring = put(drive, "softening_compliance", 0.04, 1e-3 * knee)
