@@ -17,7 +17,7 @@ from pipeline.config.notation.written import NOTATION
 from pipeline.config.studies.study import Study
 from pipeline.config.temperature.stated import Temperature
 from pipeline.errors import InputError
-from pipeline.identification.measurement.unit_file import UnitSettings
+from pipeline.identification.measurement.unit_sections import UnitSettings
 
 PLACEHOLDERS = {"tolerances": "<dimension>", "costs": "<dimension>"}
 NOT_IN_FILES = ("name", "design.", "thermal")

@@ -133,8 +133,7 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
     best_error = angle_error(data, cranks, folds.best_curve, folds.open_best, folds.cells)
     turns = isinstance(data, TurningData)
     has_names = bool(verdict.named_effects)
-    curves = folds.curves(has_names)
-    errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
+    errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in folds.curves(has_names).items()}
     description_error = angle_error(data, cranks, folds.described_curve, folds.open_described, folds.cells)
     carried_error = angle_error(data, cranks, folds.carried_curve, folds.open_carried, folds.cells)
     structure_left = remainder(data, folds.best_curve, folds.cells, best_error.to_noise, recalibration_error.to_noise)

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from pipeline.config.files.section import Clearance, Millimetres, Mistake, Positive, Section
+from pipeline.config.files.section import Millimetres, Mistake, Positive
 from pipeline.config.mechanisms.crankshaft import Crankshaft
 from pipeline.config.mechanisms.drawing import Circles, Panel, Points
+from pipeline.config.mechanisms.first_stage import FirstStage
 from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
 from pipeline.model.contact.laws import ContactLaws, Material, concatenated_laws
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined_contacts
@@ -25,20 +26,6 @@ if TYPE_CHECKING:
 
 RING, MESH, SUPPORT = range(3)
 """Interfaces: rollers about an eccentric, flanks of a planet, rollers of a crank's supports."""
-
-
-class FirstStage(Section):
-    """Sun on the input, held, and a planet on each crank.
-
-    `backlash_um` along the pitch circle is the way of a planet from flank to flank; `mesh_stiffness_N_per_mm` is that
-    of one planet's mesh along it. By the pressure angle a mesh also pushes sun and planet apart.
-    """
-
-    sun_teeth: Annotated[int, Field(ge=5, le=1000)]
-    planet_teeth: Annotated[int, Field(ge=5, le=1000)]
-    backlash_um: Clearance
-    mesh_stiffness_N_per_mm: Annotated[float, Field(ge=1, le=1e9)]
-    pressure_angle_deg: Annotated[float, Field(ge=10, le=35)] = 20.0
 
 
 class Carrier(OutputMechanism):

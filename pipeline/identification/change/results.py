@@ -20,7 +20,7 @@ from pipeline.identification.change.loops import State
 from pipeline.identification.change.pattern import Pattern, pattern
 from pipeline.identification.change.scatter import FEWEST_FREEDOM
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.identification.measurement.unit_file import NEITHER
+from pipeline.identification.measurement.unit_sections import NEITHER
 
 VERDICT_FILE = "verdict.json"
 CHANGES = Table(

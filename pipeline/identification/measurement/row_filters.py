@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.scatter import MAD_TO_STD, smallest_step
-from pipeline.identification.measurement.unit_file import InstrumentSection
+from pipeline.identification.measurement.unit_sections import InstrumentSection
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]

@@ -14,7 +14,8 @@ from pipeline.config.files.table_file import TableFile, read_table, shortened_li
 from pipeline.config.files.text_file import LARGEST_VALUE
 from pipeline.errors import InputError
 from pipeline.identification.measurement.columns import FileColumn
-from pipeline.identification.measurement.unit_file import DataFile, UnitFile
+from pipeline.identification.measurement.unit_file import UnitFile
+from pipeline.identification.measurement.unit_sections import DataFile
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.measurement.rows import Rows
-from pipeline.identification.measurement.unit_file import InstrumentSection
+from pipeline.identification.measurement.unit_sections import InstrumentSection
 
 Real = NDArray[np.float64]
 

@@ -268,7 +268,19 @@ def _tried_round(series: Series, base: Folds, names: Sequence[str]) -> list[Trie
         at_bound = sorted((set(numbers_of((name,))) - set(numbers_of(()))) & trial.final.at_bound)
         note = next(_reasons(series, held_out, at_bound, float(p), p_left_out), "")
         control = _reversed_rms(series, trial, name) if not note and name in CRANK_EFFECTS else float("nan")
-        effects.append(TriedEffect(name, title(name), base.terms, trial, float(p), p_left_out, not note, note, control))
+        effects.append(
+            TriedEffect(
+                name=name,
+                title=title(name),
+                companions=base.terms,
+                folds=trial,
+                p=float(p),
+                p_left_out=p_left_out,
+                is_claimed=not note,
+                note=note,
+                control=control,
+            )
+        )
     return effects
 
 
@@ -317,7 +329,19 @@ def _tried_by_states(series: Series, names: Sequence[str]) -> tuple[StateFolds, 
         elif not is_shown:
             note = NOT_SHOWN
         family_p, control = min(1.0, len(names) * p), trial.reversed_rms()
-        effects.append(TriedEffect(name, title(name), companions, trial, family_p, p, not note, note, control))
+        effects.append(
+            TriedEffect(
+                name=name,
+                title=title(name),
+                companions=companions,
+                folds=trial,
+                p=family_p,
+                p_left_out=p,
+                is_claimed=not note,
+                note=note,
+                control=control,
+            )
+        )
     return folds_without, tuple(effects)
 
 

@@ -265,25 +265,23 @@ def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, In
     jacobian = np.ascontiguousarray(reducer.contact_jacobian[blocks.order, n_eliminated:].T)
     ordered_laws = elastic.laws[blocks.order]
     system = System(
-        jacobian,
-        blocks.compliance,
-        blocks.self_compliance,
-        blocks.ranges,
-        np.repeat(np.arange(len(blocks.ranges)), np.diff(blocks.ranges)[:, 0]),
-        np.array([np.any(jacobian[:, block_start:end], axis=1) for block_start, end in blocks.ranges]),
-        *(
-            ordered_laws.linear,
-            ordered_laws.logarithmic,
-            ordered_laws.power,
-            ordered_laws.exponent,
-            ordered_laws.force_limit,
-        ),
-        np.max(np.abs(jacobian), axis=1),
-        reducer.output_motion - n_eliminated,
-        reducer.is_centred and not linear,
-        reducer.n_disks,
-        float(bearing.stiffness),
-        float(bearing.exponent),
+        contact_jacobian=jacobian,
+        compliance=blocks.compliance,
+        self_compliance=blocks.self_compliance,
+        blocks=blocks.ranges,
+        block=np.repeat(np.arange(len(blocks.ranges)), np.diff(blocks.ranges)[:, 0]),
+        moving=np.array([np.any(jacobian[:, block_start:end], axis=1) for block_start, end in blocks.ranges]),
+        linear=ordered_laws.linear,
+        logarithmic=ordered_laws.logarithmic,
+        power=ordered_laws.power,
+        exponent=ordered_laws.exponent,
+        limit=ordered_laws.force_limit,
+        arm=np.max(np.abs(jacobian), axis=1),
+        output=reducer.output_motion - n_eliminated,
+        planar=reducer.is_centred and not linear,
+        bearings=reducer.n_disks,
+        stiffness=float(bearing.stiffness),
+        bearing_exponent=float(bearing.exponent),
     )
     return system, blocks.order
 

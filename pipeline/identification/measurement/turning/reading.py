@@ -2,7 +2,8 @@
 
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
-from pipeline.identification.measurement.unit_file import NEITHER, UnitFile
+from pipeline.identification.measurement.unit_file import UnitFile
+from pipeline.identification.measurement.unit_sections import NEITHER
 
 
 def read_measurement(unit: UnitFile) -> Measurement:
