@@ -164,7 +164,7 @@ def calibrate(
 
         def misfit(numbers: Real, body: Condensed = body) -> Real:
             trial_study = with_numbers(study, dict(zip(keys, numbers, strict=True)))
-            return computed_targets(trial_study, body, targets)[is_counted] / value[is_counted] - 1
+            return target_values(trial_study, body, targets)[is_counted] / value[is_counted] - 1
 
         fit = fit_numbers(misfit, best_numbers, lower, upper, None)
         change, best_numbers = np.max(np.abs(np.log(fit.value / best_numbers))), fit.value
@@ -176,7 +176,7 @@ def calibrate(
     return Calibration(changed_study, body, tuple(parameters), fit, is_counted)
 
 
-def computed_targets(study: Study, disk: Condensed, targets: Sequence[Target]) -> Real:
+def target_values(study: Study, disk: Condensed, targets: Sequence[Target]) -> Real:
     """The study's own values (n_targets,) of the targets."""
     return of_targets(study, metrics_of(study, solve_cases(study, disk)), targets)
 
@@ -208,7 +208,7 @@ def write(calibration: Calibration, targets: Sequence[Target], source: str, fold
             is_counted,
         )
         for target, value, is_counted in zip(
-            targets, computed_targets(calibration.study, calibration.disk, targets), calibration.used, strict=True
+            targets, target_values(calibration.study, calibration.disk, targets), calibration.used, strict=True
         )
     ]
     names = ["case", "metric", "published", "computed", "relative_error", "fitted"]

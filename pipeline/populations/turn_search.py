@@ -154,7 +154,7 @@ def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
     best_values = _Best(len(units))
     if ranking.slopes:
         blocks = [np.arange(k, min(k + RANKED_AT_ONCE, len(units))) for k in range(0, len(units), RANKED_AT_ONCE)]
-        pools = [_Pool.best_ranked(drives, ranking, units, rows) for rows in blocks]
+        pools = [_Pool.from_ranking(drives, ranking, units, rows) for rows in blocks]
         for further in range(ROUNDS + 1):
             candidates = [pool.promising(ranking) if further else pool.first_pairs() for pool in pools]
             parts = np.split(
@@ -195,7 +195,7 @@ class _Pool:
     names: tuple[str, ...]
 
     @classmethod
-    def best_ranked(cls, drives: TurnDrives, ranking: Ranking, units: Units, rows: Index) -> _Pool:
+    def from_ranking(cls, drives: TurnDrives, ranking: Ranking, units: Units, rows: Index) -> _Pool:
         """The best ranked pitches of each metric."""
         rankings = ranking.predict_metrics(SeparateGaps.from_units(drives, units.some(rows)))
         count = min(CANDIDATES, drives.pitches)

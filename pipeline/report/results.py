@@ -151,7 +151,7 @@ class Results:
         n_loaded, rigid = int(counts["n_angles"]), int(counts["n_rigid_angles"])
         return f"{count_text(n_loaded, 'loaded crank angle')}; of the clearance backlash {rigid:,}"
 
-    def _at_twice_the_angles(self, metric: str, column: str) -> tuple[float, float, float]:
+    def _values_at_twice_the_angles(self, metric: str, column: str) -> tuple[float, float, float]:
         """A value of the table of convergence now, and the two of twice the crank angles; NaN where they are few."""
         part = self.frames.convergence[self.frames.convergence["metric"] == metric]
         current, extrapolated_rows = (
@@ -165,7 +165,7 @@ class Results:
     @cached_property
     def doubled_yield(self) -> str:
         """Yield against all limits expected of twice as many crank angles; empty where they are too few."""
-        _, *expected_yield = self._at_twice_the_angles(ALL_LIMITS, "yield")
+        _, *expected_yield = self._values_at_twice_the_angles(ALL_LIMITS, "yield")
         return (
             percent_interval(*expected_yield)
             if np.isfinite(expected_yield).all() and self.frames.turn_statistic == "worst"
@@ -188,7 +188,7 @@ class Results:
         """How far the mean worst values would move with twice as many crank angles, one phrase each."""
         phrases = []
         for name in HEADLINES:
-            current, *expected_mean = self._at_twice_the_angles(name, "worst_mean")
+            current, *expected_mean = self._values_at_twice_the_angles(name, "worst_mean")
             if np.isfinite(expected_mean).all():
                 metric = METRICS[name]
                 ends = dict.fromkeys(

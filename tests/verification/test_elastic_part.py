@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from scipy.optimize import least_squares
 
-from pipeline.checks.calibrate import computed_targets
+from pipeline.checks.calibrate import target_values
 from pipeline.checks.paper import assumptions, comparison, refits, shortfalls, table2
 from pipeline.checks.paper.page import PaperComparison, paper_page
 from pipeline.checks.paper.tables import Tables
@@ -103,7 +103,7 @@ def predicted_anew(study, disk, targets, parameters):
 
     def error(scaled, expected):
         variant = with_numbers(study, dict(zip(keys, (start * scaled).tolist(), strict=True)))
-        return computed_targets(variant, disk, expected) / np.array([item.value for item in expected]) - 1
+        return target_values(variant, disk, expected) / np.array([item.value for item in expected]) - 1
 
     fit = least_squares(error, np.ones(3), args=(fitted_targets,), x_scale=(1, 0.1, 0.1), diff_step=1e-4, xtol=1e-12)
     return error(fit.x, predicted_targets)

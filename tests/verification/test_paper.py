@@ -11,8 +11,8 @@ from pipeline.checks.calibrate import (
     FittedNumber,
     Target,
     calibrate,
-    computed_targets,
     read_parameters,
+    target_values,
     write,
 )
 from pipeline.checks.leastsquares import fit_numbers
@@ -51,7 +51,7 @@ def test_the_first_two_columns_predict_the_third(study, disk, targets, parameter
 
 def test_the_fast_response_is_what_the_stages_compute(study, disk, outputs, targets):
     table = table2.table2(study, outputs["aggregate"].read("metrics"), targets)
-    np.testing.assert_allclose(computed_targets(study, disk, targets), table["computed"], rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(target_values(study, disk, targets), table["computed"], rtol=1e-8, atol=1e-9)
 
 
 def test_one_condensed_disk_serves_every_thickness_and_modulus(study, disk):
@@ -161,7 +161,7 @@ def test_more_numbers_than_targets_are_refused(study, disk, targets):
 def test_every_text_states_the_error_of_table_2_that_its_design_has(study, targets, name):
     """On the coarse mesh of these tests, to 0.4 percentage points."""
     of_design = study.model_copy(update={"design": load_design(name, ROOT)})
-    values = computed_targets(of_design, condense_disk(of_design), targets)
+    values = target_values(of_design, condense_disk(of_design), targets)
     errors = [value / target.value - 1 for value, target in zip(values, targets, strict=True) if target.value]
     largest = table2.Misfit.from_errors(np.array(errors)).largest_error
     for file in ("docs/trust.md", "data/designs/pham2017.toml", "data/designs/pham2017_table2.toml"):

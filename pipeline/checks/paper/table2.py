@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.checks.calibrate import Calibration, FittedNumber, Target, calibrate, computed_targets
+from pipeline.checks.calibrate import Calibration, FittedNumber, Target, calibrate, target_values
 from pipeline.checks.response import Condensed
 from pipeline.config import Study
 from pipeline.engine.table import Columns
@@ -59,7 +59,7 @@ def prediction(
     training = [target for target in targets if target.case != held_out]
     predicted_targets = [target for target in targets if target.case == held_out]
     fit = calibrate(study, training, parameters, None, disk)
-    return _rows(predicted_targets, list(computed_targets(fit.study, disk, predicted_targets)), are_predicted=True)
+    return _rows(predicted_targets, list(target_values(fit.study, disk, predicted_targets)), are_predicted=True)
 
 
 def _rows(targets: Sequence[Target], values: Sequence[float], are_predicted: bool) -> pd.DataFrame:

@@ -40,10 +40,10 @@ def _difference(function, force: Real) -> Real:
 def _energy_slope(laws: ContactLaws, force: Real) -> Real:
     """dE/d(deflection) [N], both followed along the force; E is the force's work, F delta less its complement."""
 
-    def complementary_energy(force: Real) -> Real:
+    def strain_energy(force: Real) -> Real:
         return force * laws.deflection(force) - laws.energy(force)
 
-    return _difference(complementary_energy, force) / _difference(laws.deflection, force)
+    return _difference(strain_energy, force) / _difference(laws.deflection, force)
 
 
 def _grid(laws: ContactLaws) -> Real:

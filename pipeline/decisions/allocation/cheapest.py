@@ -99,10 +99,10 @@ def cheapest(units: LinearUnits, costs: Sequence[CostOfScale], target: float, lo
         slope = (values[:, 1] - values[:, 0]) / (ends[1] - ends[0])
         return float(values.mean(axis=1).sum()) / total, slope / total
 
-    largest_yield = _largest_yield(units, np.clip(units.scale, low, high), target, low, high)
-    if not largest_yield.meets_yield:
-        return largest_yield
-    soft_target, scale, feasible = target, largest_yield.scale, [largest_yield.scale]
+    best_scales = _scales_of_largest_yield(units, np.clip(units.scale, low, high), target, low, high)
+    if not best_scales.meets_yield:
+        return best_scales
+    soft_target, scale, feasible = target, best_scales.scale, [best_scales.scale]
     for _ in range(ROUNDS):
         logs = _minimum(cost, partial(_soft_yield, units, soft_target), np.log(scale), np.log(low), np.log(high))
         meeting_scale = _meeting(units, np.exp(logs), target, low, high)
@@ -138,7 +138,7 @@ def _log_loss(units: LinearUnits, logs: Real) -> tuple[float, Real]:
     return float(np.mean(np.logaddexp(0.0, steepness))), slope * scale
 
 
-def _largest_yield(units: LinearUnits, scale: Real, target: float, low: Real, high: Real) -> Best:
+def _scales_of_largest_yield(units: LinearUnits, scale: Real, target: float, low: Real, high: Real) -> Best:
     """Scales of the largest soft yield within the bounds; a log loss first leads there where every unit fails."""
 
     def lost(logs: Real) -> tuple[float, Real]:

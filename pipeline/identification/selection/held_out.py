@@ -136,7 +136,7 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
             deviation = _prediction_deviation(fitter.problem.data, fit, training, open_of_fit[id(fit)])
             left_open[number, judged_cells] = deviation[judged_cells]
         if carry_over:
-            angle, deviation, common_share = _with_systematic_part(fitter, fits[2], training)
+            angle, deviation, common_share = _angle_with_systematic_part(fitter, fits[2], training)
             predicted_curves[3, judged_cells] = angle[judged_cells]
             left_open[3, judged_cells] = np.hypot(open_of_fit[id(fits[2])], deviation)[judged_cells]
             shares.append(common_share)
@@ -199,7 +199,7 @@ def _prediction_deviation(data: Data, fit: Fit, training: Truth, left_open: Real
     return np.hypot(left_open, np.where(unseen, scatter.significant_size if scatter else 0.0, 0.0))
 
 
-def _with_systematic_part(fitter: Fitter, fit: Fit, training: Truth) -> tuple[Real, Real, float]:
+def _angle_with_systematic_part(fitter: Fitter, fit: Fit, training: Truth) -> tuple[Real, Real, float]:
     """A fit with the misfit that is expected to come again at other cells, and the common share of its variance.
 
     Prediction and standard deviation [arcmin] (n_cells,) of that misfit, what positions scatter by included.

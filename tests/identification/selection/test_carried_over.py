@@ -8,7 +8,7 @@ from linear_unit import LinearFitter, linear_data, model_of
 
 from pipeline.identification.selection import carried_over
 from pipeline.identification.selection.carried_over import expected_misfit
-from pipeline.identification.selection.held_out import _with_systematic_part
+from pipeline.identification.selection.held_out import _angle_with_systematic_part
 
 N_POSITIONS = 6
 LEVELS = np.linspace(-12, 12, 16)
@@ -113,7 +113,7 @@ def test_a_held_out_position_gets_half_of_what_the_trained_one_misses_about_a_ze
     data = replace(data, torque=torque.ravel(), angle=angle)
     fitter = LinearFitter(data, design)
     fit = fitter.fit(model_of(1), trained, fitter.start(model_of(1), [0.4]))
-    prediction, deviation, share = _with_systematic_part(fitter, fit, trained)
+    prediction, deviation, share = _angle_with_systematic_part(fitter, fit, trained)
     error = (data.angle - prediction)[~trained]
     assert abs(np.mean(error)) < 1e-9
     assert share == pytest.approx(0.5, abs=0.01)

@@ -114,13 +114,13 @@ class _Sought:
             information = float(self.base.evidence.information(change[:, None])[0, 0])
             scores = self.base.evidence.scores(change[:, None])[:, 0]
             self.scatter = float(np.sqrt(max(1.0, np.sum(scores**2) / max(information, 1e-300))))
-            ratio = self._needed_information(information) / np.sqrt(max(information, 1e-12))
+            ratio = self._root_of_needed_information(information) / np.sqrt(max(information, 1e-12))
             self.is_noticed = ratio <= 1 + AGREEMENT
             if abs(ratio - 1) < AGREEMENT or (ratio > 1 and self.amplitude >= 1.0):
                 return
             self.amplitude = float(np.clip(ratio * self.amplitude, 1e-6, 1.0))
 
-    def _needed_information(self, information: float) -> float:
+    def _root_of_needed_information(self, information: float) -> float:
         """Root of the information that rejects "no effect" with 95 % probability."""
         cost = 0.5 * np.log1p(information * self.prior**2) - prior_log_odds(1, self.n_tried)
         return float(np.sqrt(2 * (ODDS + cost)) + ndtri(CONFIDENCE) * self.scatter)
@@ -133,7 +133,7 @@ class _Sought:
         told_apart = np.sqrt(2 * ODDS) + ndtri(CONFIDENCE) * self.scatter
         named_size = size * max(
             told_apart / np.sqrt(product_apart),
-            self._needed_information(own_product) / np.sqrt(max(own_product, 1e-12)),
+            self._root_of_needed_information(own_product) / np.sqrt(max(own_product, 1e-12)),
         )
         noticed_size = size if self.is_noticed else float("nan")
         named_size = float(named_size) if self.is_noticed and named_size <= bound else float("nan")
