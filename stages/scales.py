@@ -12,7 +12,7 @@ from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import rough_metrics
-from pipeline.populations.scaled_tolerances import scaled_tolerances, scaled_yields, surrogate_values
+from pipeline.populations.scaled_tolerances import scaled_points, scaled_tolerances, scaled_yields, surrogate_values
 from pipeline.sampling import draw
 from pipeline.statistics import Estimate
 from stages.aggregate import OVER_ALL, over_turn
@@ -24,6 +24,8 @@ from stages.tails import springs
 
 UNIT_ANGLES = 16_000
 """Units times loaded angles that are looked at: half a minute of processor time with nine tolerances."""
+LOOKS = 55 * UNIT_ANGLES
+"""The same times the scales of all tolerances, which are 55 of nine: a study of more tolerances has fewer units."""
 TRIAL = 10
 """Units whose contact forces give the springs of the rough model; a fit to all units then corrects its metrics."""
 BATCH = 64
@@ -64,7 +66,7 @@ def _run(job: Job) -> Tables:
     study: Study = job.study
     if not scaled_tolerances(study):
         return {SURROGATE.name: SURROGATE.empty(), YIELDS.name: YIELDS.empty()}
-    surrogate = _surrogate(job, min(study.samples.rows, 1 + UNIT_ANGLES // len(study.cycle.crank_deg)))
+    surrogate = _surrogate(job, min(study.samples.rows, 1 + units_looked_at(study)))
     units, distributions = (pd.DataFrame(job.read("aggregate", name)) for name in ("units", "distributions"))
     solved_values = over_turn(units.iloc[int(study.samples.nominal_first) :], study.limits.over)
     rows = [
@@ -73,6 +75,11 @@ def _run(job: Job) -> Tables:
     ]
     yields = {name: values.to_numpy() for name, values in pd.DataFrame(rows).items()} if rows else YIELDS.empty()
     return {SURROGATE.name: surrogate, YIELDS.name: yields}
+
+
+def units_looked_at(study: Study) -> int:
+    """Units at the scales of each tolerance, at most."""
+    return min(UNIT_ANGLES, LOOKS // len(scaled_points(study))) // len(study.cycle.crank_deg)
 
 
 def _surrogate(job: Job, stop: int) -> Columns:

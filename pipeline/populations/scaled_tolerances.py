@@ -66,6 +66,11 @@ def scaled_tolerances(study: Study) -> list[str]:
     return [name for name, tolerance in study.tolerances if tolerance.varies]
 
 
+def scaled_points(study: Study) -> list[tuple[str, float]]:
+    """Tolerances and the factors on their limits at which units are looked at, first the study as it is."""
+    return [(AS_STATED, 1.0), *((name, scale) for name in scaled_tolerances(study) for scale in SCALES)]
+
+
 def surrogate_values(
     study: Study, start: int, stop: int, rough: Rough, loaded_values: Mapping[str, Real], pilot: Mapping[str, Real]
 ) -> dict[str, NDArray]:
@@ -80,7 +85,7 @@ def surrogate_values(
     -------
     Columns by name: ``sample``, ``tolerance`` (`AS_STATED` once), ``scale`` and each metric, by the limits' side of it.
     """
-    points = [(AS_STATED, 1.0), *((name, scale) for name in scaled_tolerances(study) for scale in SCALES)]
+    points = scaled_points(study)
     parts = [rough(draw(_population(study, name, scale), start, stop)) for name, scale in points]
     units = {name: np.concatenate([part[name] for part in parts]) for name in library()}
     columns: dict[str, NDArray] = {

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.config import Study, load_design, parse_study
+from pipeline.config import Study, load_design, load_study, parse_study
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.engine.cache import Cache
 from pipeline.engine.runner import Resources, run
@@ -19,6 +19,7 @@ from pipeline.sampling import draw
 from pipeline.statistics import Estimate
 from stages import hysteresis
 from stages.chain import STAGES
+from stages.scales import units_looked_at
 
 ROOT = Path(__file__).parents[2]
 COUNT = 120
@@ -32,6 +33,14 @@ def coarse_study(**changes: object) -> Study:
     data["reduce"] |= {"flank_edges_per_lobe": 12, "patch_half_width_mm": 0.3, "growth": 1.0, "largest_edge_mm": 3.0}
     data |= changes
     return parse_study(data, "coarse", "coarse.toml", lambda design: load_design(design, ROOT))
+
+
+def test_more_tolerances_have_fewer_units_for_the_same_time():
+    few, many = load_study("quick", ROOT), load_study("rv_80e", ROOT)
+    assert units_looked_at(few) == 16_000 // len(few.cycle.crank_deg)
+    points = 1 + len(SCALES) * len(scaled_tolerances(many))
+    assert points == 97
+    assert units_looked_at(many) == 880_000 // 97 // 323
 
 
 @pytest.fixture(scope="module")
