@@ -37,9 +37,9 @@ def test_a_pair_is_found_though_a_third_effect_is_the_best_alone(monkeypatch):
     class Looking:
         def __init__(self, fitter, cells, base, sigma):
             self.fitter, self.base = fitter, base
-            self.left = 0.7 * changes["coulomb"] + 0.4 * changes["torque_zero"]
+            self.residual_left = 0.7 * changes["coulomb"] + 0.4 * changes["torque_zero"]
 
-        def free(self, values):
+        def unfollowed_part(self, values):
             return values
 
         def change(self, effect, shares):

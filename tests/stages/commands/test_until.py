@@ -105,7 +105,9 @@ def test_it_ends_where_the_yield_is_known_with_the_rows_of_one_run(
 def test_it_ends_at_the_most_that_it_may_take_and_says_so(own_runs: Path) -> None:
     outputs = studies.run(until(at_most=11), ["aggregate"], jobs=1)
     assert outputs.study.samples.count == 11
-    frames = SimpleNamespace(study=outputs.study, over="worst", distributions=outputs.table("aggregate/distributions"))
+    frames = SimpleNamespace(
+        study=outputs.study, turn_statistic="worst", distributions=outputs.table("aggregate/distributions")
+    )
     section = SamplesSection(frames)
     assert "ended at 11 samples, the largest number allowed" in section.end_sentence
     assert section.share is not None
