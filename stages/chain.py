@@ -12,8 +12,8 @@ from stages.sample import SAMPLE
 from stages.scales import SCALES
 from stages.springs import SPRINGS
 from stages.tails import TAILS
-from stages.worst import WORST_STAGE
+from stages.worst import WORST
 
-UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, WORST_STAGE, FORMS, DRIVERS, TAILS, AGGREGATE, SCALES)
+UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, WORST, FORMS, DRIVERS, TAILS, AGGREGATE, SCALES)
 REPORT = report_of(UPSTREAM)
 STAGES: tuple[Stage, ...] = (*UPSTREAM, REPORT)

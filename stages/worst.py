@@ -120,7 +120,7 @@ def _columns(drives: TurnDrives, samples: NDArray[np.intp], worst_values: Worst)
     return columns | {"n_solved": worst_values.n_solved}
 
 
-WORST_STAGE = Stage(
+WORST = Stage(
     name="worst",
     reads=("sample",),
     sections=(

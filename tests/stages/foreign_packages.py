@@ -121,6 +121,6 @@ SECTION = Section(
     values=lambda page: {
         "rows": len(page.frames.tables[KINEMATIC]), "most": page.frames.tables[KINEMATIC]["backlash_arcmin"].max(),
     },
-    applies=lambda frames: not frames.listed,
+    applies=lambda frames: not frames.is_listed,
 )
 """
