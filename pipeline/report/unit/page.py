@@ -87,6 +87,7 @@ def write_page(findings_of_unit: Findings | FaultyUnit, folder: Path, shown_fold
         values = _common(findings_of_unit, verdict, shown_folder) | {
             "data_facts": rows_facts(findings_of_unit),
             "tested": False,
+            "between_cranks": "",
             "pictures": {},
         }
     else:
