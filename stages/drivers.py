@@ -52,6 +52,7 @@ UNITS = Table(
         *OF_TURN,
         STATUS,
     ),
+    item="unit",
 )
 
 

@@ -59,11 +59,17 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """The contract of one table: what a row is, and its columns in order."""
+    """The contract of one table: what a row is, and its columns in order.
+
+    Attributes
+    ----------
+    item : column of the items that chunks cut between; the hash of a table does not depend on where they do.
+    """
 
     name: str
     row_per: str
     columns: tuple[Column, ...]
+    item: str = ITEM
 
     @cached_property
     def schema(self) -> pa.Schema:
@@ -131,7 +137,7 @@ class Table:
         return Part(
             data=sink.getvalue(),
             rows=table.num_rows,
-            content=_content(table.schema, rows),
+            content=_content(table.schema, rows, self.item),
             first_item=int(items[0]) if sorted_by_item else None,
             last_item=int(items[-1]) if sorted_by_item else None,
         )
@@ -197,7 +203,7 @@ def columns_of(table: pa.Table) -> Columns:
     return columns
 
 
-def _content(schema: pa.Schema, columns: Columns) -> int:
+def _content(schema: pa.Schema, columns: Columns, item: str) -> int:
     """Sum modulo 2^256 of the sha256 of each item's rows; a table without items counts as one."""
     types = {name: "<i8" if isinstance(v, pd.Categorical) else v.dtype.newbyteorder("<") for name, v in columns.items()}
     rows = np.empty(len(next(iter(columns.values()))), dtype=[(name, types[name]) for name in schema.names])
@@ -205,7 +211,7 @@ def _content(schema: pa.Schema, columns: Columns) -> int:
         return 0
     for name, values in columns.items():
         rows[name] = _label_numbers(values) if isinstance(values, pd.Categorical) else values
-    items = columns.get(ITEM, np.zeros(rows.size))
+    items = columns.get(item, np.zeros(rows.size))
     ends = [*(np.flatnonzero(items[1:] != items[:-1]) + 1), rows.size]
     raw, width, total, start = rows.view(np.uint8).data, rows.itemsize, 0, 0
     for end in ends:

@@ -98,7 +98,7 @@ def started(home: Path, runs: Path, command: str, jobs: int, **variables: str) -
     for name in ("designs", "studies", "measured"):
         if not (root / "data" / name).exists():
             shutil.copytree(home / "data" / name, root / "data" / name)
-    if not (root / "data/runs").exists():
+    if not (root / "data/runs").is_symlink():
         (root / "data/runs").symlink_to(runs, target_is_directory=True)
     runs.mkdir(exist_ok=True)
     words = [sys.executable, "-m", "pipeline", *COMMANDS[command], "--jobs", str(jobs)]

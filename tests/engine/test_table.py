@@ -145,3 +145,13 @@ def test_content_hash_is_blind_to_the_coding_of_labels_and_the_sign_of_nan() -> 
     assert digest(recoded) == digest(rows(4))
     plus, minus = (rows(4) | {"force_N": np.copysign(np.full(4, np.nan), sign)} for sign in (1, -1))
     assert digest(plus) == digest(minus)
+
+
+@pytest.mark.parametrize("item", ["sample", "unit"])
+def test_the_hash_of_a_table_does_not_depend_on_its_chunks(item: str) -> None:
+    """That of the drivers' units did: their item is no sample, and each chunk counted as one."""
+    columns = (Column(item, "int32", "1", "number"), Column("force_N", "float64", "N", "contact force"))
+    table = Table("units", item, columns, item=item)
+    whole = {item: np.arange(12), "force_N": np.linspace(-1, 1, 12)}
+    parts = [table.part({name: values[a:b] for name, values in whole.items()}) for a, b in ((0, 5), (5, 12))]
+    assert content_hash(table, [part.content for part in parts]) == content_hash(table, [table.part(whole).content])
