@@ -11,7 +11,7 @@ from small import small_study
 
 from pipeline import parts, run
 
-finished = run(small_study("gallery_first"), ["aggregate"])
+finished = run(small_study("gallery_reading"), ["aggregate"])
 folder = finished.folder
 
 # %%

@@ -41,6 +41,6 @@ def overlay_figure(
             if metric in limit:
                 axes.axvline(limit[metric], color=colour, linestyle=line, linewidth=1.1)
         axes.set(xlabel=METRICS[metric].axis, ylabel="share of the samples")
-        axes.legend(loc="upper right")
-        axes.set_ylim(top=1.25 * axes.get_ylim()[1])
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
     return figure

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -100,8 +101,9 @@ def yield_sentence(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> str:
     row = shares.iloc[0]
     ends = interval(100 * row["ci_low"], 100 * row["ci_high"], SHARE)
     return (
-        f"{percent(row['a'])} of the units of {a.label} meet every limit, {percent(row['b'])} of {b.label}: "
-        f"{_difference_word(row)}, {signed_number(100 * row['difference'], 1)} percentage points ({ends})."
+        f"{percent(row['a'])} of the units of {a.label} meet every limit, {percent(row['b'])} of {b.label}. The "
+        f"difference of {signed_number(100 * row['difference'], 1)} percentage points (interval {ends}) is "
+        f"{_significance(row)}."
     )
 
 
@@ -117,18 +119,25 @@ def metric_answers(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> list[d
             for statistic in ANSWERED_STATISTICS
         }
         parts = [
-            f"{title} {cell['a']} in A, {cell['b']} in B, {_difference_word(of_metric.loc[statistic])} "
-            f"({cell['difference']}; {cell['ends']})"
-            for (statistic, cell), title in zip(cells.items(), ("mean", "standard deviation"), strict=True)
+            f"{title} {cell['a']} in A, {cell['b']} in B; the difference of {cell['difference']} (interval "
+            f"{cell['ends']}) is {_significance(of_metric.loc[statistic])}"
+            for (statistic, cell), title in zip(cells.items(), ("Mean", "Standard deviation"), strict=True)
         ]
         unit = "" if metric.unit == "1" else f" [{metric.unit}]"
-        answers.append({"title": f"{metric.title}{unit}", "text": "; ".join(parts)})
+        answers.append({"title": f"{metric.title}{unit}", "text": ". ".join(parts)})
     return answers
 
 
-def _difference_word(row: pd.Series) -> str:
+def _significance(row: pd.Series) -> str:
     is_significant = row["ci_low"] > 0 or row["ci_high"] < 0
-    return "a statistically significant difference" if is_significant else "not statistically significant"
+    return "statistically significant" if is_significant else "not statistically significant"
+
+
+def _statistic_title(name: str) -> str:
+    """A statistic in words: ``p05`` is the 5 % quantile."""
+    if re.fullmatch(r"p\d\d", name):
+        return f"{int(name[1:])} % quantile"
+    return "standard deviation" if name == "std" else name
 
 
 def _constant(a: ComparedRun, b: ComparedRun, metric: str) -> bool:
@@ -141,7 +150,7 @@ def _text(value: Any) -> str | None:
     return None if value is None else value if isinstance(value, str) else shown_value(value)
 
 
-def _row(row: dict[Any, Any]) -> dict[str, str]:
+def _row(row: dict[Any, Any]) -> dict[str, Any]:
     share = row["statistic"] == "yield"
     quantity = SHARE if share else METRICS[row["metric"]]
     factor = 100 if share else 1
@@ -151,7 +160,7 @@ def _row(row: dict[Any, Any]) -> dict[str, str]:
     return {
         "title": title,
         "unit": quantity.unit,
-        "statistic": row["statistic"],
+        "statistic": _statistic_title(str(row["statistic"])),
         "a": number(factor * row["a"], quantity),
         "b": number(factor * row["b"], quantity),
         "difference": number(factor * row["difference"], finer),

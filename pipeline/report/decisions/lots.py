@@ -55,7 +55,8 @@ def remarks(lot_result: LotFindings) -> list[str]:
     rows = outlier_rows([lot_result])
     if len(rows):
         part_names = [
-            f"part {row.part} ({PARAMETERS[row.dimension]}, {row.value_um:.3g} µm)" for row in rows.itertuples()
+            f"part {str(row.part).removesuffix('.0')} ({PARAMETERS[row.dimension]}, {row.value_um:.3g} µm)"
+            for row in rows.itertuples()
         ]
         texts.append(f"{lot}: outliers, which are kept in the fits: {listed_text(part_names[:10])}.")
     texts += [f"{lot}: {PARAMETERS[name]} is not fitted: {reason}." for name, reason in lot_result.skipped_dimensions]
