@@ -101,7 +101,10 @@ def _stamps(folders: Iterable[str | Path], files: Iterable[str | Path]) -> Itera
 
 
 def _stamp(path: str | Path) -> tuple[str, int, int, int]:
-    state = os.stat(path)
+    try:
+        state = os.stat(path)
+    except OSError:  # an input that was asked for and is no file, of an earlier command of this process
+        return str(path), -1, 0, 0
     return str(path), state.st_size, state.st_mtime_ns, state.st_ctime_ns
 
 

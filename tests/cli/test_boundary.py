@@ -185,7 +185,7 @@ def test_a_unit_on_a_study_that_is_none(tmp_path: Path, capsys) -> None:
         (("unit", "pham2017", "--dimensions", "z" * 300), "shorter|no such file"),
         (("population", "--units", "z" * 300, "--study", "quick"), "no table|shorter"),
         (("population", "--units", ROOT / "data/pictures/hysteresis.png", "--study", "quick"), "zero bytes"),
-        (("calibrate", "--targets", ROOT / "data/pictures/hysteresis.png"), "no table"),
+        (("calibrate", "--targets", ROOT / "data/pictures/hysteresis.png"), "zero bytes; save it as CSV"),
         (("export-ccx", "quick", "--sample", "3", "--crank", "inf"), "no finite number"),
         (("export-ccx", "quick", "--sample", "3", "--crank", "nan"), "no finite number"),
         (("export-ccx", "quick", "--sample", "9" * 5000), "invalid int value"),
@@ -221,7 +221,8 @@ def test_what_else_can_happen_has_its_line_and_status() -> None:
         message = boundary.answer(OSError(number, os.strerror(number), "a/b.parquet"))
         if not isinstance(OSError(number, ""), BrokenPipeError):
             assert (message.lines[0].startswith("a/b.parquet: "), message.status) == (True, 2)
-    assert boundary.answer(OSError(errno.ELOOP, "loop", "p")).lines == ("p: loop; see what the system says of it",)
+    line = "p: loop; a link is in its place; move it out of the way"
+    assert boundary.answer(OSError(errno.ELOOP, "loop", "p")).lines == (line,)
 
 
 def test_a_fault_of_the_program_leaves_its_traceback_in_a_file(monkeypatch, capsys) -> None:

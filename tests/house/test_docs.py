@@ -81,7 +81,11 @@ def test_every_command_line_is_understood() -> None:
 
 
 def test_the_recipes_name_what_the_code_has() -> None:
-    files = [path for folder in ("pipeline", "stages", "tests/validation") for path in (ROOT / folder).rglob("*.py")]
+    files = [
+        path
+        for folder in ("pipeline", "stages", "tests/validation", "tests/model/effects")
+        for path in (ROOT / folder).rglob("*.py")
+    ]
     code = "\n".join([MAKEFILE, *(path.read_text() for path in files)])
     words = set(re.findall(r"\w+", code))
     names = {span.removesuffix(".law") for span in spans((ROOT / "docs/recipes.md").read_text())}

@@ -158,7 +158,7 @@ def test_metrics_of_a_turn_take_the_larger_sense_and_say_nothing_from_few_angles
     np.testing.assert_allclose(values["bearing_force_peak_N"], np.abs(force).max(axis=(1, 2, 3)))
     np.testing.assert_allclose(values["bearing_force_mean_N"], np.abs(force).mean(axis=2).max(axis=(1, 2)))
     small_case = {
-        name: metric.metric_values(readings(loaded_values, free, force).thinned(2))
+        name: metric.metric_values(readings(loaded_values, free, force).with_stride(2))
         for name, metric in turn_library().items()
     }
     unbalanced = readings(loaded_values, free, force, share=0.94)

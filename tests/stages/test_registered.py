@@ -71,7 +71,7 @@ from pipeline.identification.selection.held_out import STAGES
 print(list(load_population(Path(sys.argv[1]))))
 row = loop_row("windup_arcmin", LoopError(7.0, dict.fromkeys(STAGES, 7.0), 1))
 print(row["title"], row["unit"])
-loop = LoopReadings.measured(zero_falling=np.ones(1), high_plus=np.full(1, 5.0), high_minus=np.full(1, -4.0))
+loop = LoopReadings.from_bench(zero_falling=np.ones(1), high_plus=np.full(1, 5.0), high_minus=np.full(1, -4.0))
 print(measurable_metrics()["windup_arcmin"].value(loop, Definitions(0.36, 6.0, 12.0))[0])
 """
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.config import load_design, load_study
-from pipeline.model.equilibrium.newton import ACCEPTED
+from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL
 from pipeline.model.equilibrium.residual import workspace
 from pipeline.model.equilibrium.restart import solved_afresh
 from pipeline.model.load_history.response import respond
@@ -70,4 +70,4 @@ def test_a_preloaded_unit_that_keeps_some_play_is_solved_from_no_start_at_all():
     gap, work = np.ascontiguousarray(drive.gap[:, order]), workspace(system)
     for torque in (7.84e-3, -7.84e-3):
         left = [solved_afresh(system, None, torque, rows, np.full(2, 1.5), work)[1] for rows in gap]
-        assert max(left) < ACCEPTED
+        assert max(left) < ACCEPTED_RESIDUAL

@@ -181,8 +181,8 @@ def test_five_times_finer_angles_find_no_more_than_the_bound_of_the_continuous_t
     study = small("printed_drive", "rigid", 30, loaded_angles=11, audited_units=30)
     samples = tables["audit"]["sample"].to_numpy()
     contacts = len(assembly.reducer(study.design, 0.0).contacts)
-    drives = TurnDrives.of(study, 25, [np.zeros((1, contacts, contacts))] * 25)
-    finer = audit(drives, Units.of(study, draw(study, 0, 31)).some(samples))[1]
+    drives = TurnDrives.from_blocks(study, 25, [np.zeros((1, contacts, contacts))] * 25)
+    finer = audit(drives, Units.from_errors(study, draw(study, 0, 31)).some(samples))[1]
     rows = tables["distributions"].query("statistic == 'mean'").set_index(["over", "metric"])["value"]
     added = []
     for name in ("clearance_backlash_arcmin", "lost_motion_arcmin", "peak_pressure_MPa"):

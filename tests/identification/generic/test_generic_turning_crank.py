@@ -24,7 +24,7 @@ LOOP = np.concatenate([np.linspace(0, 30, 40), np.linspace(30, -30, 80), np.lins
 
 
 def loops(torque, crank=0.4, start=0.0, **changes) -> CrankLoops:
-    n, settings = len(torque), {"turned": TURNED, "ratio": -13.0} | changes
+    n, settings = len(torque), {"crank_per_output": TURNED, "ratio": -13.0} | changes
     alike = np.zeros(n), np.ones(n), np.full(n, crank), np.full(n, start)
     return CrankLoops(np.zeros(n, int), np.asarray(torque, float)[:, None], *alike, **settings)
 
@@ -98,7 +98,7 @@ def test_without_effects_of_the_crank_it_is_the_drive_of_a_fixed_crank():
     angle = curve(LOOP, numbers)
     np.testing.assert_allclose(angle - angle.mean(), known - known.mean(), atol=1e-10)
     soft = SPRING | {"friction_Nm": 1.1, "load_friction": 0.2, "friction_spread": 0.6, "first_loading": 0.4}
-    turning, fixed = curve(LOOP, soft), curve(LOOP, soft, turned=0.0)
+    turning, fixed = curve(LOOP, soft), curve(LOOP, soft, crank_per_output=0.0)
     np.testing.assert_allclose(turning - turning[0], fixed - fixed[0], atol=1e-10)
 
 
@@ -140,13 +140,13 @@ def test_an_encoder_is_off_where_it_is_read_and_moves_no_torque():
 
 def test_friction_in_stages_follows_masing_and_the_first_loading_is_remembered_by_side():
     spread = LINEAR | {"friction_Nm": 4.0, "friction_spread": 0.8}
-    first = curve(LOOP, spread, turned=0.0)
+    first = curve(LOOP, spread, crank_per_output=0.0)
     virgin = np.interp(np.linspace(0, 30, 31), LOOP[:40], first[:40] - first[0])
     down = np.interp(30 - 2 * np.linspace(0, 30, 31), LOOP[119:40:-1], first[119:40:-1])
     np.testing.assert_allclose(down.max() - down, 2 * virgin, atol=2.0)  # Masing: twice the virgin curve
     softer = LINEAR | {"first_loading": 0.5}
     one_side = np.concatenate([np.linspace(0, 30, 31), np.linspace(30, 0, 31), np.linspace(0, -30, 31)])
-    angle = curve(one_side, softer, turned=0.0)
+    angle = curve(one_side, softer, crank_per_output=0.0)
     angle = angle - angle[0]
     assert angle[31 + 15] == pytest.approx(1.2 * angle[15])  # at half the torque: after its first loading, and on it
     np.testing.assert_allclose(-angle[62:], angle[:31], atol=1e-9)  # the other side is as new

@@ -14,8 +14,11 @@ from tests.validation.bench.rates import seconds_of
 from tests.validation.bench.table import Result
 
 PINS = 20, 80, 200
+"""Numbers of pins whose loops are timed."""
 DISKS = 1, 2, 3
+"""Numbers of disks whose loops are timed."""
 UNITS = 50
+"""Units of each timing."""
 CRANK_DEG = 37.0
 """An angle without symmetry [deg]."""
 COMPLIANCE, REACH = 1e-6, 3.0
