@@ -42,7 +42,7 @@ CONTACTS = Table(
 def _write_mesh(study: Study, disk: "ElasticBody", reducer: Reducer, folder: Path) -> None:
     """Mesh, patches and the displacement by 1 N on the pin of the longest arm, for the picture and for ParaView."""
     from pipeline import elastic
-    from pipeline.figures.parts.vtk import write_vtk
+    from pipeline.figures.exports import write_vtk
 
     patches = elastic.disk_patches(study, disk, reducer)
     pin = int(np.argmax(np.abs(reducer.disks[0].pins.arm)))
@@ -132,7 +132,7 @@ def _run(job: Job) -> Tables:
 
 
 def _draw_mesh(file: Path, stem: Path) -> None:
-    from pipeline.figures.parts.mesh import mesh_figure  # seconds of imports, which no other command waits for
+    from pipeline.figures.mesh import mesh_figure  # seconds of imports, which no other command waits for
     from pipeline.figures.style import save
 
     with np.load(file) as mesh:

@@ -13,7 +13,7 @@ from pipeline.engine.processes.forked import shared_calls
 from pipeline.engine.processes.parallel import end_idle_workers
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
-from pipeline.figures.labels import METRICS
+from pipeline.figures.style import METRICS
 from pipeline.report.cases import ROWS_SHOWN
 from pipeline.report.chain.graph import StageNote
 from pipeline.report.drawing import Drawing

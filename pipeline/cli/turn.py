@@ -15,8 +15,8 @@ from pipeline.engine.stage import Job
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
-from pipeline.figures.loads.turn import output_turn_figure
 from pipeline.figures.style import save
+from pipeline.figures.turn import output_turn_figure
 from pipeline.library.running import known_size
 from pipeline.model.turn.orders import orders
 from pipeline.populations.output_turn import PHASES, OutputTurn, free_error, loaded_error

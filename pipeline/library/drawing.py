@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from pipeline.figures.loads.hysteresis import draw_loops
-from pipeline.figures.samples.distributions import draw_histogram
-from pipeline.figures.samples.sensitivity import draw_shares
+from pipeline.figures.distributions import draw_histogram
+from pipeline.figures.drivers import draw_shares
+from pipeline.figures.hysteresis import draw_loops
 from pipeline.library.studies import Run
 from pipeline.statistics import RANK_CORRELATION
 

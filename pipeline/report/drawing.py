@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.designs.design import Design
-from pipeline.figures.spread import centred_loops, spread_frame
+from pipeline.figures.hysteresis import centred_loops, spread_frame
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import count_text
 

@@ -10,17 +10,19 @@ from matplotlib.colors import to_hex
 
 from pipeline import assembly
 from pipeline.config import load_design
-from pipeline.figures.labels import METRICS, parameter_title
-from pipeline.figures.loads.clearances import pin_clearances_figure
-from pipeline.figures.loads.hysteresis import bearing_figure, hysteresis_figure
-from pipeline.figures.loads.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
-from pipeline.figures.loads.springs import spring_laws_figure
-from pipeline.figures.parts.mesh import mesh_figure
-from pipeline.figures.parts.reducer import reducer_figure
-from pipeline.figures.samples.distributions import crank_figure, distributions_figure
-from pipeline.figures.samples.sensitivity import sensitivity_figure
-from pipeline.figures.spread import centred_loops, spread_frame
-from pipeline.figures.style import ALARM, save
+from pipeline.figures.contacts import (
+    dead_zones_figure,
+    output_loads_figure,
+    pin_clearances_figure,
+    pin_loads_figure,
+    spring_laws_figure,
+)
+from pipeline.figures.distributions import crank_figure, distributions_figure
+from pipeline.figures.drivers import sensitivity_figure
+from pipeline.figures.hysteresis import bearing_figure, centred_loops, hysteresis_figure, spread_frame
+from pipeline.figures.mesh import mesh_figure
+from pipeline.figures.reducer import reducer_figure
+from pipeline.figures.style import ALARM, METRICS, parameter_title, save
 from pipeline.model.load_history.loop_readings import curve_readings
 from pipeline.model.metrics import Definitions, library, signed_number
 from pipeline.report.sections.reducer.study import flank_outline

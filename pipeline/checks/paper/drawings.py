@@ -10,10 +10,14 @@ from matplotlib.figure import Figure
 from pipeline import assembly
 from pipeline.checks.paper.statements import SHARES
 from pipeline.checks.paper.tables import Tables
-from pipeline.figures.loads.clearances import pin_clearances_figure
-from pipeline.figures.loads.hysteresis import bearing_figure, hysteresis_figure
-from pipeline.figures.loads.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
-from pipeline.figures.loads.springs import spring_laws_figure
+from pipeline.figures.contacts import (
+    dead_zones_figure,
+    output_loads_figure,
+    pin_clearances_figure,
+    pin_loads_figure,
+    spring_laws_figure,
+)
+from pipeline.figures.hysteresis import bearing_figure, hysteresis_figure
 
 
 @dataclass(frozen=True)

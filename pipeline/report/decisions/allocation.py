@@ -11,8 +11,8 @@ from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.allocation.allocate import Allocation, Choice
 from pipeline.decisions.allocation.results import allocation_rows, check_rows
 from pipeline.engine.store import write_atomic
-from pipeline.figures.labels import METRICS, PARAMETERS
-from pipeline.figures.samples.tradeoff import tradeoff_figure
+from pipeline.figures.decisions import tradeoff_figure
+from pipeline.figures.style import METRICS, PARAMETERS
 from pipeline.report.layout.pictures import Picture, drawn_pictures
 from pipeline.report.layout.rendering import render
 from pipeline.report.layout.wording import DASH

@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.config.studies.study import Study
 from pipeline.decisions.selective_assembly import DRAWS, Assembly, pair_rows
 from pipeline.engine.store import write_atomic
-from pipeline.figures.samples.margins import margins_figure
+from pipeline.figures.decisions import margins_figure
 from pipeline.report.layout.pictures import drawn_picture
 from pipeline.report.layout.rendering import render
 from pipeline.statistics import Estimate

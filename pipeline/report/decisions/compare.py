@@ -16,8 +16,8 @@ from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUT
 from pipeline.engine.frames import write_tables
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Columns
-from pipeline.figures.labels import LIMITED_METRICS, METRICS, parameter_title
-from pipeline.figures.samples.overlay import overlay_figure
+from pipeline.figures.distributions import overlay_figure
+from pipeline.figures.style import LIMITED_METRICS, METRICS, parameter_title
 from pipeline.model.metrics import Quantity, signed_number
 from pipeline.report.layout.pictures import Picture, drawn_pictures
 from pipeline.report.layout.rendering import render

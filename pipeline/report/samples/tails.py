@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from pipeline.figures.labels import METRICS
+from pipeline.figures.style import METRICS
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import interval, number
 from pipeline.report.results import Cell, Results

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.engine.store import read_json, write_atomic
-from pipeline.figures.measured.change import changes_figure, loops_figure
+from pipeline.figures.measured_states import changes_figure, loops_figure
 from pipeline.identification.change.results import VERDICT_FILE, ChangeAnswer
 from pipeline.report.layout.pictures import drawn_pictures
 from pipeline.report.layout.rendering import render

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.engine.store import read_json, write_atomic
-from pipeline.figures.measured.unit import DESCRIPTION_STYLES, REMAINDER_TITLES, loops_figure, torque_figure
+from pipeline.figures.measured_unit import DESCRIPTION_STYLES, REMAINDER_TITLES, loops_figure, torque_figure
 from pipeline.identification.described.description import Description, Number
 from pipeline.identification.described.results import TITLES, VERDICT_FILE
 from pipeline.identification.results.residual_signatures import Signature

@@ -11,7 +11,7 @@ import pandas as pd
 
 from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.store import read_json, write_atomic
-from pipeline.figures.measured.unit import (
+from pipeline.figures.measured_unit import (
     MODELS,
     WRITTEN_STYLE,
     candidates_figure,

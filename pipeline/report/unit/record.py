@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.engine.store import write_atomic
-from pipeline.figures.measured.record import record_figure, record_orders_figure, torque_levels_figure
+from pipeline.figures.measured_turn import record_figure, record_orders_figure, torque_levels_figure
 from pipeline.identification.record.answer import RecordAnswer, Value, effect_values
 from pipeline.identification.record.results import content
 from pipeline.report.layout.pictures import drawn_pictures

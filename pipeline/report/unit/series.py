@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.engine.store import read_json, write_atomic
-from pipeline.figures.measured.series import angle_figure, states_figure
+from pipeline.figures.measured_states import angle_figure, states_figure
 from pipeline.identification.series.folds import StateFolds
 from pipeline.identification.series.results import VERDICT_FILE, SeriesAnswer, effect_sizes, number_text, state_errors
 from pipeline.identification.series.shared_effects import TriedEffect

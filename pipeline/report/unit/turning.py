@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.figures.measured.turn import orders_figure, turn_residual_figure, turns_figure
+from pipeline.figures.measured_turn import orders_figure, turn_residual_figure, turns_figure
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import Identification
 from pipeline.identification.results.turn_errors import mean_turns

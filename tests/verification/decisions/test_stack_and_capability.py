@@ -11,7 +11,7 @@ from pipeline.config import load_study
 from pipeline.decisions.bounds.box import Box
 from pipeline.decisions.bounds.capability import capability
 from pipeline.decisions.bounds.linear import stack
-from pipeline.figures.labels import METRICS
+from pipeline.figures.style import METRICS
 from pipeline.report.decisions.bounds import bounds_sentence
 
 ROOT = Path(__file__).parent.parent.parent.parent

@@ -10,8 +10,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.figures.labels import LIMITED_METRICS, METRICS
-from pipeline.figures.samples.published import published_figure
+from pipeline.figures.distributions import published_figure
+from pipeline.figures.style import LIMITED_METRICS, METRICS
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import count_text, interval, number, percent, plain_number

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.figures.samples.distributions import crank_figure, distributions_figure
-from pipeline.figures.samples.units import units_figure
+from pipeline.figures.distributions import crank_figure, distributions_figure
+from pipeline.figures.yields import units_figure
 from pipeline.report.cases import ROWS_SHOWN, case_crank_rows, case_rows
 from pipeline.report.convergence import ConvergenceTable
 from pipeline.report.drawing import Drawing

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.config.studies.study import ALL_LIMITS
-from pipeline.figures.samples.failures import failures_figure
+from pipeline.figures.yields import failures_figure
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames
 from pipeline.report.results import Results

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from pipeline import assembly
-from pipeline.figures.loads.hysteresis import hysteresis_figure
+from pipeline.figures.hysteresis import hysteresis_figure
 from pipeline.report.drawing import Drawing, band_sentence, loop_spreads, loop_traces
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import plain_number

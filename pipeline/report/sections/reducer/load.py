@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.figures.loads.clearances import pin_clearances_figure
-from pipeline.figures.loads.hysteresis import bearing_figure
-from pipeline.figures.loads.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
-from pipeline.figures.loads.springs import spring_laws_figure
-from pipeline.figures.spread import spread_frame
+from pipeline.figures.contacts import (
+    dead_zones_figure,
+    output_loads_figure,
+    pin_clearances_figure,
+    pin_loads_figure,
+    spring_laws_figure,
+)
+from pipeline.figures.hysteresis import bearing_figure, spread_frame
 from pipeline.report.drawing import Drawing, band_sentence, disk_words, loop_spreads, loop_traces
 from pipeline.report.frames import DRAWN_CASES, Frames
 from pipeline.report.layout.wording import plain_number

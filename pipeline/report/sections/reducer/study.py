@@ -8,8 +8,7 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.config.designs.design import Design
-from pipeline.figures.parts.flank import nominal_gap_figure
-from pipeline.figures.parts.reducer import reducer_figure
+from pipeline.figures.reducer import nominal_gap_figure, reducer_figure
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.report import inputs
 from pipeline.report.cases import ROWS_SHOWN

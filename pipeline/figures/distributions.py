@@ -1,4 +1,4 @@
-"""Distributions of the metrics over the samples, with limits and the intervals of their estimates."""
+"""Distributions of the metrics over the samples: with limits, of two runs, and beside published units."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,8 +8,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pipeline.figures.labels import FULL_TURN, METRICS
-from pipeline.figures.style import ACCENT, ALARM, INK, MUTED_INK, legend_below, new_figure, with_style
+from pipeline.figures.style import (
+    ACCENT,
+    ACCENT_LIGHT,
+    ALARM,
+    COLOURS,
+    FULL_TURN,
+    INK,
+    LIMITED_METRICS,
+    METRICS,
+    MUTED_INK,
+    legend_below,
+    new_figure,
+    with_style,
+)
 
 BARS = "#a9cbe4"
 BINS = (8, 40)
@@ -167,3 +179,92 @@ def crank_figure(
             axes.xaxis.set_major_locator(MaxNLocator(4))
     legend_below(figure, axes)
     return figure
+
+
+OVERLAY_BARS = 40
+"""Bars of the common histogram."""
+RUN_LINES = ("-", "--")
+
+
+@with_style
+def overlay_figure(
+    runs: Mapping[str, pd.DataFrame], limits: Sequence[Mapping[str, float]], metrics: Sequence[str]
+) -> Figure:
+    """Share of the samples per bar of each metric, one outline a run.
+
+    Parameters
+    ----------
+    runs : label -> one row a sample, one column a metric; two of them.
+    limits : metric -> limit, of each run.
+    metrics : names of `METRICS`.
+    """
+    lines = -(-len(metrics) // 2)
+    figure = new_figure(2.8 * lines)
+    panels = figure.subplots(lines, 2, squeeze=False).flat
+    for axes in list(panels)[len(metrics) :]:
+        axes.set_visible(False)
+    for axes, metric in zip(figure.axes, metrics, strict=False):
+        values = [frame[metric].dropna().to_numpy(float) for frame in runs.values()]
+        edges = np.histogram_bin_edges(np.concatenate(values), OVERLAY_BARS).tolist()
+        for label, entry, colour, line, limit in zip(runs, values, COLOURS, RUN_LINES, limits, strict=False):
+            weight = np.full(entry.size, 1 / max(entry.size, 1))
+            axes.hist(entry, edges, weights=weight, histtype="stepfilled", color=colour, alpha=0.18)
+            axes.hist(entry, edges, weights=weight, histtype="step", color=colour, linestyle=line, label=label)
+            if metric in limit:
+                axes.axvline(limit[metric], color=colour, linestyle=line, linewidth=1.1)
+        axes.set(xlabel=METRICS[metric].axis, ylabel="share of the samples")
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
+    return figure
+
+
+UNIT_LINES = ("-", "--", ":", "-.")
+
+
+@with_style
+def published_figure(
+    values: Mapping[str, np.ndarray],
+    measured_values: Mapping[str, Mapping[str, float]],
+    waves: pd.DataFrame | None,
+    named_orders: Sequence[int],
+) -> Figure:
+    """Histogram of each metric with a line for each measured unit, and the predicted orders.
+
+    Parameters
+    ----------
+    values : metric -> (n,) of the predicted units.
+    measured_values : metric -> label of a unit -> its value.
+    waves : ``middle``, ``high`` [arcsec] by order of the output turn; None for no panel.
+    named_orders : orders that the sources name.
+    """
+    panels = len(values) + (waves is not None)
+    figure = new_figure(3.2 * -(-panels // 2))
+    grid = figure.subplots(-(-panels // 2), min(panels, 2), squeeze=False).ravel()
+    for axes, (name, predicted_values) in zip(grid, values.items(), strict=False):
+        _histogram(axes, predicted_values, name, measured_values[name])
+    if waves is not None:
+        _orders(grid[len(values)], waves, named_orders)
+    for axes in grid[panels:]:
+        axes.set_visible(False)
+    return figure
+
+
+def _histogram(axes: Axes, predicted_values: np.ndarray, name: str, measured_values: Mapping[str, float]) -> None:
+    bars = int(np.clip(np.sqrt(len(predicted_values)), *BINS))
+    axes.hist(predicted_values, bars, color=BARS, edgecolor="white", linewidth=0.6, label="predicted units")
+    for number, (label, value) in enumerate(measured_values.items()):
+        axes.axvline(value, color=ALARM, linewidth=1.4, linestyle=UNIT_LINES[number % len(UNIT_LINES)], label=label)
+    quantity = LIMITED_METRICS[name]
+    axes.set(xlabel=f"{quantity.title} ({quantity.unit})", ylabel="units")
+    axes.grid(False, axis="x")
+    legend_below(axes.figure, axes)
+
+
+def _orders(axes: Axes, waves: pd.DataFrame, named_orders: Sequence[int]) -> None:
+    axes.vlines(waves.index, 0, waves["high"], color=ACCENT_LIGHT, linewidth=1.6)
+    axes.vlines(waves.index, 0, waves["middle"], color=ACCENT, linewidth=1.6)
+    heights = waves.loc[list(named_orders), "high"]
+    axes.plot(named_orders, heights, "v", color=INK, markersize=5, markerfacecolor="white")
+    for order, height in heights.items():
+        axes.annotate(str(order), (order, height), (0, 5), textcoords="offset points", ha="center", fontsize=8)
+    axes.set(xlabel="waves per turn of the output", ylabel="amplitude (arcsec)", xlim=(0, None), ylim=(0, None))

@@ -1,1 +1,0 @@
-"""How a reducer carries a torque: its contacts, its loop, its turn."""

@@ -1,1 +1,0 @@
-"""Measured units against the models."""

@@ -1,1 +1,0 @@
-"""What a reducer looks like: drawings, meshes, and files of them for other programs."""

@@ -1,1 +1,0 @@
-"""What the samples of a study, or its worst cases, come to."""
