@@ -9,7 +9,6 @@ import pandas as pd
 
 from pipeline.config.studies.study import Study
 from pipeline.engine.fingerprint import package_versions
-from pipeline.engine.processes.forked import shared_calls
 from pipeline.engine.processes.parallel import end_idle_workers
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
@@ -157,8 +156,9 @@ def _run(upstream: tuple[Stage, ...], job: Job) -> Tables:
         drawing.name: LinkedPicture(drawing.title, drawing.caption, f"figures/{drawing.name}.svg")
         for drawing in figures
     }
-    with shared_calls([partial(_save, drawing, job.path(f"figures/{drawing.name}")) for drawing in figures], job.jobs):
-        page = report_page(Page(frames, pictures, _notes(job, upstream), _stages(job, upstream), versions))
+    for drawing in figures:
+        _save(drawing, job.path(f"figures/{drawing.name}"))
+    page = report_page(Page(frames, pictures, _notes(job, upstream), _stages(job, upstream), versions))
     job.path("report.html").write_text(with_pictures(page, pictures.values(), job.folder), encoding="utf-8")
     return {}
 

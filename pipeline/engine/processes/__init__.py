@@ -1,1 +1,1 @@
-"""Where work is done: by processes of this machine, forks of this one, machines of a cluster."""
+"""Where work is done: by processes of this machine, machines of a cluster."""
