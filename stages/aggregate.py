@@ -15,20 +15,20 @@ from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import TurnReadings, turn_library
 from pipeline.sampling import replicates
 from pipeline.statistics import Estimate, distribution, pass_share
-from stages.tables.bearings import bearing_forces
 from stages.tables.convergence import (
     CONVERGENCE,
+    SAMPLE_CONVERGENCE,
     angles_of_turn,
     convergence_rows,
+    sample_convergence_rows,
     searched_pitches,
     strides_of,
     worst_of_stride,
 )
 from stages.tables.keys import CRANK, SAMPLE, STATUS
 from stages.tables.per_angle import PerAngle
-from stages.tables.sample_convergence import SAMPLE_CONVERGENCE, sample_convergence_rows
 from stages.tables.sensitivity import SENSITIVITY, sensitivity
-from stages.tables.transmission import ORDERS, TRANSMISSION, order_rows, transmission_rows
+from stages.tables.transmission import ORDERS, TRANSMISSION, bearing_forces, order_rows, transmission_rows
 from stages.tables.turn import (
     OF_TURN,
     OVER_TURN,

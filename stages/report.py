@@ -14,14 +14,14 @@ from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
 from pipeline.figures.style import METRICS
 from pipeline.report.cases import ROWS_SHOWN
-from pipeline.report.chain.graph import StageNote
 from pipeline.report.drawing import Drawing
 from pipeline.report.explorer.explorer import kept_samples
 from pipeline.report.frames import OK, Frames, drawn_samples, unsolved_rows
-from pipeline.report.layout.pictures import LinkedPicture, with_pictures
+from pipeline.report.layout.rendering import LinkedPicture, with_pictures
 from pipeline.report.page import report_page
 from pipeline.report.sections import Page, drawings, library
 from pipeline.report.sections.section import TableNote
+from pipeline.report.stage_graph import StageNote
 from stages.reduce import MESH_FILE
 from stages.tables.curves import CONTACTS
 from stages.tables.running import TURN_CONTACTS

@@ -13,15 +13,17 @@ from pipeline.identification.record.turn_record import TurnRecord
 def identify_unit(options: argparse.Namespace) -> None:
     """Say why a measured unit differs from its model, describe a drive without one, or what states share."""
     if options.series:
-        from pipeline.cli.measured import identify_series  # as below
+        from pipeline.cli.questions import identify_series  # as below
 
         identify_series(options)
         return
     unit = load_measured_unit(options.unit, settings.ROOT)
     measurement = TurnRecord.read(unit) if unit.is_record else read_measurement(unit)
     print("\n".join([*measurement.summary, *plan(measurement)]), flush=True)
-    from pipeline.cli.arguments import workers  # seconds of imports, behind the first lines
-    from pipeline.cli.printing import print_answer
+    from pipeline.cli.questions import (
+        print_answer,
+        workers,  # seconds of imports, behind the first lines
+    )
     from pipeline.library.measured import unit_answer
 
     print_answer(unit_answer(measurement, workers(options)))

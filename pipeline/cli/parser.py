@@ -97,13 +97,13 @@ def _studies(command: Commands) -> None:
 
 
 def _decisions(command: Commands) -> None:
-    comparing = command("compare", "decisions.compare_runs", "compare two studies: what differs, and by how much")
+    comparing = command("compare", "questions.compare_runs", "compare two studies: what differs, and by how much")
     comparing.add_argument("a", help="study file, or the stem of one in data/studies")
     comparing.add_argument("b", help="the other one; differences are b less a")
     _where(comparing)
 
     choosing = command(
-        "allocate", "decisions.allocate_tolerances", "the cheapest tolerances of a study at a wanted yield"
+        "allocate", "questions.allocate_tolerances", "the cheapest tolerances of a study at a wanted yield"
     )
     _study(choosing)
     choosing.add_argument(
@@ -113,7 +113,7 @@ def _decisions(command: Commands) -> None:
     _where(choosing)
 
     counting = command(
-        "reweigh", "decisions.reweigh_run", "yield of a study with tighter tolerances from the run of a wider one"
+        "reweigh", "questions.reweigh_run", "yield of a study with tighter tolerances from the run of a wider one"
     )
     counting.add_argument("wide", help="study file, or the stem of one in data/studies, whose run is reweighted")
     counting.add_argument("narrow", help="the study with the tighter tolerances")
@@ -121,14 +121,16 @@ def _decisions(command: Commands) -> None:
     _where(counting)
 
     bounding = command(
-        "bounds", "decisions.bound_metrics", "worst cases over the tolerance box, linear stacks, capability"
+        "bounds", "questions.bound_metrics", "worst cases over the tolerance box, linear stacks, capability"
     )
     _study(bounding)
     _where(bounding)
 
 
 def _parts(command: Commands) -> None:
-    judging = command("lots", "lots.judge_lots", "yield of a study made from measured parts, and what costs most of it")
+    judging = command(
+        "lots", "questions.judge_lots", "yield of a study made from measured parts, and what costs most of it"
+    )
     judging.add_argument(
         "--csv", required=True, type=Path, action="append", help="measured parts; twice: two lots side by side"
     )
@@ -136,13 +138,13 @@ def _parts(command: Commands) -> None:
     _study(judging)
     _where(judging)
 
-    pairing = command("assemble", "lots.assemble_parts", "which measured parts of two lots to put together")
+    pairing = command("assemble", "questions.assemble_parts", "which measured parts of two lots to put together")
     pairing.add_argument("--csv", required=True, type=Path, action="append", help="measured parts; given twice")
     pairing.add_argument("--mounting-force", type=_finite, metavar="N", help="allowed contact force without torque")
     _study(pairing)
     _where(pairing)
 
-    certifying = command("certificate", "lots.certify_unit", "what one unit will do, from its measured dimensions")
+    certifying = command("certificate", "questions.certify_unit", "what one unit will do, from its measured dimensions")
     certifying.add_argument(
         "--dimensions", required=True, type=Path, help="TOML file of measured errors in micrometres"
     )
@@ -178,7 +180,7 @@ def _add_measured_unit(command: Commands) -> None:
     naming.set_defaults(opening="reading {unit}{series}")
     _where(naming)
 
-    changing = command("changed", "measured.compare_states", "say what changed between two measurements of one drive")
+    changing = command("changed", "questions.compare_states", "say what changed between two measurements of one drive")
     for state in ("before", "after"):
         changing.add_argument(
             f"--{state}", required=True, help="folder with a unit.toml, or the name of one, as for identify"
@@ -192,7 +194,7 @@ def _add_measured_unit(command: Commands) -> None:
 
     changing.set_defaults(opening="reading the units {before} and {after}")
 
-    comparing = command("population", "measured.compare_population", "compare measured units with a study")
+    comparing = command("population", "questions.compare_population", "compare measured units with a study")
     comparing.add_argument("--units", required=True, type=Path, help="CSV file, one row per unit with its metrics")
     comparing.add_argument(
         "--over",

@@ -9,10 +9,9 @@ import numpy as np
 import pandas as pd
 
 from pipeline import settings
-from pipeline.cli.arguments import check_sample, workers
+from pipeline.cli.arguments import check_sample, print_answer, workers
 from pipeline.cli.kept_answers import keep_answer
 from pipeline.cli.parser import parser
-from pipeline.cli.printing import print_answer
 from pipeline.config import Study, load_study, load_unit
 from pipeline.config.files.text_file import READ
 from pipeline.engine.lock import lock_run
@@ -23,7 +22,7 @@ from pipeline.library.running import known_size, prepared_loops, up_to_date
 from pipeline.library.studies import tails
 from pipeline.model.metrics import library
 from pipeline.registry import registered_folders
-from pipeline.report.samples.known_yield import needed_sentences, preload_warning, yield_estimate
+from pipeline.report.known_yield import needed_sentences, preload_warning, yield_estimate
 from stages import hysteresis
 from stages.chain import STAGES
 from stages.sample import SAMPLED_TABLES, errors_of_columns

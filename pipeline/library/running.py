@@ -22,13 +22,13 @@ from pipeline.engine import progress, runner
 from pipeline.engine.cache import Cache
 from pipeline.engine.fingerprint import code_of, package_versions, source_hashes
 from pipeline.engine.processes.cluster import dask_cluster
-from pipeline.engine.processes.parent import end_with_parent
+from pipeline.engine.processes.parallel import end_with_parent
 from pipeline.engine.runner import Resources
 from pipeline.engine.stage import Job
 from pipeline.engine.store import Output, write_json
 from pipeline.errors import InputError
 from pipeline.model.equilibrium.solve import compile_solver, solver_is_compiled
-from pipeline.report.samples.known_yield import yield_estimate
+from pipeline.report.known_yield import yield_estimate
 from pipeline.statistics import Estimate
 from pipeline.statistics.sample_size import next_units
 from stages import hysteresis

@@ -15,7 +15,7 @@ from pipeline.config.studies.tolerances import Tolerances
 from pipeline.figures.style import PARAMETERS
 from pipeline.model.contact.line_laws.contact_law import law_of
 from pipeline.model.effects import library
-from pipeline.report.flank import flank_fact
+from pipeline.report.drawing import flank_fact
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import DASH, count_text, listed_text, plain_number
 

@@ -13,9 +13,9 @@ from pipeline.figures.style import LIMITED_METRICS
 from pipeline.model.metrics.turn import turn_library
 from pipeline.report.drivers import main_contributor, share_note
 from pipeline.report.frames import Frames
+from pipeline.report.known_yield import preload_warning
 from pipeline.report.layout.wording import count_text, interval, percent, percent_interval
 from pipeline.report.results import Cell, Results
-from pipeline.report.samples.known_yield import preload_warning
 from pipeline.report.single_changes import next_target
 
 

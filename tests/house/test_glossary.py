@@ -37,7 +37,7 @@ REPLACED = (
 
 
 def test_every_term_that_a_page_defines_is_in_the_glossary():
-    page = (ROOT / "pipeline/report/sections/reference/definitions.html").read_text(encoding="utf-8")
+    page = (ROOT / "pipeline/report/sections/definitions.html").read_text(encoding="utf-8")
     titles = [re.sub("<[^>]+>", "", title) for title in re.findall(r"<dt[^>]*>(.*?)</dt>", page)]
     defined = {part.strip().lower() for title in titles if "{" not in title for part in title.split(",")}
     assert len(defined) > 8

@@ -25,7 +25,7 @@ from pipeline.figures.reducer import reducer_figure
 from pipeline.figures.style import ALARM, METRICS, parameter_title, save
 from pipeline.model.load_history.loop_readings import curve_readings
 from pipeline.model.metrics import Definitions, library, signed_number
-from pipeline.report.sections.reducer.study import flank_outline
+from pipeline.report.sections.study import flank_outline
 from stages.clearance import contact_columns
 
 ROOT = Path(__file__).parents[2]

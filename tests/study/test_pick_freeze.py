@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.config import load_study
-from pipeline.config.distributions.fixed import Fixed
+from pipeline.config.distributions.along_line import Fixed
 from pipeline.config.studies.study import Drivers
 from pipeline.config.studies.tolerances import Tolerances
 from pipeline.sampling import draw, draw_mixed, drawn_units, error_groups, oval_shift

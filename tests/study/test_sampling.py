@@ -12,10 +12,7 @@ from scipy import stats
 from pipeline.assembly import errors as errors_in_mm
 from pipeline.config import load_study
 from pipeline.config.distributions import library
-from pipeline.config.distributions.fixed import Fixed
-from pipeline.config.distributions.normal import Normal
-from pipeline.config.distributions.triangular import Triangular
-from pipeline.config.distributions.uniform import Uniform
+from pipeline.config.distributions.along_line import Fixed, Normal, Triangular, Uniform
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.tolerances import Tolerances
 from pipeline.sampling import (

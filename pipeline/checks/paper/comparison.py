@@ -13,12 +13,12 @@ from pipeline.checks.paper.page import FigureOfPaper, PaperComparison, paper_pag
 from pipeline.checks.paper.refits import ELASTIC_PART, refit_table
 from pipeline.checks.paper.shortfalls import shortfalls
 from pipeline.checks.paper.statements import statements
-from pipeline.checks.paper.tables import Tables
+from pipeline.checks.paper.table2 import Tables
 from pipeline.checks.response import Condensed, solve_cases
 from pipeline.config import Study
 from pipeline.engine.store import Output, write_atomic
-from pipeline.report.layout.pictures import drawn_picture
-from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
+from pipeline.report.layout.rendering import drawn_picture
+from stages.tables.keys import COMPLIANCE_FILE, full_compliance
 
 STUDY = "paper_tables"
 TARGETS, PARAMETERS, CONTACTS = "pham2017_table2.csv", "pham2017_fitted.csv", "pham2017_contacts.csv"

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from pipeline import assembly
 from pipeline.checks.paper.statements import SHARES
-from pipeline.checks.paper.tables import Tables
+from pipeline.checks.paper.table2 import Tables
 from pipeline.figures.contacts import (
     dead_zones_figure,
     output_loads_figure,

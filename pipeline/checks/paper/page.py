@@ -16,8 +16,7 @@ from pipeline.config import Study
 from pipeline.figures.style import METRICS
 from pipeline.model.metrics import signed_number
 from pipeline.report import inputs
-from pipeline.report.layout.pictures import Picture
-from pipeline.report.layout.rendering import render
+from pipeline.report.layout.rendering import Picture, render
 from pipeline.report.layout.wording import DASH
 
 METRICS_OF_TABLE = (BACKLASH, LOST_MOTION, RIGIDITY)

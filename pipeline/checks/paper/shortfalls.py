@@ -10,7 +10,7 @@ from pipeline import assembly
 from pipeline.checks.calibrate import FittedNumber, Target
 from pipeline.checks.paper.refits import BACKLASH, LOST_MOTION, elastic_part
 from pipeline.checks.paper.statements import bearing_deflections
-from pipeline.checks.paper.tables import Tables
+from pipeline.checks.paper.table2 import Tables
 from pipeline.config import Study
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.cycloid_profile import Real

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.checks.paper.tables import Tables
+from pipeline.checks.paper.table2 import Tables
 
 NONUNIFORM = 1.01
 """Largest over smallest clearance of the pins from which a clearance is not uniform."""

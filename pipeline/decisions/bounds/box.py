@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions import Distribution
-from pipeline.config.distributions.uniform import Uniform
+from pipeline.config.distributions.along_line import Uniform
 from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
 from pipeline.sampling import Errors, dimensions, errors_with_parts

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.studies.study import Study
 from pipeline.decisions.bounds.box import Box, Evaluate, coordinate_search
-from pipeline.decisions.bounds.capability import Capability, capability
-from pipeline.decisions.bounds.linear import stack, statistics_of
+from pipeline.decisions.bounds.linear import Capability, capability, stack, statistics_of
 from pipeline.decisions.bounds.play import Bound, play_bounds
 from pipeline.engine.frames import write_tables
 from pipeline.engine.table import Column, Columns, Table

@@ -2,11 +2,14 @@
 
 A worker gets the stage, its chunk's input rows and a handle of what all chunks share, and returns Parquet bytes: no
 shared file system is needed, and compression runs in parallel. On one machine every chunk runs the same function with
-one BLAS thread, for any number of processes; workers elsewhere are started by their owner, who sets the same.
+one BLAS thread, for any number of processes; workers elsewhere are started by their owner, who sets the same. A worker
+ends with the process that started it, however that ended.
 """
 
 import os
 import platform
+import threading
+import time
 import traceback
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
@@ -21,11 +24,28 @@ from joblib.externals.loky import reusable_executor
 from threadpoolctl import threadpool_limits
 
 from pipeline.engine.fingerprint import code_of, package_versions, source_hashes
-from pipeline.engine.processes.parent import end_with_parent
 from pipeline.engine.stage import Chunk, Stage, Tables
 from pipeline.engine.store import sha256_of
 from pipeline.engine.table import ITEM, Part
 from pipeline.errors import ChunkError, InputError
+
+WATCH = 0.2
+"""Seconds between two looks at the parent: what is solved after that is gone is lost."""
+
+
+def end_with_parent(parent: int) -> None:
+    """End this process when its parent is no longer the process of that number.
+
+    A worker calls it before anything else. Its number is given: a parent that is gone already would not be missed.
+    """
+    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(WATCH)
+    os._exit(1)
+
 
 WAVE = 32
 """Chunks a process between two moments at which every result is written. Workers outrun a slow disk by no more than

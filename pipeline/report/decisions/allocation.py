@@ -13,8 +13,7 @@ from pipeline.decisions.allocation.results import allocation_rows, check_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import tradeoff_figure
 from pipeline.figures.style import METRICS, PARAMETERS
-from pipeline.report.layout.pictures import Picture, drawn_pictures
-from pipeline.report.layout.rendering import render
+from pipeline.report.layout.rendering import Picture, drawn_pictures, render
 from pipeline.report.layout.wording import DASH
 
 TEMPLATE = "decisions/allocation.html"

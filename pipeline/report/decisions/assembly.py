@@ -10,8 +10,7 @@ from pipeline.config.studies.study import Study
 from pipeline.decisions.selective_assembly import DRAWS, Assembly, pair_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import margins_figure
-from pipeline.report.layout.pictures import drawn_picture
-from pipeline.report.layout.rendering import render
+from pipeline.report.layout.rendering import drawn_picture, render
 from pipeline.statistics import Estimate
 
 TEMPLATE = "decisions/assembly.html"

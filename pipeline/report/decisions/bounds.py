@@ -10,8 +10,7 @@ from pipeline.decisions.bounds.results import BOUNDS, CAPABILITY, CONTRIBUTIONS,
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import bounds_figure
 from pipeline.figures.style import METRICS, PARAMETERS
-from pipeline.report.layout.pictures import Picture, drawn_picture
-from pipeline.report.layout.rendering import render
+from pipeline.report.layout.rendering import Picture, drawn_picture, render
 from pipeline.report.layout.wording import number, percent, percent_interval
 
 TEMPLATE = "decisions/bounds.html"

@@ -10,8 +10,7 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import certificate_figure
 from pipeline.figures.style import METRICS, PARAMETERS
 from pipeline.model.metrics.turn import turn_library
-from pipeline.report.layout.pictures import drawn_picture
-from pipeline.report.layout.rendering import render
+from pipeline.report.layout.rendering import drawn_picture, render
 from pipeline.report.layout.wording import DASH, interval
 
 TEMPLATE = "decisions/certificate.html"

@@ -19,8 +19,7 @@ from pipeline.engine.table import Columns
 from pipeline.figures.distributions import overlay_figure
 from pipeline.figures.style import LIMITED_METRICS, METRICS, parameter_title
 from pipeline.model.metrics import Quantity, signed_number
-from pipeline.report.layout.pictures import Picture, drawn_pictures
-from pipeline.report.layout.rendering import render
+from pipeline.report.layout.rendering import Picture, drawn_pictures, render
 from pipeline.report.layout.wording import DASH, SHARE, count_text, interval, number, percent
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL
 

@@ -13,8 +13,7 @@ from pipeline.decisions.lots.results import LotFindings, cost_rows, fit_rows, lo
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import lots_figure
 from pipeline.figures.style import METRICS, PARAMETERS
-from pipeline.report.layout.pictures import drawn_picture
-from pipeline.report.layout.rendering import render
+from pipeline.report.layout.rendering import drawn_picture, render
 from pipeline.report.layout.wording import DASH, listed_text
 
 TEMPLATE = "decisions/lots.html"

@@ -6,12 +6,12 @@ from functools import cache, cached_property
 from pathlib import Path
 
 from pipeline.registry import REPORT_SECTIONS
-from pipeline.report.chain.graph import StageNote
 from pipeline.report.drawing import Drawing
 from pipeline.report.explorer.explorer import explorer_data
 from pipeline.report.frames import Frames
-from pipeline.report.layout.pictures import LinkedPicture
+from pipeline.report.layout.rendering import LinkedPicture
 from pipeline.report.results import Results
+from pipeline.report.stage_graph import StageNote
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ import pandas as pd
 from pipeline.engine.store import read_json, write_atomic
 from pipeline.figures.measured_states import changes_figure, loops_figure
 from pipeline.identification.change.results import VERDICT_FILE, ChangeAnswer
-from pipeline.report.layout.pictures import drawn_pictures
-from pipeline.report.layout.rendering import render
+from pipeline.report.layout.rendering import drawn_pictures, render
 from pipeline.report.unit.numbers import digits, interval
 
 TEMPLATE = "unit/change.html"

@@ -12,8 +12,7 @@ from pipeline.figures.measured_unit import DESCRIPTION_STYLES, REMAINDER_TITLES,
 from pipeline.identification.described.description import Description, Number
 from pipeline.identification.described.results import TITLES, VERDICT_FILE
 from pipeline.identification.results.residual_signatures import Signature
-from pipeline.report.layout.pictures import drawn_pictures
-from pipeline.report.layout.rendering import render
+from pipeline.report.layout.rendering import drawn_pictures, render
 from pipeline.report.unit.facts import discrepancy_facts
 from pipeline.report.unit.numbers import digits, interval
 

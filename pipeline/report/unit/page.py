@@ -26,8 +26,7 @@ from pipeline.identification.results import tables
 from pipeline.identification.results.write import VERDICT_FILE, Findings
 from pipeline.identification.selection.held_out import STAGES
 from pipeline.identification.selection.statements.statement import title_of
-from pipeline.report.layout.pictures import Picture, drawn_pictures
-from pipeline.report.layout.rendering import render
+from pipeline.report.layout.rendering import Picture, drawn_pictures, render
 from pipeline.report.unit.facts import (
     comparison_sentence,
     data_facts,

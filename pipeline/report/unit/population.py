@@ -21,8 +21,7 @@ from pipeline.populations.results import (
 )
 from pipeline.populations.single_units import SingleUnits
 from pipeline.populations.tolerance_shift import Closing
-from pipeline.report.layout.pictures import drawn_picture
-from pipeline.report.layout.rendering import render
+from pipeline.report.layout.rendering import drawn_picture, render
 from pipeline.report.layout.wording import DASH
 from pipeline.report.unit.numbers import digits
 

@@ -10,8 +10,7 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.measured_turn import record_figure, record_orders_figure, torque_levels_figure
 from pipeline.identification.record.answer import RecordAnswer, Value, effect_values
 from pipeline.identification.record.results import content
-from pipeline.report.layout.pictures import drawn_pictures
-from pipeline.report.layout.rendering import render
+from pipeline.report.layout.rendering import drawn_pictures, render
 from pipeline.report.unit.numbers import digits, interval
 
 TEMPLATE = "unit/record.html"

@@ -12,8 +12,7 @@ from pipeline.figures.measured_states import angle_figure, states_figure
 from pipeline.identification.series.folds import StateFolds
 from pipeline.identification.series.results import VERDICT_FILE, SeriesAnswer, effect_sizes, number_text, state_errors
 from pipeline.identification.series.shared_effects import TriedEffect
-from pipeline.report.layout.pictures import drawn_pictures
-from pipeline.report.layout.rendering import render
+from pipeline.report.layout.rendering import drawn_pictures, render
 from pipeline.report.unit.numbers import digits, interval
 
 TEMPLATE = "unit/series.html"

@@ -11,10 +11,10 @@ from pipeline.config.studies.study import Limits
 from pipeline.engine.runner import Resources, run
 from pipeline.figures.style import METRICS
 from pipeline.report.cases import case_rows
-from pipeline.report.chain.graph import BOX, GAP, stage_graph
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import percent
 from pipeline.report.sections import drawings
+from pipeline.report.stage_graph import BOX, GAP, stage_graph
 from pipeline.report.validity import overload_phrases, ranges
 from stages.chain import STAGES
 

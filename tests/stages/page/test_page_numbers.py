@@ -17,7 +17,7 @@ from pipeline.figures import style
 from pipeline.figures.style import METRICS
 from pipeline.report.frames import HEADLINES
 from pipeline.report.layout.wording import interval, percent, percent_interval, plain_number
-from pipeline.report.turn.section import TurnSection
+from pipeline.report.turn import TurnSection
 from stages import report
 from stages.chain import REPORT, STAGES
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.config import Study, load_design, parse_study
-from pipeline.report.chain.graph import StageNote
 from pipeline.report.frames import Frames
+from pipeline.report.model_forms import FORM_TABLES
 from pipeline.report.page import report_page
-from pipeline.report.samples.model_forms import FORM_TABLES
 from pipeline.report.sections import Page
+from pipeline.report.stage_graph import StageNote
 
 ROOT = Path(__file__).parents[3]
 

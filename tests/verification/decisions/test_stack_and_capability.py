@@ -9,8 +9,7 @@ from scipy.stats import norm, truncnorm
 
 from pipeline.config import load_study
 from pipeline.decisions.bounds.box import Box
-from pipeline.decisions.bounds.capability import capability
-from pipeline.decisions.bounds.linear import stack
+from pipeline.decisions.bounds.linear import capability, stack
 from pipeline.figures.style import METRICS
 from pipeline.report.decisions.bounds import bounds_sentence
 

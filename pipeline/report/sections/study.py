@@ -12,8 +12,7 @@ from pipeline.figures.reducer import nominal_gap_figure, reducer_figure
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.report import inputs
 from pipeline.report.cases import ROWS_SHOWN
-from pipeline.report.drawing import Drawing
-from pipeline.report.flank import flank_fact, nominal_gap_curve, nominal_gaps
+from pipeline.report.drawing import Drawing, flank_fact, nominal_gap_curve, nominal_gaps
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import plain_number
 from pipeline.report.sections.section import Page, Section

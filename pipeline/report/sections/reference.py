@@ -6,8 +6,8 @@ from pathlib import Path
 from pipeline import assembly
 from pipeline.figures.style import METRICS
 from pipeline.report import inputs
-from pipeline.report.chain.graph import BOX, stage_graph
 from pipeline.report.sections.section import Page, Section
+from pipeline.report.stage_graph import BOX, stage_graph
 from pipeline.report.validity import beyond_law, overload_phrases
 from pipeline.statistics.replicated import FEWEST_BEYOND
 

@@ -10,8 +10,8 @@ from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.yields import failures_figure
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames
+from pipeline.report.model_forms import FormResults
 from pipeline.report.results import Results
-from pipeline.report.samples.model_forms import FormResults
 from pipeline.report.sections.section import Page, Section
 from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges
 from pipeline.report.verdict import Verdict

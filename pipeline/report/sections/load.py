@@ -1,4 +1,4 @@
-"""How the contacts carry the load: clearances, spring laws, forces and what yields."""
+"""How the contacts carry the load: clearances, spring laws, forces and deflections."""
 
 from collections.abc import Iterator
 from functools import partial
