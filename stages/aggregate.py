@@ -397,4 +397,5 @@ AGGREGATE = Stage(
     tables=(METRICS, UNITS, DISTRIBUTIONS, CONVERGENCE, SAMPLE_CONVERGENCE, SENSITIVITY, TRANSMISSION, ORDERS),
     module="stages.aggregate",
     run=_run,
+    proportional_to=("samples.count",),
 )

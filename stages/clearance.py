@@ -201,4 +201,5 @@ CLEARANCE = Stage(
     solve=_solve,
     chunk_reads=tuple(f"sample/{name}" for name in SAMPLED_TABLES),
     chunk_factor=4,
+    proportional_to=("cycle.rigid_crank_deg", "design.cycloid.pins"),
 )

@@ -144,4 +144,5 @@ DRIVERS = Stage(
     solve=_solve,
     failures=_failures,
     chunk_factor=4,
+    proportional_to=("cycle.crank_deg", "design.cycloid.pins"),
 )

@@ -279,4 +279,5 @@ HYSTERESIS = Stage(
     solve=_solve,
     chunk_reads=tuple(f"sample/{name}" for name in SAMPLED_TABLES),
     failures=_failures,
+    proportional_to=("cycle.crank_deg", "design.cycloid.pins"),
 )

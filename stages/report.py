@@ -12,7 +12,7 @@ from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.processes.parallel import end_idle_workers
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.report.cases import ROWS_SHOWN
 from pipeline.report.drawing import Drawing
 from pipeline.report.explorer.explorer import kept_samples

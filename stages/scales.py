@@ -129,4 +129,5 @@ SCALES = Stage(
     tables=(SURROGATE, YIELDS),
     module="stages.scales",
     run=_run,
+    proportional_to=("samples.count", "cycle.crank_deg"),
 )

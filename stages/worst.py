@@ -143,4 +143,5 @@ WORST = Stage(
     solve=_solve,
     chunk_reads=tuple(f"sample/{name}" for name in SAMPLED_TABLES),
     chunk_factor=20,
+    proportional_to=("design.cycloid.pins",),
 )

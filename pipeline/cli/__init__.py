@@ -43,5 +43,8 @@ def _run(options: argparse.Namespace) -> None:
         for lines, stream in zip(former_answer, (sys.stdout, sys.stderr), strict=True):
             print("".join(f"{line}\n" for line in lines), end="", file=stream)
         return
+    from pipeline.engine.progress import Heartbeat  # behind the answers that take a tenth of a second
+
     module, _, action = options.command.partition(".")
-    getattr(importlib.import_module(f"pipeline.cli.{module}"), action)(options)
+    with Heartbeat(options.name_of_command):
+        getattr(importlib.import_module(f"pipeline.cli.{module}"), action)(options)

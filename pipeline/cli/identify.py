@@ -20,10 +20,7 @@ def identify_unit(options: argparse.Namespace) -> None:
     unit = load_measured_unit(options.unit, settings.ROOT)
     measurement = TurnRecord.read(unit) if unit.is_record else read_measurement(unit)
     print("\n".join([*measurement.summary, *plan(measurement)]), flush=True)
-    from pipeline.cli.questions import (
-        print_answer,
-        workers,  # seconds of imports, behind the first lines
-    )
+    from pipeline.cli.arguments import print_answer, workers  # seconds of imports, behind the first lines
     from pipeline.library.measured import unit_answer
 
     print_answer(unit_answer(measurement, workers(options)))

@@ -22,13 +22,13 @@ class Commands(Protocol):
 
 
 def parser() -> argparse.ArgumentParser:
-    """All commands; `command` of the parsed options is the action."""
+    """All commands; `command` of the parsed options is the action, `name_of_command` what was typed."""
     program = Parser(prog="python -m pipeline", description="Tolerance studies of cycloid reducers.")
     commands = program.add_subparsers(required=True, metavar="COMMAND")
 
     def command(name: str, action: str, text: str) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=text, description=text)
-        sub.set_defaults(command=action, opening="")
+        sub.set_defaults(command=action, name_of_command=name, opening="")
         return sub
 
     _studies(command)

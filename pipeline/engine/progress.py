@@ -1,4 +1,4 @@
-"""One line a stage: redrawn on a terminal, printed once elsewhere; and the meter of time and memory."""
+"""One line a stage, redrawn on a terminal; a line for whoever waits; and the meter of time and memory."""
 
 import sys
 import threading
@@ -11,15 +11,86 @@ from tqdm import tqdm
 _BAR_FORMAT = "{desc}  {n_fmt}/{total_fmt} {unit} {bar:20} {elapsed_s:.0f} s, {remaining} left  {postfix}"
 
 
+SILENCE = 5.0
+"""Time without a line [s] after which a command prints that it is still running."""
+ANNOUNCED = 10.0
+"""Expected time [s] from which on a stage announces it."""
+
+
 def say(stage: str, *parts: str) -> None:
     """Print a stage's line on the error stream, which leaves the output stream to answers."""
     print("  ".join([stage, *parts]), file=sys.stderr, flush=True)
+    _current.last_line = time.perf_counter()
 
 
-def announce(stage: str) -> None:
-    """On a terminal, name the stage that is running until its line takes the place."""
+def announce(stage: str, expected_seconds: float | None = None) -> None:
+    """Name the stage that begins: on a terminal until its line takes the place, elsewhere if it is expected to be long.
+
+    Parameters
+    ----------
+    expected_seconds : by an earlier run or a calibrated cost; None if neither is known.
+    """
+    is_long = expected_seconds is not None and expected_seconds >= ANNOUNCED
+    _current.begin(stage)
     if sys.stderr.isatty():
         print(f"{stage} ...", end="\r", file=sys.stderr, flush=True)
+    elif is_long:
+        say(stage, f"expected to take {expected_seconds:.0f} s")
+
+
+class _Current:
+    """What the command does at present, and since when."""
+
+    def __init__(self) -> None:
+        self.last_line = self.start = time.perf_counter()
+        self.name = ""
+        self.line: Line | None = None
+
+    def begin(self, name: str, line: "Line | None" = None) -> None:
+        """Note what begins; ``line`` counts its items."""
+        self.name, self.line, self.start = name, line, time.perf_counter()
+
+
+class Heartbeat:
+    """While the context is open, a line whenever nothing was printed for `SILENCE`; a terminal redraws its line.
+
+    Parameters
+    ----------
+    name : what is done as long as no stage has begun.
+    silence : time without a line [s].
+    """
+
+    def __init__(self, name: str, silence: float = SILENCE) -> None:
+        self.silence = silence
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        _current.begin(name)
+
+    def __enter__(self) -> "Heartbeat":
+        _current.last_line = time.perf_counter()
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        while not self._stop.wait(max(0.1, _current.last_line + self.silence - time.perf_counter())):
+            if time.perf_counter() - _current.last_line >= self.silence:
+                _print_state()
+
+
+def _print_state() -> None:
+    """One line with what is running, how far it is, and for how long."""
+    line, seconds = _current.line, time.perf_counter() - _current.start
+    if line is not None and sys.stderr.isatty():
+        line.redraw()
+        return
+    parts = [f"{seconds:.0f} s so far"]
+    if line is not None:
+        parts = [f"{line.done}/{line.total} {line.unit}", *parts, *line.remaining()]
+    say(_current.name, *parts)
 
 
 class Line:
@@ -39,6 +110,19 @@ class Line:
         self._start_time = time.perf_counter()
         bar = {"desc": stage, "unit": unit, "total": total, "bar_format": _BAR_FORMAT, "leave": False}
         self._bar = tqdm(**bar, disable=not sys.stderr.isatty())
+        _current.begin(stage, self)
+
+    def redraw(self) -> None:
+        """Draw the line of a terminal once more, with the time that has passed."""
+        self._bar.refresh()
+        _current.last_line = time.perf_counter()
+
+    def remaining(self) -> list[str]:
+        """Time that is left at the rate so far, as a text; none before the first items."""
+        if not self.done:
+            return []
+        seconds = (time.perf_counter() - self._start_time) / self.done * (self.total - self.done)
+        return [f"about {seconds:.0f} s left"]
 
     def advance(self, items: int, failed_items: int) -> None:
         """Count items as done, some of them without a result."""
@@ -52,6 +136,7 @@ class Line:
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._bar.close()
+        _current.begin(self.stage)
         seconds = time.perf_counter() - self._start_time
         end = ["stopped; finished chunks are kept"] if error else []
         say(
@@ -98,3 +183,6 @@ class Meter:
             except psutil.Error:  # it ended while we looked
                 continue
         self.peak_bytes = max(self.peak_bytes, total)
+
+
+_current = _Current()

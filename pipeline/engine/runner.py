@@ -1,6 +1,7 @@
 """Running stages: what a target depends on, if it is missing or stale, and nothing else; and why a stage is stale."""
 
 import difflib
+import math
 import os
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -135,8 +136,8 @@ class Planned:
     Attributes
     ----------
     reasons : for which it would run; none if it would not.
-    seconds : that it took per item, or as a whole, in the latest run whose record is at hand, times its items; None
-        without one.
+    seconds : expected time by the latest run whose record is at hand, else by the calibrated time of a unit; None
+        without both.
     """
 
     stage: str
@@ -162,34 +163,37 @@ def plan(stages: Sequence[Stage], study: Any, targets: Sequence[str], runs: Path
             reasons = [f"{', '.join(upstream)} may come out different"]
         if reasons:
             running.add(stage.name)
-        results.append(Planned(stage.name, tuple(reasons), _former_seconds(stage, study, runs) if reasons else None))
+        results.append(Planned(stage.name, tuple(reasons), _expected_seconds(stage, study, runs) if reasons else None))
     return results
 
 
-def _former_seconds(stage: Stage, study: Any, runs: Path) -> float | None:
-    """Seconds of a stage by a record of this run, or the latest of any other, in proportion to the items."""
+def _expected_seconds(stage: Stage, study: Any, runs: Path) -> float | None:
+    """Seconds of a stage by a record of this run, or the latest of any other, in proportion to its items and settings.
+
+    Without a record, by the calibrated time of one unit; None for a stage that has none.
+    """
     folders = [runs / study.name, *(path for path in runs.glob("[!.]*") if path.name != study.name)]
     records = [output.record for folder in folders if (output := Output.open(folder / stage.name))]
-    if not records:
-        return None
     records[1:] = sorted(records[1:], key=lambda record: record["started"], reverse=True)
-    if stage.items is None:
-        comparable = [record for record in records if _optional(record["settings"]) == _optional_of(stage, study)]
-        return float(comparable[0]["seconds"]) if comparable else None
-    record = records[0]
-    if not record.get("items"):
-        return float(record["seconds"])
+    settings = fingerprint(stage, study, {}).settings
     job = Job(Sections(study, (*stage.sections, "name")), 1, runs, {}, Cache(runs / ".cache", ""))
-    return float(record["seconds"]) * stage.items(job) / record["items"]
+    units = _units(stage, settings, stage.items(job) if stage.items else 1)
+    for record in records:
+        former_units = _units(stage, record["settings"], record.get("items", 0) if stage.items else 1)
+        if former_units and _optional(record["settings"]) == _optional(settings):
+            return float(record["seconds"]) * units / former_units
+    return stage.unit_seconds * units if stage.unit_seconds else None
+
+
+def _units(stage: Stage, settings: Mapping[str, Any], items: int) -> float:
+    """Product of the items and of the settings that the time of a stage is proportional to."""
+    sizes = [settings.get(name) for name in stage.proportional_to]
+    return float(items * math.prod(len(size) if isinstance(size, Sequence) else size for size in sizes if size))
 
 
 def _optional(settings: Mapping[str, Any]) -> frozenset[str]:
     """Settings without a value: a run that had none of a section did not do its work."""
     return frozenset(name for name, value in settings.items() if value is None)
-
-
-def _optional_of(stage: Stage, study: Any) -> frozenset[str]:
-    return _optional(fingerprint(stage, study, {}).settings)
 
 
 def _staleness(
@@ -319,7 +323,7 @@ def _execute(
     stage: Stage, study: Any, current: Fingerprint, inputs: Mapping[str, Output], runs: Path, resources: Resources
 ) -> Output:
     """Run a stage and publish its output."""
-    progress.announce(stage.name)
+    progress.announce(stage.name, _expected_seconds(stage, study, runs))
     start_time = datetime.now(UTC).isoformat(timespec="seconds")
     # one BLAS thread: more would spin beside the other processes, and move last digits
     with progress.Meter() as meter, name_path_in_errors(runs / study.name / stage.name), threadpool_limits(1):

@@ -126,6 +126,11 @@ class Stage:
         `failures(tables) -> int`: how many items of a chunk have no result, for the progress line and the record.
     chunk_factor : int
         Chunks of a run that are one of this stage, whose work is the less the more items are solved together.
+    proportional_to : tuple of str
+        Settings that its time is proportional to, beside its items: numbers, or lists by their length.
+    unit_seconds : float
+        Time of an item (or of the whole) for each unit of these [s], on two cores of 3 GHz: what is announced where no
+        record of a run is at hand; 0 for a stage of a few seconds.
 
     Raises
     ------
@@ -146,6 +151,8 @@ class Stage:
     chunk_reads: tuple[str, ...] = ()
     failures: Callable[[Tables], int] | None = None
     chunk_factor: int = 1
+    proportional_to: tuple[str, ...] = ()
+    unit_seconds: float = 0.0
 
     def __post_init__(self) -> None:
         has_chunk_body = [body is not None for body in (self.items, self.prepare, self.solve)]

@@ -9,19 +9,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.config.distributions import Distribution
-from pipeline.figures.style import (
-    ACCENT,
-    ALARM,
-    COLOURS,
-    INK,
-    MARKERS,
-    METRICS,
-    MUTED_INK,
-    PARAMETERS,
-    legend_below,
-    new_figure,
-    with_style,
-)
+from pipeline.figures.labels import METRICS, PARAMETERS
+from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MARKERS, MUTED_INK, legend_below, new_figure, with_style
 
 ROWS = {"full": ("Monte Carlo", ACCENT), "linear": ("linear stack (RSS)", COLOURS[2])}
 """Columns of the stacks, with their labels and colours."""

@@ -8,15 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from pipeline.figures.labels import FULL_TURN, LIMITED_METRICS, METRICS
 from pipeline.figures.style import (
     ACCENT,
     ACCENT_LIGHT,
     ALARM,
     COLOURS,
-    FULL_TURN,
     INK,
-    LIMITED_METRICS,
-    METRICS,
     MUTED_INK,
     legend_below,
     new_figure,

@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from pipeline.figures.style import INK, MUTED_INK, new_figure, parameter_title, with_style
+from pipeline.figures.labels import parameter_title
+from pipeline.figures.style import INK, MUTED_INK, new_figure, with_style
 from pipeline.model.metrics import signed_number
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
 

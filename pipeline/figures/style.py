@@ -1,4 +1,4 @@
-"""One look for all figures, their names of columns, and one way to write them.
+"""One look for all figures, and one way to write them.
 
 Colours are Okabe and Ito's, which people with colour-blindness tell apart; lines that share axes differ in their
 marker too. The font is the one that Matplotlib brings along, so that a figure has the same bytes on every machine.
@@ -19,10 +19,6 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import AutoLocator, MaxNLocator
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
-
-from pipeline.config.dimensions import dimension_library
-from pipeline.model.metrics import Limited, library
-from pipeline.model.metrics.turn import turn_library
 
 WIDTH = 9.0
 """Width of a figure [inches]: that of the report's column, so that its 9 points are 12 pixels there."""
@@ -171,22 +167,3 @@ def legend_below(figure: Figure | SubFigure, axes: Axes) -> None:
     """Legend of the lines of ``axes`` under the whole figure, where it covers nothing and takes no width."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5), columnspacing=1.6)
-
-
-METRICS = library()
-"""The metrics by column name."""
-LIMITED_METRICS: dict[str, Limited] = {**METRICS, **turn_library()}
-"""What a limit may be set for: the metrics of loops, then those of the whole turn."""
-
-FULL_TURN = 360.0
-"""Crank angle [deg] beyond which loaded angles stand more than a turn of the crank apart: no line joins them."""
-PARAMETERS = {name: dimension.title for name, dimension in dimension_library().items()} | {"sum": "sum of all"}
-
-
-def parameter_title(name: str) -> str:
-    """Name of an error of a sample or of a group of errors; ``pin_radial_mean_um`` is the pins' mean."""
-    bare = name.removesuffix("_um")
-    mean = bare.endswith("_mean")
-    bare = bare.removesuffix("_mean").removesuffix("_amplitude")
-    title = PARAMETERS.get(bare, bare.replace("_", " "))
-    return f"{title}, mean" if mean else title

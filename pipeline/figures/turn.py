@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pipeline.figures.style import ACCENT, ACCENT_LIGHT, ALARM, FULL_TURN, INK, legend_below, new_figure, with_style
+from pipeline.figures.labels import FULL_TURN
+from pipeline.figures.style import ACCENT, ACCENT_LIGHT, ALARM, INK, legend_below, new_figure, with_style
 
 SENSES = {"+": (ACCENT, "-o"), "-": (ALARM, "--s")}
 """Colour and line of each sense of the torque."""

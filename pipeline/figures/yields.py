@@ -9,20 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from pipeline.figures.style import (
-    ACCENT,
-    ALARM,
-    COLOURS,
-    INK,
-    LIMITED_METRICS,
-    MARKERS,
-    METRICS,
-    MUTED_INK,
-    PARAMETERS,
-    legend_below,
-    new_figure,
-    with_style,
-)
+from pipeline.figures.labels import LIMITED_METRICS, METRICS, PARAMETERS
+from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MARKERS, MUTED_INK, legend_below, new_figure, with_style
 
 CURVES = 5
 """Tolerances of the widest span of yields that have a line; more could not be told apart."""

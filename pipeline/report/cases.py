@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.report.frames import OK, Frames, case_label, unsolved_rows
 from pipeline.report.layout.wording import number, plain_number
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.config.studies.study import ALL_LIMITS
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import DASH, count_text, number, percent
 from pipeline.report.results import Results

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from pipeline.figures.style import METRICS, parameter_title
+from pipeline.figures.labels import METRICS, parameter_title
 from pipeline.model.metrics import signed_number
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import DASH, UNDETERMINED_TEXT, percent, percent_interval

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.config.studies.study import Study
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 
 DRAWN_CASES = 6
 """Cases that share a figure; more lines could not be told apart."""

@@ -12,7 +12,7 @@ from pipeline.config.studies.cases import Case
 from pipeline.config.studies.consistency import number_keys
 from pipeline.config.studies.study import Cycle, Study
 from pipeline.config.studies.tolerances import Tolerances
-from pipeline.figures.style import PARAMETERS
+from pipeline.figures.labels import PARAMETERS
 from pipeline.model.contact.line_laws.contact_law import law_of
 from pipeline.model.effects import library
 from pipeline.report.drawing import flank_fact

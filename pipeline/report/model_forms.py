@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.model.metrics import signed_number
 from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.layout.wording import DASH, interval, number, percent, percent_interval

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS, ANGLES_TO_CONTINUE
-from pipeline.figures.style import LIMITED_METRICS, METRICS
+from pipeline.figures.labels import LIMITED_METRICS, METRICS
 from pipeline.model.metrics import signed_number
 from pipeline.report.frames import HEADLINES, Frames, case_label
 from pipeline.report.layout.wording import (

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from pipeline.config.studies.study import ALL_LIMITS
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.figures.yields import sample_convergence_figure
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames

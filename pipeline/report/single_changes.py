@@ -8,7 +8,7 @@ import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.priced import Priced
-from pipeline.figures.style import LIMITED_METRICS, PARAMETERS
+from pipeline.figures.labels import LIMITED_METRICS, PARAMETERS
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import percent, percent_interval, plain_number
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline import assembly
-from pipeline.figures.hysteresis import spread_frame
+from pipeline.figures.spread import spread_frame
 from pipeline.figures.turn import orders_figure, transmission_figure, turn_forces_figure
 from pipeline.model.metrics.turn import FEWEST_ANGLES, NEEDS, TurnMetric, turn_library
 from pipeline.model.metrics.turn.turn_metric import BALANCE, FRICTION, RATING, SPEED, TURN

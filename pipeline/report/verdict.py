@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.config.studies.study import ALL_LIMITS
-from pipeline.figures.style import LIMITED_METRICS
+from pipeline.figures.labels import LIMITED_METRICS
 from pipeline.model.metrics.turn import turn_library
 from pipeline.report.drivers import main_contributor, share_note
 from pipeline.report.frames import Frames

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from pipeline.engine.progress import Line, Meter, announce, say
+from pipeline.engine.progress import Heartbeat, Line, Meter, announce, say
 
 
 class Terminal(io.StringIO):
@@ -49,6 +49,33 @@ def test_an_error_says_how_far_it_came(capsys: pytest.CaptureFixture) -> None:
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert capsys.readouterr().err == "add  30/40 samples  0 s  2 failed  stopped; finished chunks are kept\n"
+
+
+def test_a_command_that_prints_nothing_for_a_while_says_what_it_does_and_how_far_it_is(
+    capsys: pytest.CaptureFixture,
+) -> None:
+    with Heartbeat("bounds", silence=0.2):
+        time.sleep(0.3)
+        with Line("add", "samples", 40) as line:
+            line.advance(10, 0)
+            time.sleep(0.3)
+    lines = capsys.readouterr().err.splitlines()
+    assert re.fullmatch(r"bounds  \d+ s so far", lines[0])
+    assert any(re.fullmatch(r"add  10/40 samples  \d+ s so far  about \d+ s left", line) for line in lines)
+
+
+def test_a_command_that_prints_often_has_no_further_line(capsys: pytest.CaptureFixture) -> None:
+    with Heartbeat("bounds", silence=0.5):
+        for _ in range(4):
+            time.sleep(0.15)
+            say("draw", "up to date")
+    assert capsys.readouterr().err == "draw  up to date\n" * 4
+
+
+def test_a_long_stage_announces_its_time(capsys: pytest.CaptureFixture) -> None:
+    announce("draw", 9.0)
+    announce("add", 90.0)
+    assert capsys.readouterr().err == "add  expected to take 90 s\n"
 
 
 def test_meter_sees_a_peak_that_is_gone_at_the_end() -> None:

@@ -13,7 +13,7 @@ from pipeline.checks.paper.shortfalls import FITTED_PART, GEOMETRY, MODEL, RIGID
 from pipeline.checks.paper.statements import FigureStatement
 from pipeline.checks.paper.table2 import LARGEST_ERROR, RMS_ERROR, Misfit, fit_rows
 from pipeline.config import Study
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.model.metrics import signed_number
 from pipeline.report import inputs
 from pipeline.report.layout.rendering import Picture, render

@@ -12,7 +12,7 @@ from pipeline.decisions.allocation.allocate import Allocation, Choice
 from pipeline.decisions.allocation.results import allocation_rows, check_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import tradeoff_figure
-from pipeline.figures.style import METRICS, PARAMETERS
+from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.report.layout.rendering import Picture, drawn_pictures, render
 from pipeline.report.layout.wording import DASH
 

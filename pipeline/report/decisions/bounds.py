@@ -9,7 +9,7 @@ import pandas as pd
 from pipeline.decisions.bounds.results import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS, BoundFindings, table_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import bounds_figure
-from pipeline.figures.style import METRICS, PARAMETERS
+from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.report.layout.rendering import Picture, drawn_picture, render
 from pipeline.report.layout.wording import number, percent, percent_interval
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from pipeline.decisions.certificate import BAND, Certificate, Compensated, limit_sentence
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import certificate_figure
-from pipeline.figures.style import METRICS, PARAMETERS
+from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.model.metrics.turn import turn_library
 from pipeline.report.layout.rendering import drawn_picture, render
 from pipeline.report.layout.wording import DASH, interval

@@ -17,7 +17,7 @@ from pipeline.engine.frames import write_tables
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Columns
 from pipeline.figures.distributions import overlay_figure
-from pipeline.figures.style import LIMITED_METRICS, METRICS, parameter_title
+from pipeline.figures.labels import LIMITED_METRICS, METRICS, parameter_title
 from pipeline.model.metrics import Quantity, signed_number
 from pipeline.report.layout.rendering import Picture, drawn_pictures, render
 from pipeline.report.layout.wording import DASH, SHARE, count_text, interval, number, percent

@@ -12,7 +12,7 @@ from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.lots.results import LotFindings, cost_rows, fit_rows, lot_differences, outlier_rows, yield_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import lots_figure
-from pipeline.figures.style import METRICS, PARAMETERS
+from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.report.layout.rendering import drawn_picture, render
 from pipeline.report.layout.wording import DASH, listed_text
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.studies.study import Study
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.report.frames import Frames, case_label
 
 UNITS_SHOWN = 150

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.figures.drivers import sensitivity_figure
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.report import inputs
 from pipeline.report.drawing import Drawing
 from pipeline.report.drivers import base_samples, constant_metrics, driver_tables, drivers

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.report.model_forms import FORM_TABLES, FormResults
 from pipeline.report.samples import SamplesSection, sample_drawings, tail_lines
 from pipeline.report.sections.section import Section

@@ -14,7 +14,8 @@ from pipeline.figures.contacts import (
     pin_loads_figure,
     spring_laws_figure,
 )
-from pipeline.figures.hysteresis import bearing_figure, spread_frame
+from pipeline.figures.hysteresis import bearing_figure
+from pipeline.figures.spread import spread_frame
 from pipeline.report.drawing import Drawing, band_sentence, disk_words, loop_spreads, loop_traces
 from pipeline.report.frames import DRAWN_CASES, Frames
 from pipeline.report.layout.wording import plain_number

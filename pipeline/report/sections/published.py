@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.figures.distributions import published_figure
-from pipeline.figures.style import LIMITED_METRICS, METRICS
+from pipeline.figures.labels import LIMITED_METRICS, METRICS
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import count_text, interval, number, percent, plain_number

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pipeline import assembly
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.report import inputs
 from pipeline.report.sections.section import Page, Section
 from pipeline.report.stage_graph import BOX, stage_graph

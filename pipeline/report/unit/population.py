@@ -10,8 +10,8 @@ import pandas as pd
 
 from pipeline.config.studies.study import Study
 from pipeline.engine.store import write_atomic
+from pipeline.figures.labels import METRICS
 from pipeline.figures.measured_unit import quantiles_figure
-from pipeline.figures.style import METRICS
 from pipeline.populations.comparison import MetricComparison
 from pipeline.populations.results import (
     candidate_frame,

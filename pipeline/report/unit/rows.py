@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pipeline.config.files.section import number_at
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.results.prediction_errors import SEPARATION, LoopError
 from pipeline.identification.results.residual_signatures import Signature

@@ -108,7 +108,7 @@ def test_a_dry_run_says_what_would_run_and_runs_nothing(
     assert cli.main(["run", "--study", "quick", "--dry-run"]) == 0
     message = capsys.readouterr().out.splitlines()
     assert "hysteresis  up to date" in message
-    assert [line for line in message if line.startswith("report  would run, no former timing: never run")]
+    assert [line for line in message if line.startswith("report  would run, ")]
     double_change = tmp_path / "twice.toml"
     double_change.write_text((ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 101"))
     assert cli.main(["run", "aggregate", "--study", str(double_change), "--dry-run"]) == 0
@@ -125,8 +125,8 @@ def test_tails_of_another_study_are_no_timing_of_one_that_asks_for_none(
     record = {"seconds": 119.0, "started": "2026", "settings": runner.fingerprint(TAILS, asking, {}).settings}
     (tmp_path / "asking").mkdir()
     monkeypatch.setattr(runner.Output, "open", lambda folder: SimpleNamespace(record=record))
-    assert runner._former_seconds(TAILS, asking, tmp_path) == 119.0
-    assert runner._former_seconds(TAILS, study, tmp_path) is None
+    assert runner._expected_seconds(TAILS, asking, tmp_path) == 119.0
+    assert runner._expected_seconds(TAILS, study, tmp_path) is None
 
 
 def test_a_run_is_summed_up(own_runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:

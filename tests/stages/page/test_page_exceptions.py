@@ -9,7 +9,7 @@ from tiny_pages import STAGES_RUN, cells, frames_of, tiny_study, written
 
 from pipeline.config.studies.study import Limits
 from pipeline.engine.runner import Resources, run
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.report.cases import case_rows
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import percent

@@ -14,7 +14,7 @@ from pipeline.engine.cache import Cache
 from pipeline.engine.stage import Job, Sections
 from pipeline.engine.store import Output
 from pipeline.figures import style
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.report.frames import HEADLINES
 from pipeline.report.layout.wording import interval, percent, percent_interval, plain_number
 from pipeline.report.turn import TurnSection

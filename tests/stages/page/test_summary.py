@@ -9,7 +9,7 @@ import pytest
 from tiny_pages import tiny_study, written
 
 from pipeline.config.studies.study import ALL_LIMITS, Limits, PublishedUnit
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.report.convergence import ESTIMATES, ConvergenceTable
 from pipeline.report.explorer import explorer
 from pipeline.report.frames import Frames

@@ -10,7 +10,7 @@ from scipy.stats import norm, truncnorm
 from pipeline.config import load_study
 from pipeline.decisions.bounds.box import Box
 from pipeline.decisions.bounds.linear import capability, stack
-from pipeline.figures.style import METRICS
+from pipeline.figures.labels import METRICS
 from pipeline.report.decisions.bounds import bounds_sentence
 
 ROOT = Path(__file__).parent.parent.parent.parent
