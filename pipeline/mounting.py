@@ -8,7 +8,7 @@ from pipeline import assembly
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.effects import Conditions, library
-from pipeline.model.effects.elasticity.output_torsion import LinearSpring
+from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.elements import ElasticModulus
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.contacts import OUTPUT

@@ -28,11 +28,11 @@ for entry in compiled:
 """
 SCRIPT = """
 import numpy as np
-from pipeline.model.effects.friction import rayleigh
+from pipeline.model.effects import hysteresis
 from pipeline.model.elements import Path
 torque = np.array([0.0, 1.0, 0.5])
-twist = rayleigh.Rayleigh(2.0).twist(Path(torque, torque, None, np.zeros_like))
-print(twist.tolist(), sum(rayleigh._followed.stats.cache_misses.values()))
+twist = hysteresis.Rayleigh(2.0).twist(Path(torque, torque, None, np.zeros_like))
+print(twist.tolist(), sum(hysteresis._followed.stats.cache_misses.values()))
 """
 
 
@@ -96,11 +96,11 @@ FORKED = """
 import multiprocessing, sys
 from concurrent.futures import ThreadPoolExecutor
 import numpy as np
-from pipeline.model.effects.friction import rayleigh
+from pipeline.model.effects import hysteresis
 from pipeline.model.elements import Path
 def twist(_):
     torque = np.array([0.0, 1.0, 0.5])
-    return rayleigh.Rayleigh(2.0).twist(Path(torque, torque, None, np.zeros_like)).tolist()
+    return hysteresis.Rayleigh(2.0).twist(Path(torque, torque, None, np.zeros_like)).tolist()
 if __name__ == "__main__":
     kind = sys.argv[1]
     pool = ThreadPoolExecutor(2) if kind == "threads" else multiprocessing.get_context(kind).Pool(2)

@@ -2,7 +2,7 @@
 
 RUBBER = """
 from pipeline.model.effects import Effect, Parameter
-from pipeline.model.effects.elasticity.output_torsion import LinearSpring
+from pipeline.model.effects.compliance import LinearSpring
 EFFECT = Effect(
     name="{name}", title="rubber coupling", physics="twists in proportion to the torque", source="Hooke",
     parameters=(Parameter("twist", "1", "rotation per torque [1e-9 rad/(N mm)]"),),

@@ -290,7 +290,7 @@ def test_the_page_tells_effects_by_title_quantity_and_unit() -> None:
 
 
 def test_effects_are_sources_of_the_stages_that_honour_them_and_of_no_mesh() -> None:
-    effects = "pipeline/model/effects/friction/coulomb.py"
+    effects = "pipeline/model/effects/friction.py"
     assert effects in source_hashes("stages.hysteresis")
     assert effects in source_hashes("stages.clearance")
     assert effects not in source_hashes("stages.reduce")

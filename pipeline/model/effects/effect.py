@@ -151,7 +151,7 @@ def largest_twist(drive: Drive) -> float:
 
 @cache
 def library() -> Mapping[str, Effect]:
-    """All effects by name: the files of the rooms, and what installed packages register; sorted.
+    """All effects by name: those of the files here, and what installed packages register; sorted.
 
     Raises
     ------

@@ -295,7 +295,7 @@ def test_the_command_starts_at_the_case_it_is_told_and_writes_its_rates(smallest
 def test_a_row_depends_on_every_source_and_on_the_catalogues_studies(smallest, monkeypatch):
     sources, hash_before = source_hashes(run.__name__), run.source_hash(smallest.reducers)
     used_names = "assembly mounting sampling/errors identification/identify"
-    used_names += " model/effects/elasticity/creep"
+    used_names += " model/effects/creep"
     paths = [*(f"pipeline/{name}.py" for name in used_names.split()), "stages/tables/keys.py", "stages/reduce.py"]
     paths += ["tests/validation/blind/bench.py"]
     assert set(paths) <= set(sources)

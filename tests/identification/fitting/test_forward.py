@@ -11,8 +11,8 @@ from pipeline.config import load_study
 from pipeline.identification.bench.course import Course
 from pipeline.identification.bench.simulator import Forward, Instrument
 from pipeline.model.effects import Conditions, library
-from pipeline.model.effects.elasticity.creep import KelvinVoigt
-from pipeline.model.effects.elasticity.output_torsion import LinearSpring
+from pipeline.model.effects.compliance import LinearSpring
+from pipeline.model.effects.creep import KelvinVoigt
 from pipeline.model.load_history.backbone import backbone
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.mounting import drive_of

@@ -20,7 +20,7 @@ from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.fitting.stations import stations_of
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.model.effects.elasticity.creep import KelvinVoigt
+from pipeline.model.effects.creep import KelvinVoigt
 from tests.validation.blind.catalogue import no_compliance
 
 RUNOUT = (60.0, -30.0)  # [um]

@@ -7,7 +7,7 @@ from drives_with_effects import LIBRARY, put
 from reducers import ARCMIN
 
 from pipeline.model.effects.effect import STILL
-from pipeline.model.effects.friction.rayleigh import Rayleigh
+from pipeline.model.effects.hysteresis import Rayleigh
 from pipeline.model.elements import Path
 from pipeline.model.load_history.backbone import backbone, torque_levels
 from pipeline.model.load_history.friction.output_path import Ripple, output_path

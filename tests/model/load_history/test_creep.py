@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pipeline.model.effects.elasticity.creep import KelvinVoigt
+from pipeline.model.effects.creep import KelvinVoigt
 from pipeline.model.elements import merged_path
 
 COMPLIANCE, CONSTANT = 2e-9, 25.0

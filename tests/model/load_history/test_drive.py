@@ -7,7 +7,7 @@ import pytest
 from drives import LINEAR, RATED, small_drive
 from reducers import MICROMETRE
 
-from pipeline.model.effects.elasticity.output_torsion import LinearSpring
+from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.geometry.reducer import Bearing
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, separated_play
 from pipeline.model.load_history import load_cycle

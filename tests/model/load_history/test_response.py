@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from reducers import MICROMETRE
 
 from pipeline.model.contact.friction_elements import load_slider, output_sliders, pin_sliders
-from pipeline.model.effects.elasticity.creep import KelvinVoigt
-from pipeline.model.effects.elasticity.output_torsion import LinearSpring
+from pipeline.model.effects.compliance import LinearSpring
+from pipeline.model.effects.creep import KelvinVoigt
 from pipeline.model.elements import Friction
 from pipeline.model.equilibrium.solve import solve
 from pipeline.model.geometry.reducer import Bearing

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
 from pipeline.model.contact.friction_elements import load_slider, output_sliders
-from pipeline.model.effects.elasticity.output_torsion import LinearSpring
+from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.elements import Friction
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.cycloid_profile import disk_rotation

@@ -13,8 +13,8 @@ from pipeline.config.studies.study import Study
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.fitting.scaled_drives import scaled_design
-from pipeline.model.effects.elasticity.creep import KelvinVoigt
-from pipeline.model.effects.friction.rayleigh import Rayleigh
+from pipeline.model.effects.creep import KelvinVoigt
+from pipeline.model.effects.hysteresis import Rayleigh
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
 from pipeline.model.load_history.drive import Drive

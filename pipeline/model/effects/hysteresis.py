@@ -1,4 +1,4 @@
-"""Hysteresis of soft parts that does not depend on the rate."""
+"""Friction with a memory of the path: presliding, and rate-independent hysteresis of soft parts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,11 +6,41 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.model.compiled import entry
+from pipeline.model.contact.friction_elements import output_sliders
 from pipeline.model.effects.effect import LOOPS, Conditions, Effect, Parameter, largest_twist
-from pipeline.model.elements import Hysteresis, Path
+from pipeline.model.elements import Friction, Hysteresis, Path
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN, NMM_PER_NM
+
+SHARES = np.array([0.25, 0.5, 0.75, 1.0])
+"""Distances of the four equal elements, as shares of the last one's."""
+
+
+def _apply_presliding(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
+    torque, distance = 1e3 * values[0], values[1] / ARCMIN
+    limit = np.full(len(SHARES), torque / len(SHARES))
+    return drive.with_elements(Friction(output_sliders(drive.reducer, limit, distance * SHARES)))
+
+
+PRESLIDING = Effect(
+    name="presliding",
+    title="friction that yields before it slides",
+    physics="bristles of different reach bend before they slip: four elastic-slip elements in parallel",
+    source="Iwan, J. Appl. Mech. 33 (1966) 893; Al-Bender et al., IEEE Trans. Autom. Control 50 (2005) 1883",
+    parameters=(
+        Parameter("torque_Nm", "N m", "friction torque once all slide, referred to the output"),
+        Parameter("distance_arcmin", "arcmin", "rotation over which it is fully raised"),
+    ),
+    changes="four sliders on the rotation of the output",
+    signature="branches part smoothly after a reversal; minor loops are lenses",
+    confused_with=("coulomb", "contact_friction"),
+    told_apart_by="minor loops about a constant load: presliding friction makes lenses of them",
+    limit_case="coulomb",
+    bounds=lambda drive: ((0.0, 0.5e-3 * drive.rated_torque), (0.1, 10.0)),
+    apply=_apply_presliding,
+    needs=frozenset({LOOPS}),
+)
 
 
 @entry
@@ -78,11 +108,11 @@ class Rayleigh(Hysteresis):
         return self.coefficient * twist, (turn_torque[:count].copy(), turn_twist[:count].copy(), *last)
 
 
-def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
+def _apply_rayleigh(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     return drive.with_elements(Rayleigh(values[0] / ARCMIN / NMM_PER_NM**2))
 
 
-EFFECT = Effect(
+RAYLEIGH = Effect(
     name="rayleigh",
     title="rate-independent hysteresis of soft parts",
     physics="joints, seats and polymers lose energy by slip within them: the twist goes with the square of the "
@@ -97,6 +127,8 @@ EFFECT = Effect(
     confused_with=("creep", "presliding", "load_friction"),
     told_apart_by="the same loop at a tenth of the speed, or a hold under load: creep goes on, this stands still",
     bounds=lambda drive: ((0.0, 1e3 * largest_twist(drive) / drive.rated_torque),),
-    apply=_apply,
+    apply=_apply_rayleigh,
     needs=frozenset({LOOPS}),
 )
+
+EFFECTS = (PRESLIDING, RAYLEIGH)

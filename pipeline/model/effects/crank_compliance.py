@@ -1,11 +1,11 @@
-"""Compliances of the output that vary over a turn of the crank: what the effects of every order share."""
+"""Compliances of the output that vary once and twice over a turn of the crank."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.model.effects.effect import Conditions, Effect, Parameter, largest_twist
-from pipeline.model.effects.elasticity.output_torsion import LinearSpring
+from pipeline.model.effects.compliance import LinearSpring
+from pipeline.model.effects.effect import CRANKS, MOVES, TORQUES, Conditions, Effect, Parameter, largest_twist
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN
 
@@ -38,3 +38,29 @@ def crank_compliance(
         apply=apply,
         needs=frozenset(needs),
     )
+
+
+CRANK_COMPLIANCE_1 = crank_compliance(
+    order=1,
+    word="once",
+    physics="one side of the housing or of the pins' seats gives way more than the other: as the crank turns, the load "
+    "goes through softer and stiffer ones, once a turn",
+    signature="loops are steeper at high torque at some crank angles than half a turn of the crank away",
+    confused_with=("pin_circle_runout", "encoder_eccentricity"),
+    told_apart_by="an unloaded turn of the crank: no error there",
+    needs={CRANKS, MOVES},
+)
+
+
+CRANK_COMPLIANCE_2 = crank_compliance(
+    order=2,
+    word="twice",
+    physics="bearings of the cranks, or what carries them, are not alike in all directions or in all cranks: as the "
+    "eccentrics turn, the resultant of the pins loads softer and stiffer ones, twice a turn",
+    signature="order 2 of the transmission error in proportion to the torque, of the torque's sign in either sense",
+    confused_with=("ovality_2",),
+    told_apart_by="the order 2 at several torques: that of an ovality does not grow in proportion to the torque",
+    needs={CRANKS, TORQUES},
+)
+
+EFFECTS = (CRANK_COMPLIANCE_1, CRANK_COMPLIANCE_2)

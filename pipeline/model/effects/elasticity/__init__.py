@@ -1,1 +1,0 @@
-"""Parts that give way more than the model has, or later."""

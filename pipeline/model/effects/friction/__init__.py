@@ -1,1 +1,0 @@
-"""What resists the motion."""

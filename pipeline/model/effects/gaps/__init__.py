@@ -1,1 +1,0 @@
-"""Dimensions, wear and temperature: what opens or closes gaps."""
