@@ -9,8 +9,7 @@ from pipeline.config.studies.study import Study
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.metrics.turn import RunningConditions
-from pipeline.model.turn.contact_load import Running
-from pipeline.model.turn.sliding import sliding_speed
+from pipeline.model.turn import Running, sliding_speed
 
 
 def running(design: Design, reducer: Reducer) -> Running:

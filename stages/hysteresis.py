@@ -15,7 +15,7 @@ from pipeline.model.load_history.loop_readings import loop_readings
 from pipeline.model.load_history.response import respond
 from pipeline.model.load_history.validity import beyond_limit_share, invalid_metrics
 from pipeline.model.metrics import library
-from pipeline.model.turn.held_torque import bearing_force, on_bearings, torque_shares
+from pipeline.model.turn import bearing_force, on_bearings, torque_shares
 from pipeline.model.units import NM_PER_NMM
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors

@@ -18,7 +18,7 @@ from pipeline.errors import InputError
 from pipeline.figures.style import save
 from pipeline.figures.turn import output_turn_figure
 from pipeline.library.running import known_size
-from pipeline.model.turn.orders import orders
+from pipeline.model.turn import orders
 from pipeline.populations.output_turn import PHASES, OutputTurn, free_error, loaded_error
 from pipeline.sampling import Errors, draw
 from stages.reduce import DiskMatrices

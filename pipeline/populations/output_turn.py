@@ -18,7 +18,7 @@ from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.drawn_flank import deviation_table
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.response import respond
-from pipeline.model.turn.held_torque import bearing_force, held_forces
+from pipeline.model.turn import bearing_force, held_forces
 from pipeline.model.units import ARCMIN
 from pipeline.mounting import drive_of
 from pipeline.populations.turn_drives import TurnDrives, Units

@@ -26,7 +26,7 @@ from pipeline.model.load_history.loop_readings import loop_readings
 from pipeline.model.load_history.response import CycleResponse, respond
 from pipeline.model.load_history.validity import invalid_metrics
 from pipeline.model.metrics import library
-from pipeline.model.turn.held_torque import torque_shares
+from pipeline.model.turn import torque_shares
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
 

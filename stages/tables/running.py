@@ -9,8 +9,7 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.response import CycleResponse
-from pipeline.model.turn.contact_load import LARGEST_SHEAR
-from pipeline.model.turn.held_torque import held_forces
+from pipeline.model.turn import LARGEST_SHEAR, held_forces
 from pipeline.model.units import UM_PER_MM
 from stages.tables.keys import CONTACT, CRANK, FORCE, PRESSURE, SAMPLE, repeated_axes
 

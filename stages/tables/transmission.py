@@ -9,7 +9,7 @@ from pipeline import assembly
 from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics.turn import FEWEST_ANGLES, TurnReadings
-from pipeline.model.turn.orders import orders
+from pipeline.model.turn import orders
 from stages.clearance import rigid_angles
 from stages.tables.keys import CRANK, SAMPLE, labels, repeated_axes
 

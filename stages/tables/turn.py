@@ -10,7 +10,7 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column
 from pipeline.model.metrics import LoopReadings, library
 from pipeline.model.metrics.turn import TurnReadings, turn_library
-from pipeline.model.turn.held_torque import crank_torque
+from pipeline.model.turn import crank_torque
 from pipeline.model.units import NMM_PER_NM
 from pipeline.operation import conditions
 from stages.clearance import rigid_angles

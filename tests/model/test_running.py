@@ -7,9 +7,8 @@ from reducers import PAPER, SMALL, laws_of, pins_in_holes, reducer_at
 from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.reducer import nominal_reducer
 from pipeline.model.metrics.turn import RunningConditions, TurnReadings, turn_library
-from pipeline.model.metrics.turn.bearing_life import equivalent_load, rating_life
-from pipeline.model.turn.contact_load import Running
-from pipeline.model.turn.sliding import sliding_speed
+from pipeline.model.metrics.turn.life import equivalent_load, rating_life
+from pipeline.model.turn import Running, sliding_speed
 
 SPEED = 157.0  # rad/s
 

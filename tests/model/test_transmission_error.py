@@ -14,8 +14,7 @@ from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.response import respond
 from pipeline.model.metrics import Definitions
 from pipeline.model.metrics.turn import RunningConditions, TurnReadings, turn_library
-from pipeline.model.turn.held_torque import bearing_force, crank_torque
-from pipeline.model.turn.orders import orders
+from pipeline.model.turn import bearing_force, crank_torque, orders
 
 HELD = Definitions(lost_motion=0.03e-3 * RATED, rigidity_low=0.5e-3 * RATED, rigidity_high=1e-3 * RATED)
 FIRST_ORDER = {"method": "first_order", "disk_reading": "normal", "roller_reading": "diameter"}

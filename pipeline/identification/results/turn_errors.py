@@ -9,7 +9,7 @@ from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import Identification
 from pipeline.identification.results.prediction_errors import NO_LOSS, SEPARATION, LoopError
 from pipeline.model.metrics import measurable_metrics
-from pipeline.model.turn.orders import orders
+from pipeline.model.turn import orders
 
 Real = NDArray[np.float64]
 

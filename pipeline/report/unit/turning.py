@@ -12,7 +12,7 @@ from pipeline.figures.measured_turn import orders_figure, turn_residual_figure, 
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import Identification
 from pipeline.identification.results.turn_errors import mean_turns
-from pipeline.model.turn.orders import orders
+from pipeline.model.turn import orders
 
 TURNING_CAPTIONS = {
     "loops": (

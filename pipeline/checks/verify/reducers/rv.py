@@ -26,7 +26,7 @@ from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import first_poses
-from pipeline.model.turn.held_torque import on_bearings
+from pipeline.model.turn import on_bearings
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 

@@ -1,9 +1,9 @@
-"""Basic rating life of the disks' bearings."""
+"""Basic rating life of the disks' bearings, and efficiency by named friction."""
 
 import numpy as np
 
 from pipeline.model.metrics.metric import Real
-from pipeline.model.metrics.turn.turn_metric import BALANCE, RATING, SPEED, TURN, TurnMetric, TurnReadings
+from pipeline.model.metrics.turn.turn_metric import BALANCE, FRICTION, RATING, SPEED, TURN, TurnMetric, TurnReadings
 
 LARGEST_LOAD = 0.5
 """Equivalent load over the load rating up to which the life formula holds (ISO 281:2007, 5.3)."""
@@ -30,13 +30,13 @@ def rating_life(load: Real, rating: float, exponent: float, speed_rpm: float) ->
     return np.where(load <= LARGEST_LOAD * rating, life, np.nan)
 
 
-def _value(turn: TurnReadings) -> Real:
+def _life(turn: TurnReadings) -> Real:
     run = turn.conditions
     load = equivalent_load(np.moveaxis(np.abs(turn.bearing_force), 2, 3), run.life_exponent)
     return np.min(rating_life(load, run.load_rating_N, run.life_exponent, run.bearing_speed_rpm), axis=(1, 2))
 
 
-TURN_METRIC = TurnMetric(
+LIFE = TurnMetric(
     name="bearing_life_h",
     title="Basic rating life of the disks' bearings",
     unit="h",
@@ -46,7 +46,37 @@ TURN_METRIC = TurnMetric(
     "cleanliness and misalignment are not in it; of all bearings together fewer reach it.",
     rank=7,
     decimals=0,
-    value=_value,
+    value=_life,
     smaller_is_worse=True,
     needs=(TURN, BALANCE, SPEED, RATING),
 )
+
+
+LARGEST_LOSS = 0.2
+"""Share of the input that friction may take: forces are those of bodies without it, which errs by its square."""
+
+
+def _efficiency(turn: TurnReadings) -> Real:
+    run = turn.conditions
+    torque = 1e-3 * run.bearing_friction_mm * np.sum(np.abs(turn.bearing_force), axis=3)
+    power_loss = np.mean(turn.friction_power + torque * run.bearing_speed_rpm * 2 * np.pi / 60, axis=2)
+    share = np.max(power_loss / (run.output_power_W + power_loss), axis=1)
+    return np.where(share <= LARGEST_LOSS, 100 * (1 - share), np.nan)
+
+
+EFFICIENCY = TurnMetric(
+    name="efficiency_percent",
+    title="Efficiency",
+    unit="%",
+    definition="Power of the output over that of the input in the mean over the turn, {rigidity_high:g} N m held "
+    "against the motion: lost is what friction takes at pins, output contacts and the disks' bearings by the "
+    "coefficients of the design, under the forces of bodies without friction; the worse of both senses. Seals, "
+    "churning, teeth of a first stage and other bearings are not in it.",
+    rank=8,
+    decimals=2,
+    value=_efficiency,
+    smaller_is_worse=True,
+    needs=(TURN, BALANCE, SPEED, FRICTION),
+)
+
+TURN_METRICS = (LIFE, EFFICIENCY)
