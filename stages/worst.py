@@ -37,7 +37,7 @@ OF_PITCHES = {
     for name, metric in library().items()
 }
 """Columns of the worst at all pitches, without the phases between them, by metric."""
-N_PHASES = Column("n_phases", "int32", "1", "phases of a pitch that are looked at beside the worst pitches; 1: none")
+N_PHASES = Column("n_phases", "int32", "1", "phases of a pitch that are examined beside the worst pitches; 1: none")
 AUDIT = Table(
     "audit",
     "sample that was solved at every pitch",

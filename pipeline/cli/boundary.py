@@ -15,9 +15,9 @@ USER, OURS, INTERRUPT, PIPE = 2, 1, 130, 141
 MOST_LINES = 20
 """Lines of an answer."""
 REMEDIES = {
-    errno.ENOSPC: "free some space there; the same command goes on from the finished chunks",
-    errno.EDQUOT: "free some of your quota; the same command goes on from the finished chunks",
-    errno.EFBIG: "raise the limit of a file's size (ulimit -f); the same command goes on from the finished chunks",
+    errno.ENOSPC: "free some space there; the same command resumes from the finished chunks",
+    errno.EDQUOT: "free some of your quota; the same command resumes from the finished chunks",
+    errno.EFBIG: "raise the limit of a file's size (ulimit -f); the same command resumes from the finished chunks",
     errno.EROFS: "work in a folder that can be written",
     errno.EACCES: "take a folder and files that you may read and write",
     errno.EPERM: "take a folder and files that you may read and write",
@@ -49,7 +49,7 @@ def answer(error: BaseException) -> ErrorAnswer:
         case ChunkError():
             return ErrorAnswer((shortened(str(error)),), OURS)
         case KeyboardInterrupt():
-            return ErrorAnswer(("interrupted; the same command goes on from the finished chunks",), INTERRUPT)
+            return ErrorAnswer(("interrupted; the same command resumes from the finished chunks",), INTERRUPT)
         case BrokenPipeError():
             return ErrorAnswer((), PIPE)
         case OSError():

@@ -54,7 +54,7 @@ class SingleUnits:
     def sentence(self) -> str:
         """Which units differ by themselves."""
         if len(self.units) < FEWEST_UNITS:
-            return f"Fewer than {FEWEST_UNITS} units have all metrics, too few to tell one unit from the rest."
+            return f"Fewer than {FEWEST_UNITS} units have all metrics, too few to distinguish one unit from the rest."
         if self.samples < self.fewest_samples:
             return (
                 f"To name a single unit among {len(self.units)} the study needs {self.fewest_samples:,} samples; "

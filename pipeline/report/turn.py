@@ -227,7 +227,7 @@ def _orders(frames: Frames) -> Drawing:
         "orders",
         "Orders of the transmission error",
         f"Amplitude of the waves per turn of the crank, both senses.{at_pins}{folded_text}"
-        f"{' under load, for the loaded angles do not tell them apart.' if folded_text else ''}",
+        f"{' under load, for the loaded angles do not distinguish them.' if folded_text else ''}",
         partial(orders_figure, panels),
     )
 

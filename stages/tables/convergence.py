@@ -29,9 +29,12 @@ CONVERGENCE = Table(
         Column("yield", "float64", "1", "share of the samples whose worst over these angles keeps the limit"),
         Column("extrapolated", "bool", "", "whether the run has fewer angles: as far again as in the last row"),
         Column(
-            "worst_mean_settled", "float64", "the metric's", "worst_mean, if the last change goes on as a quarter of it"
+            "worst_mean_settled",
+            "float64",
+            "the metric's",
+            "worst_mean, if each further change is a quarter of the one before",
         ),
-        Column("yield_settled", "float64", "1", "yield, if the last change goes on as a quarter of it"),
+        Column("yield_settled", "float64", "1", "yield, if each further change is a quarter of the one before"),
     ),
 )
 

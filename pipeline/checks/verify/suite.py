@@ -138,7 +138,7 @@ def page(rows: list[CheckRow], mesh: str) -> str:
         "",
         "Written by `make verify`; do not edit. Code against exact answers and against independent solvers: every",
         f"error must keep its limit. Mesh and tolerances of `data/studies/{MESHES[mesh]}.toml`, sample 1, crank at 0",
-        "degrees. Where a quantity has many values, the two that differ most stand here.",
+        "degrees. Where a quantity has many values, the two that differ most are shown here.",
     ]
     for name, check in CHECKS.items():
         lines += ["", f"## {name[0].upper()}{name[1:]}", "", (check.__doc__ or "").splitlines()[0], ""]

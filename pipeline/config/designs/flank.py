@@ -152,7 +152,7 @@ def _measured_problems(
 def _layout(cycloid: Cycloid, section: Measured) -> Iterator[Mistake]:
     key, lists = "flank.measured", section.deviation_um
     if (section.phase_deg is None) == (section.arc_mm is None):
-        yield Mistake(key, None, "must have phase_deg or arc_mm, one of them: where its points stand on a lobe")
+        yield Mistake(key, None, "must have phase_deg or arc_mm, one of them: where its points are on a lobe")
     elif section.points < FEWEST_POINTS:
         yield Mistake(f"{key}.{section.place}", f"{section.points} points", f"must be >= {FEWEST_POINTS} of a lobe")
     elif len(lists) not in (1, cycloid.lobes):

@@ -110,7 +110,7 @@ def _housing(cycloid: Cycloid, housing: Housing) -> Iterator[Mistake]:
         yield Mistake(
             "housing.outer_diameter_mm",
             housing.outer_diameter_mm,
-            f"must be > {reach:.4g} mm, the circle around the pins: pins stand outside the housing; "
+            f"must be > {reach:.4g} mm, the circle around the pins: pins lie outside the housing; "
             "a diameter is asked for, not a radius",
         )
 

@@ -43,7 +43,7 @@ class RollerPlate(OutputMechanism):
     words = Words(
         contact="output roller",
         station="roller, 0 outside",
-        drawing="The rollers of each row are counted from outside to inside; beside each row stand the numbers of its "
+        drawing="The rollers of each row are counted from outside to inside; beside each row are the numbers of its "
         "contacts in the tables.",
         loads="one sense of torque loads one face at each end of a slide. Solid: end 0, dotted: end 1. The outermost "
         "roller (0) has the longest arm and closes first.",

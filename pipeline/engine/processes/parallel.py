@@ -54,7 +54,7 @@ that, which bounds memory; waiting for the last of a wave costs about half a chu
 
 ENDED_FROM_OUTSIDE = (
     "a worker process was ended from outside, by the system perhaps for want of memory. "
-    "Finished chunks are kept: the same command goes on; with smaller chunks or one job it needs less memory"
+    "Finished chunks are kept: the same command resumes; with smaller chunks or one job it needs less memory"
 )
 
 # joblib measures the memory of a worker after its first chunk, of whichever stage, and replaces it when it has grown by

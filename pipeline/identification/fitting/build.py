@@ -142,7 +142,7 @@ def _refuse_paths(unit: UnitFile, paths: frozenset[str]) -> None:
     names = [name for name in unit.study.design.effects if library()[name].needs & paths]
     if names:
         raise InputError(
-            f"{unit.name}/unit.toml: design: effects.{', effects.'.join(names)} depend on the way of the torque at a "
+            f"{unit.name}/unit.toml: design: effects.{', effects.'.join(names)} depend on the path of the torque at a "
             "crank that stands still, and this one turns; leave them out of the design"
         )
 

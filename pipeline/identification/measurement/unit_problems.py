@@ -106,7 +106,7 @@ def turning_problems(parts: Mapping[str, Any], design: Design | None) -> list[Mi
                 held_out_by,
                 'must be "position" or "cycle"',
             ),
-            (parts.get("angle") == "absolute", "angle", "absolute", 'asks for locked = "neither"'),
+            (parts.get("angle") == "absolute", "angle", "absolute", 'requires locked = "neither"'),
         )
     else:
         offset, crank_angles = parts.get("offset", "common"), parts.get("crank_angles", "measured")
@@ -156,7 +156,7 @@ def crank_problems(parts: Mapping[str, Any]) -> list[Mistake]:
             crank.moves == "follows_angle" and parts.get("locked") != "output",
             "crank.moves",
             crank.moves,
-            'asks for locked = "output": the crank follows the angle of the motor\'s side',
+            'requires locked = "output": the crank follows the angle of the motor\'s side',
         ),
         (
             (crank.moves == "column") != (crank.column is not None),
@@ -178,7 +178,7 @@ def crank_of_design_problems(parts: Mapping[str, Any], design: Design | None) ->
     if crank.ratio and crank.ratio != -lobes:
         problems.append(Mistake("crank.ratio", crank.ratio, f"the design has {lobes:g} lobes; give {-lobes:g}"))
     if parts.get("locked") != "output":
-        problems.append(Mistake("crank.moves", crank.moves, 'with a design it asks for locked = "output"'))
+        problems.append(Mistake("crank.moves", crank.moves, 'with a design it requires locked = "output"'))
     return problems
 
 

@@ -142,7 +142,7 @@ def _reading(identification: Identification) -> str:
         return f"{start}: identified."
     if verdict in (EQUIVALENT, WITHIN_TOLERANCE):
         names = ", ".join(identification.verdict.named_effects)
-        return f"{start}: {verdict}; the data do not tell apart {names}. The most probable is written."
+        return f"{start}: {verdict}; the data do not distinguish {names}. The most probable is written."
     if verdict == ADEQUATE:
         return f"{start}: adequate; calibrated numbers are refitted, no effect is added."
     return f"{start}: {verdict}; calibrated numbers are refitted, nothing else is claimed."
@@ -167,7 +167,7 @@ def _refit_provenance(identification: Identification, key: str) -> dict[str, str
     )
     declared_value = number_at(identification.measurement.unit.study.design, key)
     low, high = declared_value * number.plausible_low, declared_value * number.plausible_high
-    mark = f"; AT AN END of its plausible range, {low:.4g} to {high:.4g}: not to be believed" if number.leaves else ""
+    mark = f"; AT AN END of its plausible range, {low:.4g} to {high:.4g}: not plausible" if number.leaves else ""
     return {"status": "calibrated", "reason": reason + mark}
 
 

@@ -58,7 +58,7 @@ def _seat_compliance_bounds(drive: Drive) -> tuple[tuple[float, float], ...]:
 SEAT_COMPLIANCE = Effect(
     name="seat_compliance",
     title="compliance of the pins' seats and the housing",
-    physics="every pin gives way elastically in its seat, in series with its contact",
+    physics="every pin deflects elastically in its seat, in series with its contact",
     source="series of a linear spring with the law of the contact",
     parameters=(Parameter("compliance_um_per_N", "um/N", "of one seat"),),
     changes="the linear part of the pins' force laws",

@@ -43,7 +43,7 @@ def crank_compliance(
 CRANK_COMPLIANCE_1 = crank_compliance(
     order=1,
     word="once",
-    physics="one side of the housing or of the pins' seats gives way more than the other: as the crank turns, the load "
+    physics="one side of the housing or of the pins' seats deflects more than the other: as the crank turns, the load "
     "goes through softer and stiffer ones, once a turn",
     signature="loops are steeper at high torque at some crank angles than half a turn of the crank away",
     confused_with=("pin_circle_runout", "encoder_eccentricity"),

@@ -26,7 +26,7 @@ COULOMB = Effect(
     source="Coulomb; Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083",
     parameters=(Parameter("torque_Nm", "N m", "friction torque, referred to the output"),),
     changes="a slider on the rotation of the output",
-    signature="branches stand apart by the same torque at every load; the width at zero torque grows",
+    signature="branches are apart by the same torque at every load; the width at zero torque grows",
     confused_with=("contact_friction", "presliding"),
     told_apart_by="a slow ramp to a tenth of the load: constant friction opens it as wide as the full one, and loops "
     "at another rate as wide as before; viscous friction grows with the rate, and loops of one rate do not tell it",
@@ -98,7 +98,7 @@ CONTACT_FRICTION = Effect(
     changes="a slider at every pin, pressed by its force",
     signature="branches part the further the higher the load; no width at zero torque of its own",
     confused_with=("coulomb", "presliding", "load_friction"),
-    told_apart_by="loops to a quarter, half and all of the load: their width tells friction that grows with it",
+    told_apart_by="loops to a quarter, half and all of the load: their width shows friction that grows with it",
     bounds=lambda drive: ((0.0, 0.4),),
     apply=_apply_contact_friction,
     needs=frozenset({STILL}),

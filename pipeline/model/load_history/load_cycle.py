@@ -50,7 +50,7 @@ class LoadCycle:
             If a mark lies above the top.
         """
         if max(marks) > top * (1 + 1e-12):
-            raise ValueError(f"a metric asks for {max(marks):g} of the rated torque, the cycle ends at {top:g}")
+            raise ValueError(f"a metric needs {max(marks):g} of the rated torque, the cycle ends at {top:g}")
         steps = top * np.arange(1, levels + 1) / max(levels, 1)
         even_steps = steps[
             np.min(np.abs(steps[:, None] - np.asarray(marks)), axis=1) > 1e-9 * top

@@ -50,7 +50,7 @@ def test_a_crank_that_follows_the_angle_and_one_given_by_a_column_are_the_same(t
     ("crank", "locked", "message"),
     [
         ('moves = "follows_angle"', "output", "crank.ratio; where the crank moves"),
-        ('moves = "follows_angle"\nratio = -13.0', "input", 'asks for locked = "output"'),
+        ('moves = "follows_angle"\nratio = -13.0', "input", 'requires locked = "output"'),
         ('moves = "column"\nratio = -13.0', "output", "crank.column"),
     ],
 )

@@ -54,7 +54,7 @@ def test_levels_of_a_partial_cycle_and_marks_above_its_top():
     cycle = LoadCycle.evenly(RATED, 5, 0.5, (0.03, 0.25, 0.5))
     np.testing.assert_allclose(cycle.fractions, [0.03, 0.1, 0.2, 0.25, 0.3, 0.4, 0.5])
     np.testing.assert_allclose(LoadCycle.evenly(RATED, 7, 0.7, (0.1, 0.3)).fractions, 0.1 * np.arange(1, 8))
-    with pytest.raises(ValueError, match="asks for 0.6 of the rated torque, the cycle ends at 0.5"):
+    with pytest.raises(ValueError, match="needs 0.6 of the rated torque, the cycle ends at 0.5"):
         LoadCycle.evenly(RATED, 5, 0.5, (0.03, 0.6))
 
 

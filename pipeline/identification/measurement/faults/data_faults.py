@@ -159,7 +159,7 @@ def _order(rows: Rows, good: Truth) -> Iterator[Fault]:
             np.array(repeated_rows),
             "disordered rows",
             "fatal",
-            f"cycle {listing} comes again after another cycle or file; order the rows, or number the cycles on",
+            f"cycle {listing} appears again after another cycle or file; order the rows, or number the cycles on",
         )
 
 

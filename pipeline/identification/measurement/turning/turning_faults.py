@@ -70,7 +70,7 @@ def _turns(measurement: TurningMeasurement) -> Iterator[Fault]:
     if motion.left_out:
         yield Fault(
             "many turns",
-            f"{motion.left_out} turns of the crank, even over the record, are left out: the others tell as much",
+            f"{motion.left_out} turns of the crank, even over the record, are left out: the others say as much",
             "note",
         )
     if not len(measurement.cells) or motion.width > TURN_DEG / FEWEST_INTERVALS:

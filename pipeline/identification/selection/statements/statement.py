@@ -166,7 +166,7 @@ def _sentence(
         return f"The unit shows {titles} ({numbers}): {gain}."
     if len(names) > LARGEST_CLASS:
         return f"An effect is there ({gain}), but {len(names)} of the library explain it equally well: unresolved."
-    return f"The unit shows one of these, which the data do not tell apart: {titles} ({gain})."
+    return f"The unit shows one of these, which the data do not distinguish: {titles} ({gain})."
 
 
 def _number(p: FittedParameter) -> str:
@@ -182,7 +182,7 @@ def _advice(verdict: Verdict, selection: Selection) -> str:
     """What to measure next."""
     names = verdict.named_effects
     if len(names) > 1 or verdict.verdict == WITHIN_TOLERANCE:
-        return f"To tell them apart, measure {_measurements(names)}."
+        return f"To distinguish them, measure {_measurements(names)}."
     if verdict.verdict == IDENTIFIED:
         return f"{CONFIRM} Independent evidence: {_measurements(names)}."
     if verdict.verdict == ADEQUATE:
