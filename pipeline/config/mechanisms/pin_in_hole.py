@@ -81,8 +81,8 @@ class PinInHole(OutputMechanism):
     words = Words(
         contact="output pin",
         station="output pin",
-        drawing="Output pins are counted clockwise from the first; numbers in brackets are those of their contacts in the "
-        "tables. Dots: where a hole's wall faces its output pin.",
+        drawing="Output pins are counted clockwise from the first; numbers in brackets are those of their contacts "
+        "in the tables. Dots: where a hole's wall faces its output pin.",
         loads="the output pins on one side of the eccentric carry one sense of torque; the longer its arm, the sooner "
         "a pin closes.",
     )
