@@ -25,10 +25,6 @@ STEP_LIMIT = 60
 ROUNDING = 30
 """Newton steps after which ``ACCEPTED_RESIDUAL`` is enough: near no load the disk's way beyond the bearing's clearance
 is a difference whose rounding alone unbalances it."""
-ALTERNATING = 5
-"""Times that contacts or the bearing may close within a load step before such steps are halved: they may alternate."""
-HOPELESS = 10
-"""Times after which the start is given up: steps of many contacts that alternate cost more than an interior point."""
 PATIENCE = 2.5
 """Steps with an old inverse that cost as much as a new one, which needs about two."""
 REGULAR = 1e-9
@@ -257,15 +253,6 @@ def share_of_a_turn(system, work):
 
 
 @algebraic_part
-def _leaning(work):
-    """Which disks lean on their bearings, as a binary number."""
-    number = 0
-    for k in range(work.thrust.shape[0]):
-        number += (work.thrust[k] > 0.0) << k
-    return number
-
-
-@algebraic_part
 def move(system, length, work):
     """Add a share of the step to the motions and to the bearings' thrusts, which end where they would pull."""
     thrust, step, motion = work.thrust, work.step, work.motion
@@ -312,12 +299,11 @@ def _worth_renewing(residual, previous):
 @merged_part
 def converge(system, friction, torque, gap, clearance, work):
     """Active-set Newton from the state in ``work``, which is changed; returns the iterations and the residual."""
-    previous, residual, changes = np.inf, np.inf, 0
+    previous, residual = np.inf, np.inf
     for iteration in range(STEP_LIMIT):
         deflect(system, gap, work)
         n_closed = _close_penetrated(system, work)
         n_changed = n_closed + release(system, work)
-        leaning = _leaning(work)
         deviation, imbalance = residuals(system, friction, torque, clearance, work)
         residual = max(deviation, imbalance)
         if n_changed == 0 and deviation <= FORCE_TOLERANCE and imbalance <= BALANCE_TOLERANCE:
@@ -329,14 +315,7 @@ def converge(system, friction, torque, gap, clearance, work):
         previous = residual
         if not include_all(system, work) or not newton_step(system, friction, work):
             break
-        length = 1.0
-        if friction is not None:
-            length = share_of_braking(system, friction, work)
-        if n_closed > 0 or leaning != _leaning(work):
-            changes += 1
-            if changes > HOPELESS:
-                break
-            length = 0.5 * length if changes > ALTERNATING else length
+        length = 1.0 if friction is None else share_of_braking(system, friction, work)
         move(system, length, work)
         advance(length, work)
     renew(work)
