@@ -25,10 +25,6 @@ STEP_LIMIT = 60
 ROUNDING = 30
 """Newton steps after which ``ACCEPTED_RESIDUAL`` is enough: near no load the disk's way beyond the bearing's clearance
 is a difference whose rounding alone unbalances it."""
-ALTERNATING = 5
-"""Times that contacts or the bearing may close within a load step before such steps are halved: they may alternate."""
-HOPELESS = 10
-"""Times after which the start is given up: steps of many contacts that alternate cost more than an interior point."""
 PATIENCE = 2.5
 """Steps with an old inverse that cost as much as a new one, which needs about two."""
 REGULAR = 1e-9
@@ -37,6 +33,8 @@ LARGEST_TURN = 0.5
 """Angle [rad] around the bearing beyond which the edge of its clearance is no arc of the second order any more."""
 OPEN_DEPTH = 1e-13
 """Penetration [mm] below which an open contact is not added; rounding of positions near 1e2 mm."""
+LEAST_PULL = -1e-300
+"""Force [N] of an active contact whose force is 0, which would count as open: it is about to be released."""
 
 
 @algebraic_part
@@ -84,7 +82,11 @@ def renew(work):
 
 @algebraic_part
 def _close_penetrated(system, work):
-    """Make every penetrated open contact active, with the force that closes it alone; returns their number."""
+    """Make every penetrated open contact active, with the force that closes it alone; returns their number.
+
+    Penetrations are those at the end of the step, forces that pull included. Released first, these would unload the
+    bodies one-sidedly and let others penetrate: of preloaded units the two sets alternated for ever.
+    """
     depth, force = work.depth, work.force
     n_closed = 0
     for i in range(depth.shape[0]):
@@ -104,23 +106,34 @@ def _close_penetrated(system, work):
 
 
 @algebraic_part
-def advance(system, length, work):
-    """Add a share of the step to the active forces; a contact that would pull opens, and closes again if penetrated."""
+def release(system, work):
+    """Open the active contacts that pull, and take back what they deflect; returns their number."""
     force, n_opened = work.force, 0
-    for b in range(count(work.active)):
-        part = part_of(work.active, work, b)
-        active, miss, n = part.active, part.miss, work.sizes[b, 0]
-        for j in range(n):
-            new_force = max(force[active[j]] + length * miss[j], 0.0)
-            force[active[j]] = new_force
-            n_opened += new_force == 0.0
-    if n_opened == 0:
-        return
     for b in range(count(work.active)):
         active = part_of(work.active, work, b).active
         for p in range(work.sizes[b, 0] - 1, -1, -1):
-            if force[active[p]] == 0.0:
-                _deactivate(system, b, p, work)
+            i = active[p]
+            if force[i] > 0.0:
+                continue
+            force[i] = -force[i]
+            if system.self_compliance[i] > 0.0:
+                add_deflection(system, i, work)
+            force[i] = 0.0
+            _deactivate(system, b, p, work)
+            n_opened += 1
+    return n_opened
+
+
+@algebraic_part
+def advance(length, work):
+    """Add a share of the step to the active forces, which may pull until they are released; none is 0."""
+    force = work.force
+    for b in range(count(work.active)):
+        part = part_of(work.active, work, b)
+        active, miss = part.active, part.miss
+        for j in range(work.sizes[b, 0]):
+            new_force = force[active[j]] + length * miss[j]
+            force[active[j]] = new_force if new_force != 0.0 else LEAST_PULL
 
 
 @algebraic_part
@@ -240,15 +253,6 @@ def share_of_a_turn(system, work):
 
 
 @algebraic_part
-def _leaning(work):
-    """Which disks lean on their bearings, as a binary number."""
-    number = 0
-    for k in range(work.thrust.shape[0]):
-        number += (work.thrust[k] > 0.0) << k
-    return number
-
-
-@algebraic_part
 def move(system, length, work):
     """Add a share of the step to the motions and to the bearings' thrusts, which end where they would pull."""
     thrust, step, motion = work.thrust, work.step, work.motion
@@ -295,31 +299,24 @@ def _worth_renewing(residual, previous):
 @merged_part
 def converge(system, friction, torque, gap, clearance, work):
     """Active-set Newton from the state in ``work``, which is changed; returns the iterations and the residual."""
-    previous, residual, changes = np.inf, np.inf, 0
+    previous, residual = np.inf, np.inf
     for iteration in range(STEP_LIMIT):
         deflect(system, gap, work)
         n_closed = _close_penetrated(system, work)
-        leaning = _leaning(work)
+        n_changed = n_closed + release(system, work)
         deviation, imbalance = residuals(system, friction, torque, clearance, work)
         residual = max(deviation, imbalance)
-        if n_closed == 0 and deviation <= FORCE_TOLERANCE and imbalance <= BALANCE_TOLERANCE:
+        if n_changed == 0 and deviation <= FORCE_TOLERANCE and imbalance <= BALANCE_TOLERANCE:
             return iteration, residual
-        if n_closed == 0 and iteration >= ROUNDING and residual <= ACCEPTED_RESIDUAL:
+        if n_changed == 0 and iteration >= ROUNDING and residual <= ACCEPTED_RESIDUAL:
             return iteration, residual
         if n_closed == 0 and _worth_renewing(residual, previous):
             renew(work)
         previous = residual
         if not include_all(system, work) or not newton_step(system, friction, work):
             break
-        length = 1.0
-        if friction is not None:
-            length = share_of_braking(system, friction, work)
-        if n_closed > 0 or leaning != _leaning(work):
-            changes += 1
-            if changes > HOPELESS:
-                break
-            length = 0.5 * length if changes > ALTERNATING else length
+        length = 1.0 if friction is None else share_of_braking(system, friction, work)
         move(system, length, work)
-        advance(system, length, work)
+        advance(length, work)
     renew(work)
     return STEP_LIMIT, max(residual, 2 * ACCEPTED_RESIDUAL)

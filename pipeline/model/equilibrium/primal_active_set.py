@@ -25,6 +25,7 @@ from pipeline.model.equilibrium.newton import (
     include_all,
     move,
     newton_step,
+    release,
     renew,
     share_of_a_turn,
 )
@@ -123,6 +124,7 @@ def settle(system, friction, torque, gap, clearance, work):
             length = min(length, share_of_braking(system, friction, work))
         length = _step_to_the_first_zero(system, length, work)
         move(system, length, work)
-        advance(system, length, work)
+        advance(length, work)
+        release(system, work)
     renew(work)
     return SETTLING_STEPS, max(residual, 2 * ACCEPTED_RESIDUAL)

@@ -37,14 +37,6 @@ from pipeline.model.equilibrium.restart import solved_afresh
 from pipeline.model.geometry.cycloid_profile import Index, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
 
-LARGEST_RISE = 2.5
-"""Ratio of a load step's torque to the last one's, or its inverse, beyond which steps are put in between: contacts
-close and open one by one."""
-
-PRELOAD = 0.1
-"""Share of the largest force at the output's longest arm beyond which it is no torque's but a preload's: the longest
-arm's contact carries a tenth of the torque or more."""
-
 ROUNDING = 1e-15
 """Share of the force that carries the torque at the longest arm below which a force is rounding: a disk that carries
 nothing touches with 1e-20 of it."""
@@ -109,8 +101,8 @@ class Equilibria:
 
 
 @algebraic_part
-def _extrapolate(system, torques, t, torque, motions, forces, work):
-    """Start of step t: the two or three steps before with the same contacts, continued to a torque on the way to it.
+def _extrapolate(system, torques, t, motions, forces, work):
+    """Start of step t: the two or three steps before with the same contacts, continued to its torque.
 
     ``motions``, ``forces`` hold the solved steps; ``counts[0]`` of them, up to the last, have the contacts of that one.
     """
@@ -122,7 +114,7 @@ def _extrapolate(system, torques, t, torque, motions, forces, work):
         weight[p] = 1.0
         for point in range(points):
             if point != p:
-                weight[p] *= (torque - torques[t - 1 - point]) / (torques[t - 1 - p] - torques[t - 1 - point])
+                weight[p] *= (torques[t] - torques[t - 1 - point]) / (torques[t - 1 - p] - torques[t - 1 - point])
     for d in range(work.motion.shape[0]):
         total = 0.0
         for p in range(points):
@@ -153,35 +145,6 @@ def _begin(system, start, force, work):
 
 
 @algebraic_part
-def _torque_of_preload(system, torques, t, force):
-    """Torque below which that of step t hardly changes the forces of the step before; 0 where the torque made these."""
-    if t == 0:
-        return 0.0
-    largest = 0.0
-    for i in range(force.shape[1]):
-        largest = max(largest, force[t - 1, i])
-    return max(PRELOAD * largest * system.arm[system.output] - abs(torques[t - 1]), 0.0)
-
-
-@algebraic_part
-def _stations(torques, t, preload):
-    """Number of steps in which the torque of step t is reached: itself, and those on the way to a far one."""
-    if t == 0 or torques[t] / torques[t - 1] <= 0.0:
-        return 1
-    rise = (abs(torques[t]) + preload) / (abs(torques[t - 1]) + preload)
-    return 1 + int(abs(np.log(rise)) / np.log(LARGEST_RISE))
-
-
-@algebraic_part
-def _torque_of(torques, t, station, stations, preload):
-    """Torque of a station on the way to step t, which is the last: with the preload each rises by the same ratio."""
-    if station == stations:
-        return torques[t]
-    start, end = abs(torques[t - 1]) + preload, abs(torques[t]) + preload
-    return np.sign(torques[t]) * (start * (end / start) ** (station / stations) - preload)
-
-
-@algebraic_part
 def _keep(work, t, rounding, motion, force):
     """Keep the solved step of a sample, forces of ``rounding`` as zero; count the steps that have had its contacts."""
     for d in range(motion.shape[1]):
@@ -198,31 +161,24 @@ def _keep(work, t, rounding, motion, force):
 def _solve_batch(system, work, torques, gap, clearance, start, progress, motion, force, iterations, residual):
     """Samples through their torques in order, from a ``start`` (motions, forces); the last four arrays are filled.
 
-    It goes on from ``progress``, the sample, its step and the stations solved of it, which are counted on, up to a
-    station that Newton does not solve: returns the torque of that, None at the end.
+    It goes on from ``progress``, the sample and its step, up to a step that Newton does not solve; whether there is one.
     """
     while progress[0] < gap.shape[0]:
         s, t = progress[0], progress[1]
         if t == torques.shape[0]:
             progress[0], progress[1] = s + 1, 0
             continue
-        preload = _torque_of_preload(system, torques, t, force[s])
-        stations = _stations(torques, t, preload)
-        if progress[2] == 0:
+        if not progress[2]:
             if t == 0:
                 _begin(system, start[0][s], start[1][s], work)
-            _extrapolate(system, torques, t, _torque_of(torques, t, 1, stations, preload), motion[s], force[s], work)
-            iterations[s, t] = 0
-        while progress[2] < stations:
-            progress[2] += 1
-            torque = _torque_of(torques, t, progress[2], stations, preload)
-            n_updates, residual[s, t] = converge(system, None, torque, gap[s], clearance[s], work)
-            iterations[s, t] += n_updates
+            _extrapolate(system, torques, t, motion[s], force[s], work)
+            iterations[s, t], residual[s, t] = converge(system, None, torques[t], gap[s], clearance[s], work)
             if not residual[s, t] <= ACCEPTED_RESIDUAL:
-                return torque
+                progress[2] = 1
+                return True
         _keep(work, t, ROUNDING * abs(torques[t]) / system.arm[system.output], motion[s], force[s])
         progress[1], progress[2] = t + 1, 0
-    return None
+    return False
 
 
 def solver_is_compiled() -> bool:
@@ -353,12 +309,12 @@ def solve(
         neighbour_states = neighbours.motion[:, n_eliminated:].copy(), np.ascontiguousarray(neighbours.force[:, order])
     progress = np.zeros(3, np.int64)
     inputs, rows = (steps, ordered_gap, clearance, neighbour_states), (motion, force, iterations, residual)
-    while (n_unsolved := _solve_batch(system, work, *inputs, progress, *rows)) is not None:
+    while _solve_batch(system, work, *inputs, progress, *rows):
         s, t, _ = progress
         if t == 0 and np.any(neighbour_states[1][s]):
             neighbour_states[0][s], neighbour_states[1][s], progress[2] = start[s], 0.0, 0
             continue
-        n_updates, residual[s, t] = solved_afresh(system, None, n_unsolved, ordered_gap[s], clearance[s], work)
+        n_updates, residual[s, t] = solved_afresh(system, None, steps[t], ordered_gap[s], clearance[s], work)
         iterations[s, t] += n_updates
     if len(system.blocks) > 1:
         force = np.take(force, np.argsort(order), axis=2)  # in C order, which an index with ... does not leave

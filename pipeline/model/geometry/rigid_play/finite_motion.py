@@ -173,9 +173,12 @@ def _least_gap_of_holes(
 
 
 def _both_ends(least_gap: LeastGap, plus: Real, minus: Real) -> tuple[Real, Real]:
-    """Ends of a rotation between contacts, from estimates of them; missing where they are not found."""
-    middle = 0.5 * (plus + minus)
-    return _first_contact(least_gap, middle, plus), _first_contact(least_gap, middle, minus)
+    """Ends of a rotation between contacts, from estimates of them, at once; missing where they are not found."""
+    n, middle = len(plus), 0.5 * (plus + minus)
+    ends = _first_contact(
+        lambda turn, rows: least_gap(turn, rows % n), np.tile(middle, 2), np.concatenate([plus, minus])
+    )
+    return ends[:n], ends[n:]
 
 
 def _shifting_ends(
