@@ -18,8 +18,10 @@ from pipeline import assembly
 from pipeline.model.metrics import library
 from pipeline.model.units import ARCMIN
 from pipeline.populations.turn_drives import TurnDrives, Units
-from pipeline.populations.turn_ranking import Ranking, SeparateGaps, Springs, fitted_slopes, place_compliance, waves
+from pipeline.populations.turn_gaps import SeparateGaps
+from pipeline.populations.turn_ranking import Ranking, fitted_slopes, place_compliance, waves
 from pipeline.populations.turn_residuals import fitted_correlation, upper_bounds
+from pipeline.populations.turn_springs import Springs
 
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -120,14 +122,15 @@ def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence
         drive, response, values = drives.solve_step(int(pitch) * drives.phases, units)
         states = response.equilibria
         deflection = drive.laws_of_states.deflection(states.force) + drive.elastic_deflection(states.force)
-        order = np.argsort(drives.places(int(pitch))[:n_places])
+        order = np.argsort(drives.places(int(pitch)))
         forces.append(states.force[..., order])
         deflections.append(deflection[..., order])
         metrics.append(values)
-    force, gaps = np.stack(forces, axis=1), SeparateGaps.from_units(drives, units)  # (n, n_pitches, n_states, n_places)
-    compliance = place_compliance(np.stack(deflections, axis=1).reshape(-1, n_places), force.reshape(-1, n_places))
+    force, gaps = np.stack(forces, axis=1), SeparateGaps.from_units(drives, units)  # (n, n_pitches, n_states, n)
+    n_contacts = force.shape[-1]
+    compliance = place_compliance(np.stack(deflections, axis=1).reshape(-1, n_contacts), force.reshape(-1, n_contacts))
     springs = Springs.from_compliance(drives, compliance).with_fitted_spread(
-        gaps, pitches, force[:, :, _top_states(drives)]
+        gaps, pitches, force[:, :, _top_states(drives), :n_places]
     )
     turn = waves(pitches, drives.study.design.cycloid.lobes)
     features = np.concatenate(
