@@ -1,8 +1,8 @@
 """A rough rank of every pitch of an output turn by each metric, at a microsecond or two a pitch.
 
 The gaps of all pitches are outer sums (``turn_gaps``), on which every contact has a spring of its own
-(``turn_springs``). Metrics are then taken to be linear in the results, by least squares on solved pairs of units and
-pitches.
+(``turn_springs``); forces of the pins are linear in the gaps (``turn_forces``). Metrics are then taken to be linear in
+the results, by least squares on solved pairs of units and pitches.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.populations.turn_forces import PinForces, fitted_slopes
 from pipeline.populations.turn_gaps import SeparateGaps
-from pipeline.populations.turn_residuals import Correlation
+from pipeline.populations.turn_residuals import Correlation, fitted_correlation
 from pipeline.populations.turn_springs import Springs
 
 Real = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 WAVES = 4
 """Waves of the direction of the eccentric in the disk: two tell the paper's rigidity to R = 0.97, none to 0.37."""
@@ -27,29 +29,66 @@ SPRING_FLOOR = 1e-12
 
 @dataclass(frozen=True)
 class Ranking:
-    """What ranks the pitches of an output turn: springs at the places of the pins, and slopes of each metric.
+    """What ranks the pitches of an output turn: springs, forces of the pins, and slopes of each metric.
 
     Attributes
     ----------
-    slopes : metric -> (1 + n_features + 2 WAVES,), of 1, the features and the `waves`.
+    names : metrics that are ranked.
+    slopes : (1 + n_features + 2 WAVES, n_names), of 1, features of the springs, peak pressures and the `waves`.
+    of_forces : of each sense (n_sources + n_closing, n_names), of what the forces follow from, and of themselves.
     correlations : metric -> correlation of what the ranking misses at two pitches of a unit.
     """
 
     springs: Springs
-    slopes: Mapping[str, Real]
+    forces: PinForces
+    names: tuple[str, ...]
+    slopes: Real
+    of_forces: tuple[Real, Real]
     correlations: Mapping[str, Correlation]
+
+    @classmethod
+    def from_pairs(
+        cls, springs: Springs, forces: PinForces, gaps: SeparateGaps, pitches: Index, metrics: Mapping[str, Real]
+    ) -> Ranking:
+        """By least squares on metrics (n, n_pitches) of units at some pitches; those that hardly exist are not ranked.
+
+        Parameters
+        ----------
+        gaps : of the units.
+        """
+        n_sides = [len(first) - 1 + first.shape[1] for first in forces.first]
+        none = tuple(np.zeros((side, 0)) for side in n_sides)
+        turn = waves(pitches, gaps.of_lobes.shape[1])
+        parts = [springs.features(gaps)[:, pitches], forces.peaks_and_sums(gaps, none)[0][:, pitches]]
+        parts += [np.broadcast_to(turn, (*parts[0].shape[:2], turn.shape[1])), forces.at(gaps, pitches)]
+        features = np.concatenate(parts, axis=2)
+        is_known = {name: np.isfinite(values) for name, values in metrics.items()}
+        names = tuple(
+            name
+            for name, values in metrics.items()
+            if is_known[name].sum() > 2 * features.shape[2] and np.ptp(values[is_known[name]]) > 0
+        )
+        known = np.all([is_known[name] for name in names], axis=0) & np.isfinite(features).all(axis=2)
+        values = np.stack([metrics[name] for name in names], axis=-1) if names else np.zeros((*known.shape, 0))
+        slopes = fitted_slopes(features[known], values[known])
+        missed = values - (features @ slopes[1:] + slopes[0])
+        lengths = gaps.of_pins.shape[1], gaps.of_lobes.shape[1], pitches
+        correlations = {name: fitted_correlation(*lengths, missed[..., k]) for k, name in enumerate(names)}
+        own, of_plus, of_minus = np.split(slopes, [len(slopes) - sum(n_sides), len(slopes) - n_sides[1]])
+        return cls(springs, forces, names, own, (of_plus, of_minus), correlations)
 
     def predict_metrics(self, gaps: SeparateGaps) -> dict[str, Real]:
         """Metrics (n, n_pitches) of units."""
         features = self.springs.features(gaps)
+        peaks, values = self.forces.peaks_and_sums(gaps, self.of_forces)
         turn = waves(np.arange(features.shape[1]), gaps.of_lobes.shape[1])
-        split = 1 + features.shape[2]
-        return {
-            name: features @ slope[1:split] + (slope[0] + turn @ slope[split:]) for name, slope in self.slopes.items()
-        }
+        split = np.cumsum([1, features.shape[2], peaks.shape[2]])
+        constant, of_springs, of_peaks, of_waves = np.split(self.slopes, split)
+        values += features @ of_springs + peaks @ of_peaks + (turn @ of_waves + constant)
+        return dict(zip(self.names, np.moveaxis(values, -1, 0), strict=True))
 
 
-def waves(pitches: NDArray[np.intp], lobes: int) -> Real:
+def waves(pitches: Index, lobes: int) -> Real:
     """Cosines and sines (n_pitches, 2 WAVES) of the direction of the eccentric in the disk.
 
     Slides and holes stand otherwise to the eccentric after each pitch, and come back when the disk has gone on by all
@@ -71,18 +110,3 @@ def place_compliance(deflection: Real, force: Real) -> Real:
     of_all = np.sum(work) / np.sum(square)
     compliance = np.divide(work, square, out=np.full_like(work, of_all), where=square > 0)
     return np.maximum(compliance, SPRING_FLOOR)
-
-
-def fitted_slopes(features: Real, metrics: Mapping[str, Real]) -> dict[str, Real]:
-    """Slopes (1 + n_features,) of each metric by least squares on pairs (n, n_features); none of a constant metric."""
-    slopes = {}
-    for name, values in metrics.items():
-        finite = np.isfinite(values) & np.all(np.isfinite(features), axis=1)
-        if np.count_nonzero(finite) <= 2 * features.shape[1] or np.ptp(values[finite]) == 0:
-            continue
-        centre, scale = features[finite].mean(axis=0), features[finite].std(axis=0)
-        scale = np.where(scale > 0, scale, 1.0)
-        design = np.column_stack([np.ones(np.count_nonzero(finite)), (features[finite] - centre) / scale])
-        slope = np.linalg.lstsq(design, values[finite], rcond=1e-10)[0]
-        slopes[name] = np.append(slope[0] - np.sum(slope[1:] * centre / scale), slope[1:] / scale)
-    return slopes

@@ -7,13 +7,15 @@ grows in straight lines between the rotations at which springs close.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.model.compiled import algebraic_part, entry
+from pipeline.model.geometry.rigid_play.rigid_backlash import ARM_FLOOR
+from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.units import NMM_PER_NM
 from pipeline.populations.turn_drives import TurnDrives
 from pipeline.populations.turn_gaps import SeparateGaps, has_pins_in_holes
@@ -25,14 +27,12 @@ MOST_STEPS = 40
 """Newton steps to the rotations; piecewise linear, so that some five find them."""
 SAME_ROTATION = 1e-13
 """Of a rotation: what steps change it by when they have ended."""
-RIDGE = 1e-3
-"""Of the spread of forces: places that hardly ever carry keep the springs' own."""
 STIFF = 1e3
 """Stiffness of what is behind a disk and has no springs, over that of all of its pins."""
-OF_SENSE = 7
-"""Features of a sense: the first contact, rotations at three torques, pressures of pins and of the output, share."""
-FIRST_END, FIRST_ROTATION, PEAK, OUTPUT_PEAK, SHARE = 0, 1, 4, 5, 6
-"""Places of these features."""
+OF_SENSE = 5
+"""Features of a sense: the first contact, rotations at three torques, largest share of a disk in the highest."""
+MOMENTS = 3
+"""Waves around a disk of what output pins in its holes carry."""
 
 
 @algebraic_part
@@ -83,7 +83,7 @@ def _balance(end, stiffness, first_place, first_end, output, output_stiffness, t
             of_pins, of_output = (np.inf, np.inf) if none_carries else (phi[d], theta - phi[d])
             k, k0 = _closed(end, stiffness, first_place[d], first_place[d + 1], of_pins)
             h, h0 = _closed(output[d], output_stiffness[d], 0, output.shape[1], of_output)
-            line[0, d], line[1, d], line[2, d] = h / (k + h), (k0 - h0) / (k + h), k
+            line[0, d], line[1, d] = h / (k + h), (k0 - h0) / (k + h)
             slope += k * h / (k + h)
             offset += (k0 * h + h0 * k) / (k + h)
         none_carries = slope == 0.0
@@ -98,70 +98,26 @@ def _balance(end, stiffness, first_place, first_end, output, output_stiffness, t
 
 
 @entry
-def _spring_forces(of_pins, of_lobes, output, stiffness, output_stiffness, first_place, torque, pitches, force):
-    """Fill the moments (n, n_pitches, n_places) [N mm] of the springs of the pins under a torque."""
-    n_pins, n_lobes, n_disks = of_pins.shape[1], of_lobes.shape[1], output.shape[2]
-    end, phi = np.empty(of_pins.shape[2]), np.zeros(n_disks + 1)
-    first_end, line = np.empty((2, n_disks)), np.empty((3, n_disks))
-    for s in range(force.shape[0]):
-        for p in range(pitches.shape[0]):
-            lobe = pitches[p] % n_lobes
-            behind, springs_behind = output[s, lobe], output_stiffness[lobe]
-            _ends(of_pins[s, pitches[p] % n_pins], of_lobes[s, lobe], behind, first_place, end, first_end)
-            _balance(end, stiffness, first_place, first_end, behind, springs_behind, torque, phi, line)
-            for d in range(n_disks):
-                for k in range(first_place[d], first_place[d + 1]):
-                    force[s, p, k] = stiffness[k] * (phi[d] - end[k]) if end[k] < phi[d] else 0.0
-
-
-@entry
-def _spring_features(
-    of_pins, of_lobes, output, stiffness, output_stiffness, first_place, peak_of_moment, output_peak, levels, features
-):
+def _spring_features(of_pins, of_lobes, output, stiffness, output_stiffness, first_place, levels, features):
     """Fill features (n, n_pins n_lobes, OF_SENSE) of one sense, see ``Springs.features``."""
     n, n_pins, n_places = of_pins.shape
     n_lobes, n_levels, n_disks = of_lobes.shape[1], levels.shape[0], output.shape[2]
-    end, force, phi = np.empty(n_places), np.empty(n_places), np.zeros((n_levels, n_disks + 1))
-    first_end, line = np.empty((2, n_disks)), np.empty((3, n_disks))
+    end, phi = np.empty(n_places), np.zeros((n_levels, n_disks + 1))
+    first_end, line = np.empty((2, n_disks)), np.empty((2, n_disks))
     for s in range(n):
         for pitch in range(n_pins * n_lobes):
             lobe = pitch % n_lobes
             behind, springs_behind = output[s, lobe], output_stiffness[lobe]
             _ends(of_pins[s, pitch % n_pins], of_lobes[s, lobe], behind, first_place, end, first_end)
-            features[s, pitch, FIRST_END] = np.min(first_end[0] + first_end[1])
-            for level in range(n_levels):  # from those at the pitch before: two or three steps of Newton away
-                _balance(
-                    end, stiffness, first_place, first_end, behind, springs_behind, levels[level], phi[level], line
-                )
-                features[s, pitch, FIRST_ROTATION + level] = phi[level, n_disks]
-            angle = phi[n_levels - 1]
-            features[s, pitch, PEAK] = _peak(end, angle, stiffness, first_place, peak_of_moment, force)
-            peak, share = 0.0, 0.0
+            features[s, pitch, 0] = np.min(first_end[0] + first_end[1])
+            for k in range(n_levels):  # from the rotations at the pitch before: two or three steps of Newton away
+                _balance(end, stiffness, first_place, first_end, behind, springs_behind, levels[k], phi[k], line)
+                features[s, pitch, 1 + k] = phi[k, n_disks]
+            angle, share = phi[n_levels - 1], 0.0
             for d in range(n_disks):
-                moment = 0.0
-                for j in range(behind.shape[1]):
-                    of_spring = springs_behind[d, j] * max(0.0, angle[n_disks] - angle[d] - behind[d, j])
-                    moment += of_spring
-                    peak = max(peak, output_peak[lobe, d, j] * of_spring)
-                share = max(share, moment)
-            features[s, pitch, OUTPUT_PEAK] = np.sqrt(peak)
-            features[s, pitch, SHARE] = share / levels[n_levels - 1]
-
-
-@algebraic_part
-def _peak(end, phi, stiffness, first_place, peak_of_moment, force):
-    """Peak pressure [MPa] under the moments of springs at rotations of disks, spread over their neighbours."""
-    force[:] = 0.0
-    for d in range(first_place.shape[0] - 1):
-        for k in range(first_place[d], first_place[d + 1]):
-            if end[k] < phi[d]:
-                moment = stiffness[k] * (phi[d] - end[k])
-                for i in range(force.shape[0]):
-                    force[i] += peak_of_moment[k, i] * moment
-    peak = 0.0
-    for k in range(force.shape[0]):
-        peak = force[k] if force[k] > peak else peak
-    return np.sqrt(peak)
+                k, k0 = _closed(behind[d], springs_behind[d], 0, behind.shape[1], angle[n_disks] - angle[d])
+                share = max(share, k * (angle[n_disks] - angle[d]) - k0)
+            features[s, pitch, n_levels + 1] = share / levels[n_levels - 1]
 
 
 @dataclass(frozen=True)
@@ -172,82 +128,85 @@ class Springs:
     ----------
     arm : (n_places,) [mm]; disk : (n_places,) of each place.
     stiffness : (n_places,) [N mm] moment over rotation.
-    pressure : (n_places,) [MPa/N^0.5]
-    output_stiffness : (n_lobes, n_disks, n_output) [N mm], likewise between disks and output.
-    output_peak : (n_lobes, n_disks, n_output) [MPa^2/(N mm)] squared pressure there over the moment.
+    output_stiffness : (n_lobes, n_disks, n_output) [N mm], likewise between disks and output after 0, 1, ... pitches.
+    output_waves : (n_lobes, n_disks, n_output, 2 MOMENTS + 1) [1/mm] waves around the disk over the arm; none where the
+        output has no pins in holes.
     levels : (3,) ascending torques [N mm].
-    spread : (n_places, n_places) forces of the model of all bodies by those of the springs, under the highest torque.
     """
 
     arm: Real
     disk: Index
     stiffness: Real
-    pressure: Real
     output_stiffness: Real
-    output_peak: Real
+    output_waves: Real
     levels: Real
-    spread: Real
 
     @classmethod
     def from_compliance(cls, drives: TurnDrives, compliance: Real) -> Springs:
-        """Springs of a compliance (n_contacts,) [mm/N] by places, their forces taken for the true ones."""
+        """Springs of a compliance (n_contacts,) [mm/N] by places."""
         study, definitions = drives.study, assembly.definitions(drives.study)
-        reducer, pressure = assembly.reducer(study.design, 0.0), drives.laws[0].pressure
+        lobes, reducer = study.design.cycloid.lobes, assembly.reducer(study.design, 0.0)
         torques = NMM_PER_NM * np.array([definitions.lost_motion, definitions.rigidity_low, definitions.rigidity_high])
-        n, lobes, shape = reducer.n_pins, study.design.cycloid.lobes, (reducer.n_disks, -1)
-        arm = reducer.contacts.arm[:n]
+        n, arm = reducer.n_pins, reducer.contacts.arm[: reducer.n_pins]
         stiffness, disk = arm**2 / compliance[:n], np.ascontiguousarray(reducer.disk_of_contact[:n])
         output_stiffness = np.full((lobes, reducer.n_disks, 1), STIFF * np.sum(stiffness))
-        output_peak = np.zeros_like(output_stiffness)
+        output_waves = np.zeros((*output_stiffness.shape, 0))
         if has_pins_in_holes(reducer):
             turned = [assembly.reducer(study.design, float(drives.crank_deg(k * drives.phases))) for k in range(lobes)]
-            arms = np.stack([np.abs(other.contacts.arm[n:]) for other in turned])
-            output_stiffness = (arms**2 / compliance[n:]).reshape(lobes, *shape)
-            peaks = np.divide(pressure[n:] ** 2, arms, out=np.zeros_like(arms), where=arms > 0)
-            output_peak = peaks.reshape(lobes, *shape)
+            shape = lobes, reducer.n_disks, -1
+            output_stiffness = (np.stack([one.contacts.arm[n:] for one in turned]) ** 2 / compliance[n:]).reshape(shape)
+            output_waves = np.stack([_waves_over_arm(one) for one in turned]).reshape(*output_stiffness.shape, -1)
         levels = np.sort(torques) * abs(reducer.flange_ratio)
-        return cls(arm, disk, stiffness, pressure[:n], output_stiffness, output_peak, levels, np.eye(n))
+        return cls(arm, disk, stiffness, output_stiffness, output_waves, levels)
 
-    def _closing(self, gaps: SeparateGaps, sense: int) -> tuple[Index, list[Real | Index]]:
-        """Places that close in a sense (n_closing,), and the springs of the sense as the kernels take them.
+    def closing(self, sense: int) -> Index:
+        """Places (n_closing,) that close in a sense."""
+        return np.flatnonzero((2.0 * sense - 1.0) * self.arm > ARM_FLOOR * np.max(np.abs(self.arm)))
 
-        Of these the first two are rotations by pins and by lobes [rad], whose sum closes, (n, n_pins, n_closing) and
-        (n, n_lobes, n_closing).
+    def output_loads(self, gaps: SeparateGaps, sense: int) -> Real:
+        """What output pins in holes do to the disks (n, n_lobes, n_loads), each disk under its part of the torque.
+
+        Of each disk the rotation of the output against it, and the waves of the forces around it.
         """
-        rows = np.flatnonzero((2.0 * sense - 1.0) * self.arm > 0)
-        size, counts = np.abs(self.arm[rows]), np.bincount(self.disk[rows], minlength=self.output_stiffness.shape[1])
-        ends = [gaps.of_pins[:, :, rows] / size, gaps.of_lobes[:, :, rows] / size, gaps.output[:, :, sense]]
-        springs = [self.stiffness[rows], self.output_stiffness, np.append(0, np.cumsum(counts))]
-        return rows, [np.ascontiguousarray(values) for values in (*ends, *springs)]
-
-    def with_fitted_spread(self, gaps: SeparateGaps, pitches: Index, force: Real) -> Springs:
-        """With the spread by least squares on true forces (n, n_pitches, 2, n_places) [N] under the highest torque."""
-        forces = np.zeros(force.shape)
-        for sense in range(2):
-            rows, springs = self._closing(gaps, sense)
-            moments = np.empty((*force.shape[:2], len(rows)))
-            _spring_forces(*springs, self.levels[-1], pitches, moments)
-            forces[:, :, sense, rows] = moments / np.abs(self.arm[rows])
-        finite = np.isfinite(force).all(axis=3)
-        rough, true = forces[finite], force[finite]
-        square = rough.T @ rough
-        ridge = RIDGE * np.trace(square) / len(square) * np.eye(len(square))
-        return replace(self, spread=np.linalg.solve(square + ridge, rough.T @ true + ridge))
+        ends, stiffness, n_disks = gaps.output[:, :, sense], self.output_stiffness, self.output_stiffness.shape[1]
+        order = np.argsort(ends, axis=-1)
+        ascending = np.take_along_axis(ends, order, axis=-1)
+        springs = np.take_along_axis(np.broadcast_to(stiffness, ends.shape), order, axis=-1)
+        slope, offset = np.cumsum(springs, axis=-1), np.cumsum(springs * ascending, axis=-1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            angles = (self.levels[-1] / n_disks + offset) / slope  # with the first one, two, ... closed
+        angle = np.nanmin(np.where(slope > 0, angles, np.inf), axis=-1, keepdims=True)
+        moments = stiffness * np.maximum(angle - ends, 0.0)
+        waves = np.einsum("nldk,ldkm->nldm", moments, self.output_waves)
+        loads = np.concatenate([angle, waves], axis=-1) if waves.shape[-1] else waves
+        return np.asarray(loads.reshape(*loads.shape[:2], -1))
 
     def features(self, gaps: SeparateGaps) -> Real:
-        """Features (n, n_pitches, n_features) of units at every pitch.
+        """Features (n, n_pitches, 2 OF_SENSE) of units at every pitch.
 
-        In each sense the rotation of the output at which the first disk carries and that at each torque, the peak
-        pressures of pins and of the output, and the largest share of a disk in the torque; and of the last three the
-        larger one of both senses.
+        In each sense the rotation of the output at which the first disk carries, that at each torque, and the largest
+        share of a disk in the highest.
         """
         n, n_pins = gaps.of_pins.shape[:2]
-        features = np.empty((n, n_pins * gaps.of_lobes.shape[1], 2 * OF_SENSE + OF_SENSE - PEAK))
+        features = np.empty((n, n_pins * gaps.of_lobes.shape[1], 2 * OF_SENSE))
         for sense in range(2):
-            rows, springs = self._closing(gaps, sense)
-            peak = self.spread[np.ix_(rows, rows)] * self.pressure[rows] ** 2 / np.abs(self.arm[rows, None])
-            columns = features[:, :, sense * OF_SENSE : (sense + 1) * OF_SENSE]
-            _spring_features(*springs, peak, self.output_peak, self.levels, columns)
-        of_plus, of_minus = features[:, :, PEAK:OF_SENSE], features[:, :, OF_SENSE + PEAK : 2 * OF_SENSE]
-        np.maximum(of_plus, of_minus, out=features[:, :, 2 * OF_SENSE :])
+            rows = self.closing(sense)
+            size, counts = np.abs(self.arm[rows]), np.bincount(self.disk[rows], minlength=self.output_stiffness.shape[1])
+            ends = [gaps.of_pins[:, :, rows] / size, gaps.of_lobes[:, :, rows] / size, gaps.output[:, :, sense]]
+            springs = [self.stiffness[rows], self.output_stiffness, np.append(0, np.cumsum(counts))]
+            arrays = [np.ascontiguousarray(values) for values in (*ends, *springs)]
+            _spring_features(*arrays, self.levels, features[:, :, sense * OF_SENSE : (sense + 1) * OF_SENSE])
         return features
+
+
+def _waves_over_arm(reducer: Reducer) -> Real:
+    """Cosines and sines (n_contacts, 2 MOMENTS + 1) [1/mm] of the places of output contacts around their disks, over
+    the arms; 0 of contacts without an arm."""
+    contacts, rows = reducer.contacts, np.arange(reducer.n_pins, len(reducer.contacts))
+    eccentric = np.array([pose.eccentric for pose in reducer.disks])[reducer.disk_of_contact[rows]]
+    direction = (contacts.point[rows] - eccentric) / eccentric
+    angle = np.angle(direction)[:, None] * np.arange(1, MOMENTS + 1)
+    waves = np.hstack([np.ones((len(rows), 1)), np.cos(angle), np.sin(angle)])
+    arm = np.abs(contacts.arm[rows])
+    has_arm = (arm > ARM_FLOOR * np.max(arm))[:, None]
+    return np.divide(waves, arm[:, None], out=np.zeros_like(waves), where=has_arm)
