@@ -104,13 +104,14 @@ class PinForces:
     second: tuple[Real, ...]
 
     @classmethod
-    def from_pairs(
-        cls, springs: Springs, pressure: Real, gaps: SeparateGaps, pitches: Index, force: Real
-    ) -> PinForces:
+    def from_pairs(cls, springs: Springs, pressure: Real, gaps: SeparateGaps, pitches: Index, force: Real) -> PinForces:
         """By least squares on true forces (n, n_pitches, 2, n_places) [N]."""
         first, second = [], []
         for sense in range(2):
-            sources, true = _Sources.from_gaps(springs, gaps, sense).at(pitches), force[:, :, sense, springs.closing(sense)]
+            sources, true = (
+                _Sources.from_gaps(springs, gaps, sense).at(pitches),
+                force[:, :, sense, springs.closing(sense)],
+            )
             finite = np.isfinite(true).all(axis=2)
             sources, true = sources[finite], true[finite]
             first.append(fitted_slopes(sources, true))

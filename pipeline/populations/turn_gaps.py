@@ -91,7 +91,9 @@ def _output_ends(drive: Drive) -> Real:
         return _play_behind(drive)[:, :, None, None] * np.ones((1, 1, reducer.n_disks, 1))
     gap, arm = (values[..., reducer.n_pins :] for values in (drive.gap, reducer.contacts.arm))
     ends = [
-        np.divide(gap, np.abs(arm), out=np.full_like(gap, NEVER_CLOSED), where=np.broadcast_to(-sign * arm > 0, gap.shape))
+        np.divide(
+            gap, np.abs(arm), out=np.full_like(gap, NEVER_CLOSED), where=np.broadcast_to(-sign * arm > 0, gap.shape)
+        )
         for sign in (1.0, -1.0)
     ]
     return np.stack(ends, axis=1).reshape(n, 2, reducer.n_disks, -1)

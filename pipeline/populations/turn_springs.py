@@ -191,7 +191,10 @@ class Springs:
         features = np.empty((n, n_pins * gaps.of_lobes.shape[1], 2 * OF_SENSE))
         for sense in range(2):
             rows = self.closing(sense)
-            size, counts = np.abs(self.arm[rows]), np.bincount(self.disk[rows], minlength=self.output_stiffness.shape[1])
+            size, counts = (
+                np.abs(self.arm[rows]),
+                np.bincount(self.disk[rows], minlength=self.output_stiffness.shape[1]),
+            )
             ends = [gaps.of_pins[:, :, rows] / size, gaps.of_lobes[:, :, rows] / size, gaps.output[:, :, sense]]
             springs = [self.stiffness[rows], self.output_stiffness, np.append(0, np.cumsum(counts))]
             arrays = [np.ascontiguousarray(values) for values in (*ends, *springs)]
