@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.model.compiled import algebraic_part, entry
-from pipeline.model.geometry.rigid_play.rigid_backlash import ARM_FLOOR
 from pipeline.model.geometry.reducer import Reducer
+from pipeline.model.geometry.rigid_play.rigid_backlash import ARM_FLOOR
 from pipeline.model.units import NMM_PER_NM
 from pipeline.populations.turn_drives import TurnDrives
 from pipeline.populations.turn_gaps import SeparateGaps, has_pins_in_holes
@@ -203,8 +203,7 @@ class Springs:
 
 
 def _waves_over_arm(reducer: Reducer) -> Real:
-    """Cosines and sines (n_contacts, 2 MOMENTS + 1) [1/mm] of the places of output contacts around their disks, over
-    the arms; 0 of contacts without an arm."""
+    """Waves (n_contacts, 2 MOMENTS + 1) [1/mm] around the disks at output contacts, over the arms; 0 without an arm."""
     contacts, rows = reducer.contacts, np.arange(reducer.n_pins, len(reducer.contacts))
     eccentric = np.array([pose.eccentric for pose in reducer.disks])[reducer.disk_of_contact[rows]]
     direction = (contacts.point[rows] - eccentric) / eccentric

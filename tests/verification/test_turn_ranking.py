@@ -58,7 +58,7 @@ def test_rotations_balance_the_torque_of_disks_that_share_it(rough, sense: int) 
         gap = gaps.of_pins[unit, pitch % PINS] + gaps.of_lobes[unit, pitch % LOBES]
         bodies = []
         for disk in range(DISKS):
-            rows = (DISK == disk) & ((1.0, -1.0)[sense] * ARM < -1e-9)
+            rows = (disk == DISK) & ((1.0, -1.0)[sense] * ARM < -1e-9)
             behind = gaps.output[unit, pitch % LOBES, sense, disk], springs.output_stiffness[pitch % LOBES, disk]
             bodies.append(((gap[rows] / np.abs(ARM[rows]), springs.stiffness[rows]), behind))
         found = features[unit, pitch, sense * OF_SENSE : (sense + 1) * OF_SENSE]
@@ -116,7 +116,7 @@ def test_peaks_and_sums_of_all_pitches_are_those_of_single_ones(rough, forces: P
 
 
 def test_forces_of_a_unilateral_law_are_found(rough) -> None:
-    """Forces that are the larger of 0 and what is linear in the gaps, of places that are always alike in the sources."""
+    """Forces that are the larger of 0 and what is linear in the gaps."""
     springs, gaps = rough
     rng = np.random.default_rng(6)
     many = SeparateGaps(*(np.repeat(part, 40, axis=0) for part in vars(gaps).values()))
