@@ -38,7 +38,7 @@ def fitted_slopes(features: Real, values: Real) -> Real:
 def _second_layer(first_pins, first_lobes, second_pins, second_lobes, slopes, n_forces, peak, sums):
     """Fill the root of the largest of the first ``n_forces`` sums (n, n_pitches), and add the others to ``sums``."""
     n_pins, n_lobes, n_sums = first_pins.shape[1], first_lobes.shape[1], slopes.shape[1]
-    total = np.empty(n_sums)
+    total = np.empty(n_sums, np.float32)
     for s in range(peak.shape[0]):
         for pitch in range(n_pins * n_lobes):
             pin, lobe = pitch % n_pins, pitch % n_lobes
@@ -46,10 +46,10 @@ def _second_layer(first_pins, first_lobes, second_pins, second_lobes, slopes, n_
                 total[i] = second_pins[s, pin, i] + second_lobes[s, lobe, i]
             for k in range(slopes.shape[0]):
                 force = first_pins[s, pin, k] + first_lobes[s, lobe, k]
-                if force > 0.0:
+                if force > 0:
                     for i in range(n_sums):
                         total[i] += slopes[k, i] * force
-            largest = 0.0
+            largest = np.float32(0.0)
             for i in range(n_forces):
                 largest = total[i] if total[i] > largest else largest
             peak[s, pitch] = np.sqrt(largest)
@@ -141,7 +141,8 @@ class PinForces:
             square = self.pressure[self.springs.closing(sense)] ** 2
             columns = np.hstack([second * square, np.vstack([np.zeros(of_values.shape[1]), of_values])])
             split = len(first)
-            linear, of_forces = columns[:split], np.ascontiguousarray(columns[split:])
-            _second_layer(*sources.sums(first), *sources.sums(linear), of_forces, len(square), peaks[sense], sums)
+            linear, of_forces = columns[:split], columns[split:]
+            layers = [values.astype(np.float32) for values in (*sources.sums(first), *sources.sums(linear), of_forces)]
+            _second_layer(*layers, len(square), peaks[sense], sums)
         np.maximum(peaks[0], peaks[1], out=peaks[2])
         return np.moveaxis(peaks, 0, -1), sums

@@ -30,13 +30,13 @@ Index = NDArray[np.intp]
 TRAINING_UNITS, TRAINING_PITCHES = 60, 150
 """Units that are solved at each of some pitches, drawn for each, for the slopes of the ranking."""
 PROMISING = {
-    "clearance_backlash_arcmin": (3, 1),
-    "lost_motion_arcmin": (6, 2),
+    "clearance_backlash_arcmin": (2, 1),
+    "lost_motion_arcmin": (4, 2),
     "torsional_rigidity_Nm_per_arcmin": (10, 6),
-    "peak_pressure_MPa": (14, 4),
+    "peak_pressure_MPa": (8, 3),
 }
 """Pitches of a unit that are solved for a metric at first, and in each further round."""
-PROMISING_OTHERWISE = 8, 0
+PROMISING_OTHERWISE = 2, 0
 """Likewise of a metric that is not named."""
 ROUNDS = 4
 """Further rounds, each ranked anew by what the ranking missed at the pitches solved so far."""

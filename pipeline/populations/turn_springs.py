@@ -25,7 +25,7 @@ Index = NDArray[np.intp]
 
 MOST_STEPS = 40
 """Newton steps to the rotations; piecewise linear, so that some five find them."""
-SAME_ROTATION = 1e-13
+SAME_ROTATION = 1e-9
 """Of a rotation: what steps change it by when they have ended."""
 STIFF = 1e3
 """Stiffness of what is behind a disk and has no springs, over that of all of its pins."""

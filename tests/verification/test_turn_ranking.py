@@ -111,8 +111,8 @@ def test_peaks_and_sums_of_all_pitches_are_those_of_single_ones(rough, forces: P
         expected.append(np.max(PRESSURE[springs.closing(sense)] * np.sqrt(carried), axis=2))
         none = values[..., -len(springs.closing(sense)) :] == 0.0
         assert 0.1 < none.mean() < 0.9
-    np.testing.assert_allclose(peaks, np.stack([*expected, np.maximum(*expected)], axis=-1), rtol=1e-9)
-    np.testing.assert_allclose(sums, of_pairs[0] @ slopes[0] + of_pairs[1] @ slopes[1], rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(peaks, np.stack([*expected, np.maximum(*expected)], axis=-1), rtol=1e-4)
+    np.testing.assert_allclose(sums, of_pairs[0] @ slopes[0] + of_pairs[1] @ slopes[1], rtol=1e-4, atol=1e-3)
 
 
 def test_forces_of_a_unilateral_law_are_found(rough) -> None:
