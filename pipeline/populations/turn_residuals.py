@@ -1,8 +1,9 @@
 """What the ranking of pitches misses at a pitch, from what it misses at the solved pitches of the same unit.
 
 The miss of a unit varies slowly: after a turn of the crank the same pins stand about the eccentric and meet the next
-lobes, and a pitch on they stand one place farther. It is taken for a Gaussian process with a mean of each unit and a
-correlation that falls with the distance of two pitches around the crank, and with that in turns of the crank.
+lobes, and a pitch on they stand one place farther. It is taken for a Gaussian process with a mean of each unit and two
+parts: one whose correlation falls with the distance of two pitches around the crank, and with that in turns of the
+crank, and one whose correlation falls with the distance of two lobes under the same pins, which comes from the disk.
 
 Source
 ------
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +23,16 @@ from numpy.typing import NDArray
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-PITCH_LENGTHS = (0.7, 1.2, 2.0, 3.5, 6.0)
-"""Distances around the crank [pitches] of which that of the largest likelihood is taken."""
-TURN_LENGTHS = (0.5, 3.0, 10.0, 30.0, 100.0)
-"""Likewise distances in turns of the crank."""
-NOISES = (0.02, 0.1, 0.5, 2.0)
-"""Likewise of the part that no other pitch shows, over the variance of the rest."""
+CHOICES = {
+    "pitch_length": (0.7, 1.2, 2.0, 3.5, 6.0),
+    "turn_length": (0.5, 3.0, 10.0, 30.0, 100.0, 1000.0),
+    "of_disk": (0.0, 0.1, 0.3, 0.6),
+    "noise": (0.02, 0.1, 0.5, 2.0),
+}
+"""Of these that of the largest likelihood is taken: distances around the crank [pitches] and in turns of the crank,
+the share of the disk, and the part that no other pitch shows over the variance of the rest."""
+ASCENTS = 2
+"""Times that each of them is chosen, the others as they were."""
 
 WINDINGS = 8
 """Of the crank on both sides: at four pins and the longest length the next one adds 1e-4."""
@@ -39,32 +44,44 @@ class Correlation:
 
     Attributes
     ----------
-    around_crank : (n_pins,) by the difference of their places around the crank.
-    along : (n_pitches,) by the difference of their numbers.
+    around_crank : (n_pins,) by the difference of their places around the crank, of both parts' variance the share.
+    along : (n_pitches,) factor of it by the difference of their numbers.
+    in_disk : (n_lobes,) by the difference of the directions of the eccentric in the disk, the other share.
     noise : variance of the part that no other pitch shows, over that of the rest.
     """
 
     around_crank: Real
     along: Real
+    in_disk: Real
     noise: float
 
     @classmethod
-    def from_lengths(cls, pins: int, lobes: int, pitch_length: float, turn_length: float, noise: float) -> Correlation:
-        """Matern's of the order 3/2 around the crank, summed over its windings, exponential along the turns."""
-        places, steps = np.arange(pins), np.arange(pins * lobes)
-        windings = pins * np.arange(-WINDINGS, WINDINGS + 1)
-        distance = np.sqrt(3) * np.abs(np.add.outer(places, windings)) / pitch_length
-        around_crank = np.sum((1 + distance) * np.exp(-distance), axis=1)
+    def from_lengths(
+        cls, pins: int, lobes: int, pitch_length: float, turn_length: float, of_disk: float, noise: float
+    ) -> Correlation:
+        """Matern's of the order 3/2 around the crank and in the disk, exponential along the turns."""
+        steps = np.arange(pins * lobes)
         turns = np.minimum(steps, pins * lobes - steps) / pins
-        return cls(around_crank / around_crank[0], np.exp(-turns / turn_length), noise)
+        around_crank, in_disk = (_wound(count, pitch_length) for count in (pins, lobes))
+        return cls((1 - of_disk) * around_crank, np.exp(-turns / turn_length), of_disk * in_disk, noise)
 
     def matrix(self, first_pitches: Index, second_pitches: Index) -> Real:
         """Correlations of pitches that broadcast against each other, without the noise."""
-        pins = len(self.around_crank)
-        return (
-            self.along[np.abs(first_pitches - second_pitches)]
-            * self.around_crank[np.abs(first_pitches % pins - second_pitches % pins)]
-        )
+        return self._of_distance[np.abs(first_pitches - second_pitches)]
+
+    @cached_property
+    def _of_distance(self) -> Real:
+        """Correlations (n_pitches,) by the difference of the numbers of two pitches."""
+        around_crank, in_disk = (np.resize(part, self.along.shape) for part in (self.around_crank, self.in_disk))
+        return self.along * around_crank + in_disk
+
+
+def _wound(count: int, length: float) -> Real:
+    """Matern's correlation (count,) of the order 3/2 by the distance on a circle, summed over its windings."""
+    windings = count * np.arange(-WINDINGS, WINDINGS + 1)
+    distance = np.sqrt(3) * np.abs(np.add.outer(np.arange(count), windings)) / length
+    correlation: Real = np.sum((1 + distance) * np.exp(-distance), axis=1)
+    return correlation / correlation[0]
 
 
 def fitted_correlation(pins: int, lobes: int, pitches: Index, residuals: Real) -> Correlation:
@@ -77,10 +94,13 @@ def fitted_correlation(pins: int, lobes: int, pitches: Index, residuals: Real) -
     rows = residuals[np.isfinite(residuals).all(axis=1)]
     rows = rows - rows.mean(axis=1, keepdims=True) if len(rows) else np.zeros((1, len(pitches)))
     rows = rows / max(float(rows.std()), np.finfo(float).tiny)
-    choices = [
-        Correlation.from_lengths(pins, lobes, *lengths) for lengths in product(PITCH_LENGTHS, TURN_LENGTHS, NOISES)
-    ]
-    return max(choices, key=lambda choice: _log_likelihood(choice, pitches, rows))
+    found = {name: values[len(values) // 2] for name, values in CHOICES.items()}
+    for name, values in ASCENTS * list(CHOICES.items()):
+        choices = [found | {name: value} for value in values]
+        found = max(
+            choices, key=lambda choice: _log_likelihood(Correlation.from_lengths(pins, lobes, **choice), pitches, rows)
+        )
+    return Correlation.from_lengths(pins, lobes, **found)
 
 
 def _log_likelihood(choice: Correlation, pitches: Index, rows: Real) -> float:

@@ -18,8 +18,11 @@ from pipeline import assembly
 from pipeline.model.metrics import library
 from pipeline.model.units import ARCMIN
 from pipeline.populations.turn_drives import TurnDrives, Units
-from pipeline.populations.turn_ranking import Ranking, SeparateGaps, Springs, fitted_slopes, place_compliance, waves
-from pipeline.populations.turn_residuals import fitted_correlation, upper_bounds
+from pipeline.populations.turn_forces import PinForces
+from pipeline.populations.turn_gaps import SeparateGaps
+from pipeline.populations.turn_ranking import Ranking, place_compliance
+from pipeline.populations.turn_residuals import upper_bounds
+from pipeline.populations.turn_springs import Springs
 
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -27,13 +30,13 @@ Index = NDArray[np.intp]
 TRAINING_UNITS, TRAINING_PITCHES = 60, 150
 """Units that are solved at each of some pitches, drawn for each, for the slopes of the ranking."""
 PROMISING = {
-    "clearance_backlash_arcmin": (3, 1),
-    "lost_motion_arcmin": (6, 2),
+    "clearance_backlash_arcmin": (2, 1),
+    "lost_motion_arcmin": (4, 2),
     "torsional_rigidity_Nm_per_arcmin": (10, 6),
-    "peak_pressure_MPa": (14, 4),
+    "peak_pressure_MPa": (8, 3),
 }
 """Pitches of a unit that are solved for a metric at first, and in each further round."""
-PROMISING_OTHERWISE = 8, 0
+PROMISING_OTHERWISE = 2, 0
 """Likewise of a metric that is not named."""
 ROUNDS = 4
 """Further rounds, each ranked anew by what the ranking missed at the pitches solved so far."""
@@ -120,26 +123,17 @@ def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence
         drive, response, values = drives.solve_step(int(pitch) * drives.phases, units)
         states = response.equilibria
         deflection = drive.laws_of_states.deflection(states.force) + drive.elastic_deflection(states.force)
-        order = np.argsort(drives.places(int(pitch))[:n_places])
+        order = np.argsort(drives.places(int(pitch)))
         forces.append(states.force[..., order])
         deflections.append(deflection[..., order])
         metrics.append(values)
-    force, gaps = np.stack(forces, axis=1), SeparateGaps.from_units(drives, units)  # (n, n_pitches, n_states, n_places)
-    compliance = place_compliance(np.stack(deflections, axis=1).reshape(-1, n_places), force.reshape(-1, n_places))
-    springs = Springs.from_compliance(drives, compliance).with_fitted_spread(
-        gaps, pitches, force[:, :, _top_states(drives)]
-    )
-    turn = waves(pitches, drives.study.design.cycloid.lobes)
-    features = np.concatenate(
-        [springs.features(gaps)[:, pitches], np.broadcast_to(turn, (len(units), *turn.shape))], axis=2
-    )
-    pairs = np.stack(metrics, axis=1).reshape(-1, len(library()))
-    slopes = fitted_slopes(features.reshape(len(pairs), -1), dict(zip(library(), pairs.T, strict=True)))
-    cycloid, correlations = drives.study.design.cycloid, {}
-    for name, slope in slopes.items():
-        residuals = np.stack(metrics, axis=1)[:, :, list(library()).index(name)] - (features @ slope[1:] + slope[0])
-        correlations[name] = fitted_correlation(cycloid.pins, cycloid.lobes, pitches, residuals)
-    return Ranking(springs, slopes, correlations)
+    force, gaps = np.stack(forces, axis=1), SeparateGaps.from_units(drives, units)  # (n, n_pitches, n_states, n)
+    n_contacts = force.shape[-1]
+    compliance = place_compliance(np.stack(deflections, axis=1).reshape(-1, n_contacts), force.reshape(-1, n_contacts))
+    springs, top = Springs.from_compliance(drives, compliance), force[:, :, _top_states(drives), :n_places]
+    forces = PinForces.from_pairs(springs, drives.laws[0].pressure[:n_places], gaps, pitches, top)
+    of_metrics = dict(zip(library(), np.moveaxis(np.stack(metrics, axis=1), -1, 0), strict=True))
+    return Ranking.from_pairs(springs, forces, gaps, pitches, of_metrics)
 
 
 def _top_states(drives: TurnDrives) -> list[int]:
@@ -152,7 +146,7 @@ def _top_states(drives: TurnDrives) -> list[int]:
 def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
     """The worst of units as found at their most promising pitches."""
     best_values = _Best(len(units))
-    if ranking.slopes:
+    if ranking.names:
         blocks = [np.arange(k, min(k + RANKED_AT_ONCE, len(units))) for k in range(0, len(units), RANKED_AT_ONCE)]
         pools = [_Pool.from_ranking(drives, ranking, units, rows) for rows in blocks]
         for further in range(ROUNDS + 1):
@@ -166,7 +160,7 @@ def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
             for pool, pairs, values in zip(pools, candidates, parts, strict=True):
                 pool.take(pairs, values)
     if drives.phases > 1:
-        is_ranked = [name in ranking.slopes for name in library()]
+        is_ranked = [name in ranking.names for name in library()]
         offsets, count = _offsets(drives), BEST_CLIMBED
         if drives.study.design.cycloid.pins > MANY_PINS:
             offsets, count = [offsets[0], offsets[-1]], 1
