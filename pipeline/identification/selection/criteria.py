@@ -31,6 +31,7 @@ from scipy.special import logsumexp
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
+from pipeline.identification.fitting.problem import REMAINING_SHARE
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.recalibration import UNLIKELY, tolerance_share
@@ -47,8 +48,6 @@ MOST_NAMED = 2
 """Effects that are named together; more only describe."""
 LARGEST_CLASS = 3
 """Effects in a class beyond which it counts as unresolved."""
-REMAINING_SHARE = 0.75
-"""Structure, in the noise of a cell, that the form of the model may leave: with the noise, 1.25 of it."""
 FORM = 0.05
 """Share of the misfit that the form of the model (contact law, mesh, cells) may leave. Calibrated: the parameters of
 drawn units came out 1 to 6 % off."""

@@ -12,8 +12,8 @@ from synthetic_unit import CRANKS, ROOT, Bench, exactly_known, make_unit, proble
 
 from pipeline.identification.fitting.build import POPULATION
 from pipeline.identification.fitting.fitter import STEP, Fitter
-from pipeline.identification.fitting.parameters import TOLERANCE, WIDE, shares_of_values, values_at_shares
-from pipeline.identification.fitting.problem import Model, PriorModes, candidates
+from pipeline.identification.fitting.parameters import WIDE, shares_of_values, values_at_shares
+from pipeline.identification.fitting.problem import LIMIT, Model, PriorModes, candidates
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.evidence import Covariance, Evidence
@@ -193,7 +193,7 @@ def test_unknown_dimensions_are_fitted_by_their_modes_to_the_noise(unknown):
     rms_before = rms(unknown, declared + fitter.offsets(declared, everything(unknown), unknown.data.sigma))[0]
     assert rms_before > 10 * unknown.data.noise
     assert rms(unknown, fit.predicted_angle)[1] < 1.5
-    assert np.max(np.abs(fit.unknowns.modes)) <= TOLERANCE
+    assert np.max(np.abs(fit.unknowns.modes)) <= LIMIT
     assert np.sqrt(np.mean(fit.unknowns.modes**2)) < 1.5  # of unit variance
 
 
