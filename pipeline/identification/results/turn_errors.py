@@ -35,7 +35,7 @@ def turn_errors(identification: Identification) -> dict[str, LoopError]:
     ]
     errors = {metric: LoopError(None, {}, 0, NO_LOOP) for metric in (*measurable_metrics(), SEPARATION)}
     errors["hysteresis_loss_arcmin"] = LoopError(None, {}, 0, NO_LOSS)
-    for metric in (SPAN, *(ORDER.format(order) for order in range(1, ORDERS + 1))):
+    for metric in (SPAN, *(ORDER.format(order) for order in ORDERS)):
         complete_turns = [turn for turn in readings if all(metric in numbers for numbers in turn.values())]
         if not complete_turns:
             errors[metric] = LoopError(None, {}, 0, "no whole turn of enough intervals was held out")
@@ -64,5 +64,5 @@ def _read(angle: Real) -> dict[str, float]:
     """Span and orders [arcmin] of angles evenly over a turn."""
     waves = orders(angle[None])
     amplitude = dict(zip(waves.order.astype(int).tolist(), waves.amplitude[0].tolist(), strict=True))
-    of_orders = {ORDER.format(k): amplitude[k] for k in range(1, ORDERS + 1) if k in amplitude}
+    of_orders = {ORDER.format(k): amplitude[k] for k in ORDERS if k in amplitude}
     return {SPAN: float(np.ptp(angle))} | of_orders

@@ -69,6 +69,14 @@ def test_shares_and_values_are_inverse(pairs, data):
     np.testing.assert_allclose(shares_of_values(bounds, values), shares, atol=1e-9)
 
 
+def test_tolerances_of_a_unit_move_what_a_study_can_state(exact_unit):
+    """Dimensions that were not measured, and do not vary in the study, are none of what a fit may move."""
+    moved = vars(exact_unit.modes_of_errors(np.ones(exact_unit.n_modes)))
+    names = {name for name, values in moved.items() if np.any(values)}
+    assert {"lobe", "roller_diameter", "pin_radial"} <= names
+    assert not names & {"bore_runout", "pin_roundness", "pin_off_hole", "displacement"}
+
+
 def test_positive_bounds_far_apart_are_shared_by_the_logarithm():
     np.testing.assert_allclose(values_at_shares([(0.05, 5e4)], np.array([0.5])), 50.0)
     assert values_at_shares([(1.0, WIDE)], np.array([0.5])) == pytest.approx(0.5 * (1 + WIDE))
