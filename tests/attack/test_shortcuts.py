@@ -1,10 +1,11 @@
-"""Shortcuts of the search change its time and no verdict: ten drawn units with all of them off."""
+"""Shortcuts of the search change its time and no verdict: drawn units with all of them off."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pipeline.identification.fitting import fitter
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection import model_selection, pairs, screening
@@ -18,9 +19,10 @@ SEED, UNITS = 31001, 10
 OFF = (
     (model_selection, "PAIRS", 10**6),
     (model_selection, "FURTHER_STARTS", 6),
-    (model_selection, "FIRST_ITERATIONS", 15),
-    (model_selection, "NEAR", np.inf),
-    (model_selection, "APART", 0.0),
+    (fitter, "FIRST_ITERATIONS", fitter.ITERATIONS),
+    (model_selection, "FIRST_ITERATIONS", fitter.ITERATIONS),
+    (model_selection, "NEAR_MISFIT", np.inf),
+    (model_selection, "LEAST_DISTANCE", 0.0),
     (model_selection, "FAR_FROM_DECLARED", 0.0),
     (screening, "STARTS", 10**6),
     (screening, "RIVAL", np.inf),

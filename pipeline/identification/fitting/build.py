@@ -39,6 +39,8 @@ MESHED_SECTIONS = ("cycloid.", "disk.bore_radius_mm", "housing.")
 """Calibrated numbers that a fit leaves alone: each value would need its own mesh."""
 MEASURED_UM = 0.3
 """Standard uncertainty of a measured dimension, its part common to all pins and its own part alike."""
+LOBE_PROFILES = ("disk_profile", "lobe_profile")
+"""Dimensions that are one deviation of each lobe's flank."""
 POPULATION = 192
 """Units drawn from the study's distributions where the dimensions are not measured."""
 WAYS, STILL_ALONE = frozenset({LOOPS, RATE, STILL}), frozenset({STILL})
@@ -95,7 +97,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     by_state = Forward(courses, nmm, reach)
     nominal = first_states([drives((1.0,) * ranges.shape[1], station) for station in range(len(stations.cranks))])
     errors = assembly.errors(population_errors)
-    errors = _indistinguishable_errors(errors) if case else errors
+    errors = _indistinguishable_errors(errors, case) if case else errors
     influences = _influences(measurement, [stateless.backbone(drive) for drive in nominal])
     components = PriorModes.from_population([drive.with_errors(errors).gap for drive in nominal], influences)
 
@@ -236,16 +238,22 @@ def _crank_motion(measurement: Measurement, stations: Stations, position: int) -
     )
 
 
-def _indistinguishable_errors(errors: Errors) -> Errors:
-    """Units (POPULATION) that measuring the dimensions cannot tell from these."""
+def _indistinguishable_errors(errors: Errors, case: Case) -> Errors:
+    """Units (POPULATION) that measuring the dimensions of a case cannot tell from these.
+
+    A dimension that was not measured has its tolerance alone.
+    """
     rng = np.random.default_rng(POPULATION)
     unit = assembly.MM_PER_UM * MEASURED_UM
+    measured_names = {*case.model_fields_set, *("lobe" for name in LOBE_PROFILES if name in case.model_fields_set)}
 
     def spread(values: Real) -> Real:
         common = unit * rng.standard_normal((POPULATION,) + (1,) * (values.ndim - 1))
         return values + common + (unit * rng.standard_normal((POPULATION, *values.shape[1:])) * (values.ndim > 1))
 
-    return Errors(**{name: spread(values) for name, values in vars(errors).items()})
+    return Errors(
+        **{name: spread(values) if name in measured_names else values for name, values in vars(errors).items()}
+    )
 
 
 def _population(study: Study, case: Case | None = None) -> SampledErrors:

@@ -28,6 +28,8 @@ SCALES_MOVED = 0.15
 """Change of a scale's logarithm up to which derivatives by the scales are kept."""
 ITERATIONS = 15
 """Least-squares steps of a fit unless the caller asks for others."""
+FIRST_ITERATIONS = 3
+"""Steps of a fit from each of several starts before the best of them goes on."""
 OPEN_SHARE = 0.3
 """Prior standard deviation of an effect's parameter, in shares of its bounds, about no effect (or the middle of the
 bounds of a parameter without a zero). It decides where the data leave a valley, and is weak beside what they tell."""
@@ -153,19 +155,36 @@ class Fitter:
         """
         descent = Descent(self, model, is_fitted, start, base_fit)
         descent.run(iterations)
-        unknowns = descent.unknowns
-        predicted_angle, _, _, sound = self.predict(model, unknowns)
-        if not np.isfinite(descent.cost):
-            predicted_angle, sound = np.full(len(predicted_angle), np.nan), False
+        return self._fit_of(descent)
+
+    def fit_from_best(
+        self, model: Model, is_fitted: Truth, starts: Sequence[Vector], base_fit: Fit | None = None
+    ) -> Fit:
+        """As ``fit``, from the start of several from which the first steps lead farthest."""
+        descents = [Descent(self, model, is_fitted, start, base_fit) for start in starts]
+        for descent in descents:
+            descent.run(FIRST_ITERATIONS)
+        best_descent = min(descents, key=lambda descent: descent.in_noise if descent.prediction.sound else np.inf)
+        best_descent.run(ITERATIONS - FIRST_ITERATIONS)
+        return self._fit_of(best_descent)
+
+    def _fit_of(self, descent: Descent) -> Fit:
+        """The fit at the end of a descent, predicted at all positions; of no cost where an equilibrium is missing."""
+        model, unknowns, prediction = descent.model, descent.unknowns, descent.prediction
+        if len(descent.positions) < len(self.positions):
+            prediction = self.predict(model, unknowns)
+        angle, is_found = prediction.angle, bool(np.isfinite(descent.cost))
+        if not is_found:
+            angle = np.full(len(angle), np.nan)
         return Fit(
             model=model,
             unknowns=unknowns,
             values=values_at_shares(self.bounds(model), unknowns.shares),
-            predicted_angle=predicted_angle + self.offsets(predicted_angle, is_fitted, descent.sigma),
-            cost=descent.in_noise if np.isfinite(descent.cost) else np.inf,
+            predicted_angle=angle + self.offsets(angle, descent.is_fitted, descent.sigma),
+            cost=descent.in_noise if is_found else np.inf,
             jacobian=descent.jacobian,
             sigma=descent.sigma,
-            sound=sound,
+            sound=is_found and prediction.sound,
         )
 
     def slopes(self, fit: Fit) -> Real:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector
@@ -30,8 +31,6 @@ SMALL = 1e-6
 """Mean square of a cell, in noise, that only rounding leaves."""
 TRIES = 6
 """Dampings that are tried, each ten times the one before, until a step lowers the misfit."""
-BISECTIONS = 30
-"""Halvings of the step to a bound: to 1e-9 of it."""
 
 
 class Descent:
@@ -92,16 +91,11 @@ class Descent:
         noise = data.sigma[self.is_fitted] ** 2
         square = (self.misfit * self.sigma[self.is_fitted]) ** 2
         spread = (np.mean(data.count) / data.count)[self.is_fitted]
-        low, high = 0.0, float(np.mean(square / spread))
         if np.mean(square / noise) <= 1.0:
             return data.sigma
-        for _ in range(BISECTIONS):
-            form = 0.5 * (low + high)
-            if np.mean(square / (noise + form * spread)) > 1.0:
-                low = form
-            else:
-                high = form
-        return np.sqrt(data.sigma**2 + high * self.repeats * np.mean(data.count) / data.count)
+        largest_form = float(np.mean(square / spread))
+        form = brentq(lambda form: np.mean(square / (noise + form * spread)) - 1.0, 0.0, largest_form, xtol=1e-300)
+        return np.sqrt(data.sigma**2 + form * self.repeats * np.mean(data.count) / data.count)
 
     def _weigh(self, sigma: Real) -> None:
         """Give the cells their weights."""

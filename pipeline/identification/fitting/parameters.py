@@ -9,15 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.fitting.problem import Model
+from pipeline.identification.fitting.problem import LIMIT, Model
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
 SCALE_REACH = 4.4
 """Largest change of the logarithm of a scale that is not held to its range: a factor of 80."""
-TOLERANCE = 3.0
-"""Standard deviations that a mode of the unmeasured tolerances may move: further out lies what no drawing allows."""
 AT_END = 1e-3
 """Share of its reach from an end at which a scale stands there."""
 WIDE = 30.0
@@ -45,7 +43,7 @@ class Vector:
         first_share, first_mode = len(self.scales), len(self.scales) + len(self.shares)
         scales, shares, modes = flat[:first_share], flat[first_share:first_mode], flat[first_mode:]
         return Vector(
-            np.clip(scales, *self.reach), np.clip(shares, 0.0, 1.0), np.clip(modes, -TOLERANCE, TOLERANCE), self.reach
+            np.clip(scales, *self.reach), np.clip(shares, 0.0, 1.0), np.clip(modes, -LIMIT, LIMIT), self.reach
         )
 
     @property

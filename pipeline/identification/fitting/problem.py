@@ -27,11 +27,12 @@ Candidate = Effect | InstrumentEffect
 
 STATE_EFFECTS = frozenset({CYCLES, TEMPERATURE})
 LIMIT = 3.0
-"""Standard deviations of the population within which a dimension is no effect."""
+"""Standard deviations of the population that a mode of the tolerances may move, within which a dimension is no effect:
+further out lies what no drawing allows."""
 LEAST_RECORD = 2.0
 """Longest time constant over the shortest where the record is no longer than its sampling interval."""
-HIDDEN = 0.75
-"""Rms in noise floors that no structure shows: as ``criteria.REMAINING_SHARE``."""
+REMAINING_SHARE = 0.75
+"""Structure, in the noise of a cell, that the form of the model may leave: with the noise, 1.25 of it."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +158,7 @@ class Problem:
             if isinstance(effect, InstrumentEffect) or effect.needs & STATE_EFFECTS:
                 continue
             gaps = [effect.apply(drive, parameters, Conditions.run_in(1)).gap - drive.gap for drive in nominal]
-            if any(np.any(gap) for gap in gaps) and self._left_by_tolerances(gaps) < HIDDEN * self.data.noise:
+            if any(np.any(gap) for gap in gaps) and self._left_by_tolerances(gaps) < REMAINING_SHARE * self.data.noise:
                 return True
         return False
 

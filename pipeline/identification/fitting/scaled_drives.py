@@ -44,10 +44,6 @@ def scaled_design(design: Design, keys: Sequence[str], scales: Sequence[float]) 
     return design
 
 
-def _scaled_study(study: Study, keys: Sequence[str], scales: Sequence[float]) -> Study:
-    return study.model_copy(update={"design": scaled_design(study.design, keys, scales)}) if keys else study
-
-
 def softness(design: Design) -> float:
     """The compliance of the disk is in proportion to this."""
     return 1 / (design.materials[design.disk.material].youngs_modulus_MPa * design.disk.thickness_mm)
@@ -84,28 +80,31 @@ def _repeated_errors(errors: Errors, n: int) -> Errors:
 
 
 class _Part:
-    """A part of a study's drives that depends on some of the numbers at ``keys``, kept for each of their scales.
+    """A part of a study's drives that depends on some of its calibrated numbers, kept for each of their scales.
 
     Parameters
     ----------
+    scaled_study : the study at scales of its ``n_numbers`` numbers.
     make : the part of a study at a crank angle [degrees].
-    content : its numbers; those at keys whose trial leaves it as it is are left as declared.
+    content : its numbers; those whose trial leaves it as it is are left as declared.
     cranks : angles at which it is asked for [degrees].
     """
 
     def __init__(
         self,
-        study: Study,
-        keys: Sequence[str],
+        scaled_study: Callable[[Scales], Study],
+        n_numbers: int,
         make: Callable[[Study, float], Any],
         content: Callable[[Any], bytes],
         cranks: Sequence[float],
     ):
-        declared_content = content(make(study, cranks[0]))
-        trials = (make(_scaled_study(study, [key], [TRIAL]), cranks[0]) for key in keys)
-        self.depends = [content(trial) != declared_content for trial in trials]
+        trials = [
+            tuple(TRIAL if k == number else 1.0 for k in range(n_numbers)) for number in range(-1, n_numbers)
+        ]
+        declared_content, *contents = (content(make(scaled_study(trial), cranks[0])) for trial in trials)
+        self.depends = [trial_content != declared_content for trial_content in contents]
         self.cached_part = lru_cache(maxsize=KEPT_SCALES * len(cranks))(
-            lambda numbers, crank_deg: make(_scaled_study(study, keys, numbers), crank_deg)
+            lambda numbers, crank_deg: make(scaled_study(numbers), crank_deg)
         )
 
     def part_at(self, numbers: Scales, crank_deg: float) -> Any:
@@ -141,11 +140,15 @@ def drives_of(
     errors = [_repeated_errors(assembly.errors(sampled_errors), count) for count in counts]
     clearances = [np.repeat(sampled_errors.bearing_clearance, count, axis=0) for count in counts]
     angles, kept_drives = cranks.tolist(), KEPT_SCALES * len(cranks)
-    reducers = _Part(
-        study, keys, lambda scaled_study, crank: assembly.reducer(scaled_study.design, crank), _places, angles
-    )
-    pins = _Part(study, keys, _laws_of_pins, _content, angles)
-    output = _Part(study, keys, lambda scaled_study, _: assembly.output_laws(scaled_study), _content, angles[:1])
+
+    @lru_cache(maxsize=4 * KEPT_SCALES)
+    def scaled_study(numbers: Scales) -> Study:
+        return study.model_copy(update={"design": scaled_design(study.design, keys, numbers)}) if keys else study
+
+    of_numbers = scaled_study, len(keys)
+    reducers = _Part(*of_numbers, lambda scaled, crank: assembly.reducer(scaled.design, crank), _places, angles)
+    pins = _Part(*of_numbers, _laws_of_pins, _content, angles)
+    output = _Part(*of_numbers, lambda scaled, _: assembly.output_laws(scaled), _content, angles[:1])
 
     @lru_cache(maxsize=kept_drives)
     def compliance(factor: float, position: int) -> Real:
@@ -153,7 +156,7 @@ def drives_of(
 
     @lru_cache(maxsize=kept_drives)
     def with_numbers(numbers: Scales, position: int) -> Drive:
-        refined_study = _scaled_study(study, keys, numbers)
+        refined_study = scaled_study(numbers)
         drive = drive_of(
             refined_study,
             angles[position],

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit  # scipy.stats is slow to import
 
 from pipeline.identification.fitting.data import Data
+from pipeline.identification.measurement.estimate import SEED
 from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.selection.evidence import CONFIDENCE
 from pipeline.statistics.blocks import resampled_means
 
 Real = NDArray[np.float64]
@@ -23,10 +25,6 @@ LOW, HIGH = 0.25, 0.5
 """Shares of the largest torque below which a cell is near zero torque, and above which it is at high torque."""
 RESAMPLES = 500
 """Of the block bootstrap: an end of an interval is known to a tenth of its width."""
-CONFIDENCE = 0.95
-"""Of the intervals of a signature."""
-SEED = 79
-"""Of the bootstrap: equal data give an equal page."""
 WAVES = 160
 """Periods of the output angle that are looked at, even in their logarithm."""
 FLIPS = 400

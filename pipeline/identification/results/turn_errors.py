@@ -7,7 +7,9 @@ from numpy.typing import NDArray
 
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import Identification
+from pipeline.identification.measurement.turning.turning_measurement import WHOLE_TOLERANCE
 from pipeline.identification.results.prediction_errors import NO_LOSS, SEPARATION, LoopError
+from pipeline.identification.results.turn_signatures import ORDERS
 from pipeline.model.metrics import measurable_metrics
 from pipeline.model.turn import orders
 
@@ -15,10 +17,6 @@ Real = NDArray[np.float64]
 
 NO_LOOP = "a crank that turns draws no loop"
 SPAN, ORDER = "transmission_error_arcmin", "order_{}_arcmin"
-WHOLE_TOLERANCE = 1e-6
-"""Of an interval: a turn has a whole number of them, but for rounding."""
-ORDERS = (1, 2, 3, 4)
-"""Orders of the crank that are read."""
 
 
 def turn_errors(identification: Identification) -> dict[str, LoopError]:
@@ -66,4 +64,5 @@ def _read(angle: Real) -> dict[str, float]:
     """Span and orders [arcmin] of angles evenly over a turn."""
     waves = orders(angle[None])
     amplitude = dict(zip(waves.order.astype(int).tolist(), waves.amplitude[0].tolist(), strict=True))
-    return {SPAN: float(np.ptp(angle))} | {ORDER.format(k): amplitude[k] for k in ORDERS if k in amplitude}
+    of_orders = {ORDER.format(k): amplitude[k] for k in ORDERS if k in amplitude}
+    return {SPAN: float(np.ptp(angle))} | of_orders

@@ -20,7 +20,7 @@ from pipeline.identification.results.residual_signatures import (
 
 Real = NDArray[np.float64]
 
-ORDERS = 4
+ORDERS = range(1, 5)
 """Orders of the crank that are looked for."""
 LEAST_OUTPUT_TURN = 0.5
 """Share of a turn of the output from which its own order is told from a slope."""
@@ -87,7 +87,7 @@ def _compliance(cells: SignatureCells) -> Signature:
 
 def _orders(cells: SignatureCells, positions: int) -> Iterator[Signature]:
     turns = np.ptp(cells.crank) / (2 * np.pi)
-    for order in range(1, ORDERS + 1):
+    for order in ORDERS:
         cosine, sine = np.cos(order * cells.crank), np.sin(order * cells.crank)
         for word, columns in (("cosine", (cosine, sine)), ("sine", (sine, cosine))):
             name, title = f"crank_{order}_{word}", f"order {order} of the crank, {word}"

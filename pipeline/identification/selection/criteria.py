@@ -10,7 +10,8 @@ named if and only if
 (d) it is plausible: its size is not at a bound of the library, its time constant not longer than the record, and the
     tolerances that are fitted beside it occur among the study's units;
 (e) it does better than a discrepancy of no known form: it explains the unit down to what the form of the model leaves,
-    and is then more probable than "none of these" by the odds of (a);
+    and is then more probable than "none of these" by the odds of (a); and the data do not call, by the same odds, for
+    a larger discrepancy beside it;
 (f) with it, unused data are predicted as a right model would (``adequacy``).
 
 A second effect is named where the pair is more probable than the best single effect by the same odds. Named together,
@@ -30,6 +31,7 @@ from scipy.special import logsumexp
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
+from pipeline.identification.fitting.problem import REMAINING_SHARE
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.recalibration import UNLIKELY, tolerance_share
@@ -46,8 +48,6 @@ MOST_NAMED = 2
 """Effects that are named together; more only describe."""
 LARGEST_CLASS = 3
 """Effects in a class beyond which it counts as unresolved."""
-REMAINING_SHARE = 0.75
-"""Structure, in the noise of a cell, that the form of the model may leave: with the noise, 1.25 of it."""
 FORM = 0.05
 """Share of the misfit that the form of the model (contact law, mesh, cells) may leave. Calibrated: the parameters of
 drawn units came out 1 to 6 % off."""
@@ -230,6 +230,8 @@ class Rule(ABC, Generic[T]):
         prior = prior_log_odds(len(self.effects(trial)), self.n_tried)
         if not log_evidence_up_to - self.value(base) + prior >= ODDS:
             yield "a discrepancy of no known form describes the unit as well"
+        if self.value(trial) - log_evidence_up_to >= ODDS:
+            yield "beside it the data call for a discrepancy that is larger than the form of the model leaves"
 
 
 class Judge(Rule[Trial]):
@@ -306,8 +308,14 @@ def best_of(odds: Mapping[str, float]) -> str:
 
 
 def equivalent_models(leader: str, odds: Mapping[str, float]) -> Sequence[str]:
-    """Models of as many effects that are within the odds of a leading one, the most probable first."""
-    close_models = [name for name in odds if odds[name] >= odds[leader] - ODDS and _size(name) == _size(leader)]
+    """Models of as many effects that are within the odds of a leading one, the most probable first.
+
+    Of pairs those alone that are more probable than the best single effect by the odds.
+    """
+    least_odds = odds[leader] - ODDS
+    if _size(leader) > 1:
+        least_odds = max([least_odds, *(value + ODDS for value in _singles(odds).values())])
+    close_models = [name for name in odds if odds[name] >= least_odds and _size(name) == _size(leader)]
     return sorted(close_models, key=lambda name: -odds[name])
 
 

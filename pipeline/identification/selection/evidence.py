@@ -64,6 +64,10 @@ class Structure:
         return float(np.hypot(self.common, self.own_size))
 
 
+FIRST = Structure(SIZES[2], SIZES[2], REACHES[0], CORRELATIONS[0])
+"""From where the structure of the largest evidence is sought."""
+
+
 class Covariance:
     """The covariance of some cells of a problem, as features of unit variance.
 
@@ -156,7 +160,7 @@ class Evidence:
         self.misfit = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
         self._products: dict[tuple[float, float], Real] = {}
         self._known_values: dict[Structure, float] = {}
-        self.structure = self._most_likely(start_structure)
+        self.structure = self._most_likely(start_structure or FIRST)
         self.value = self._value(self.structure) + self._positive
 
     @cached_property
@@ -203,16 +207,12 @@ class Evidence:
             self._known_values[structure] = self._normal(structure, self._everything)[0]
         return self._known_values[structure]
 
-    def _most_likely(self, start_structure: Structure | None, largest_size: float = np.inf) -> Structure:
+    def _most_likely(self, start: Structure, largest_size: float = np.inf) -> Structure:
         """The structure of the largest evidence, not beyond a size: along each of its numbers until none helps."""
-        sizes = [size for size in SIZES if size <= largest_size] or [SIZES[0]]
+        sizes = [size for size in SIZES if size <= largest_size / np.sqrt(2)] or [SIZES[0]]
         own_sizes = sizes if self.covariance.has_positions else [0.0]
         axes: tuple[Sequence[float], ...] = (sizes, own_sizes, REACHES, CORRELATIONS)
-        start_values = (
-            (start_structure.common, start_structure.own_size, start_structure.reach, start_structure.correlation)
-            if start_structure
-            else (SIZES[2], SIZES[2], REACHES[0], 0)
-        )
+        start_values = start.common, start.own_size, start.reach, start.correlation
         place = [int(np.argmin(np.abs(np.array(axis) - value))) for axis, value in zip(axes, start_values, strict=True)]
 
         def structure_at(place: Sequence[int]) -> Structure:
@@ -246,7 +246,7 @@ class Evidence:
         """The logarithm of the evidence where the structure beside the model is no larger than a size."""
         if self.structure.size <= largest_size:
             return self.value
-        return self._value(self._most_likely(None, largest_size / np.sqrt(2))) + self._positive
+        return self._value(self._most_likely(self.structure, largest_size)) + self._positive
 
     @cached_property
     def training(self) -> Mapping[int, float]:

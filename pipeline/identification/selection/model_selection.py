@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.fitting.data import Data
-from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases
 from pipeline.identification.selection.criteria import ODDS, Judge, Selection, Trial, prior_log_odds
@@ -24,8 +24,6 @@ Truth = NDArray[np.bool_]
 
 NEAR_MISFIT = 1.5
 """Further starts are followed where their misfit is within this ratio of the best."""
-FIRST_ITERATIONS = 3
-"""Steps of a fit from each of several starts before the best of them is fitted in full."""
 FIRST_SHARE, EDGE = 0.1, 0.01
 """Share of its bounds by which a parameter starts off no effect in either sense, and least one from a bound."""
 FURTHER_STARTS = 2
@@ -155,15 +153,10 @@ class Selector:
 
     def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise]) -> list[Fit]:
         """Fits of all promised additions to a base, each from its best start after a few steps."""
-        fits = []
-        for name, promise in promises.items():
-            model = Model((*base.model.effects, self.testable[name]))
-            first_steps = _first_steps(self.fitter, model, cells, promise.starts, base)
-            complete = np.isfinite(first_steps.cost)
-            fits.append(
-                self.fitter.fit(model, cells, first_steps.unknowns, base_fit=first_steps) if complete else first_steps
-            )
-        return fits
+        return [
+            self.fitter.fit_from_best(Model((*base.model.effects, self.testable[name])), cells, promise.starts, base)
+            for name, promise in promises.items()
+        ]
 
     def refit(self, model: Model, cells: Truth, base: Fit) -> Fit:
         """A model fitted to some cells from what they alone show, effect by effect on top of a base.
@@ -199,9 +192,3 @@ class Selector:
             fits.append(self.fitter.fit(model, cells, start, FIRST_ITERATIONS))
         return replace(min(fits, key=lambda fit: fit.cost).unknowns, reach=declared_unknowns.reach)
 
-
-def _first_steps(fitter: Fitter, model: Model, cells: Truth, starts: Sequence[Vector], base: Fit) -> Fit:
-    """First steps of a model from where they lead farthest; of an infinite cost where no equilibrium was found."""
-    first_fits = [fitter.fit(model, cells, start, FIRST_ITERATIONS, base) for start in starts]
-    first_fits = [fit if fit.sound else replace(fit, cost=np.inf) for fit in first_fits]
-    return min(first_fits, key=lambda fit: fit.cost)

@@ -16,9 +16,6 @@ from pipeline.identification.selection.evidence import CONFIDENCE
 
 Real = NDArray[np.float64]
 
-LARGEST_LOG = 10.0
-"""Logarithm up to which an interval is widened: beyond it every bound of the library is reached."""
-
 
 @dataclass(frozen=True)
 class FittedParameter:
@@ -73,6 +70,6 @@ def _ends(trial: Trial, bounds: Sequence[tuple[float, float]]) -> tuple[Real, Re
     low_end, high_end = shares - step, shares + step
     for k, (lower, _) in enumerate(bounds):
         if lower == 0 < shares[k] and low_end[k] <= 0:
-            high_end[k] = max(high_end[k], shares[k] * np.exp(min(step[k] / shares[k], LARGEST_LOG)))
+            high_end[k] = max(high_end[k], np.exp(min(np.log(shares[k]) + step[k] / shares[k], 0.0)))
             low_end[k] = shares[k] * np.exp(-step[k] / shares[k])
     return low_end, high_end

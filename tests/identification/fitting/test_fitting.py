@@ -12,8 +12,8 @@ from synthetic_unit import CRANKS, ROOT, Bench, exactly_known, make_unit, proble
 
 from pipeline.identification.fitting.build import POPULATION
 from pipeline.identification.fitting.fitter import STEP, Fitter
-from pipeline.identification.fitting.parameters import TOLERANCE, WIDE, shares_of_values, values_at_shares
-from pipeline.identification.fitting.problem import Model, PriorModes, candidates
+from pipeline.identification.fitting.parameters import WIDE, shares_of_values, values_at_shares
+from pipeline.identification.fitting.problem import LIMIT, Model, PriorModes, candidates
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.evidence import Covariance, Evidence
@@ -67,6 +67,14 @@ def test_shares_and_values_are_inverse(pairs, data):
     values = values_at_shares(bounds, shares)
     assert all(low - 1e-9 <= value <= high + 1e-9 for (low, high), value in zip(bounds, values, strict=True))
     np.testing.assert_allclose(shares_of_values(bounds, values), shares, atol=1e-9)
+
+
+def test_tolerances_of_a_unit_move_what_a_study_can_state(exact_unit):
+    """Dimensions that were not measured, and do not vary in the study, are none of what a fit may move."""
+    moved = vars(exact_unit.modes_of_errors(np.ones(exact_unit.n_modes)))
+    names = {name for name, values in moved.items() if np.any(values)}
+    assert {"lobe", "roller_diameter", "pin_radial"} <= names
+    assert not names & {"bore_runout", "pin_roundness", "pin_off_hole", "displacement"}
 
 
 def test_positive_bounds_far_apart_are_shared_by_the_logarithm():
@@ -193,7 +201,7 @@ def test_unknown_dimensions_are_fitted_by_their_modes_to_the_noise(unknown):
     rms_before = rms(unknown, declared + fitter.offsets(declared, everything(unknown), unknown.data.sigma))[0]
     assert rms_before > 10 * unknown.data.noise
     assert rms(unknown, fit.predicted_angle)[1] < 1.5
-    assert np.max(np.abs(fit.unknowns.modes)) <= TOLERANCE
+    assert np.max(np.abs(fit.unknowns.modes)) <= LIMIT
     assert np.sqrt(np.mean(fit.unknowns.modes**2)) < 1.5  # of unit variance
 
 

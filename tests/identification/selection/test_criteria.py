@@ -91,6 +91,7 @@ def test_all_that_was_tried_counts_together():
         ({"gain": -0.1}, "not predicted better"),
         ({"distance": 0.9}, "reaches zero"),
         ({"limited": SINGLE + ODDS - 0.1}, "a discrepancy of no known form"),
+        ({"limited": 40.0 - ODDS - 0.1}, "larger than the form of the model leaves"),
     ],
 )
 def test_each_clause_withholds_a_name_and_says_why(options, reason):
@@ -141,6 +142,17 @@ def test_a_pair_of_which_one_size_may_be_zero_leaves_the_single_effect():
     assert selection.members == ("coulomb",)
 
 
+def test_a_pair_near_the_best_one_is_not_named_where_the_best_single_effect_is_as_probable():
+    """The best pair is refused; the next is no more probable than its first effect alone, by the odds."""
+    pairs = 40.0 + PAIR - SINGLE
+    trials = {
+        "coulomb": trial("coulomb", Known(40.0)),
+        "coulomb+preload": trial("coulomb+preload", Known(pairs + ODDS + 1, distance={"coulomb": 5.0, "preload": 0.5})),
+        "coulomb+rayleigh": trial("coulomb+rayleigh", Known(pairs + ODDS - 0.1)),
+    }
+    assert judged(trials).members == ("coulomb",)
+
+
 def test_models_within_the_odds_are_one_class():
     trials = {
         "coulomb": trial("coulomb", Known(40.0)),
@@ -177,7 +189,7 @@ DATA = replace(
 
 
 def verdict_on(angle, designs):
-    """What is named of a linear unit, each effect with a column of its own."""
+    """What is judged of a linear unit, each effect with a column of its own."""
     cells = np.ones(len(DATA), bool)
     data = replace(DATA, angle=angle)
     covariance = Covariance(data, cells, parts_of(data, cells))
@@ -188,8 +200,10 @@ def verdict_on(angle, designs):
         fitter.problem.record = {}
         model = Model((candidates()[name],)) if name else model_of(0)
         fit = fitter.fit(model, cells, fitter.start(model))
-        trials[name] = Trial(fit, Evidence(covariance, fitter, fit), 1.0)
-    return Judge(fitter, cells, len(designs)).select(trials.pop(""), trials, {}).members
+        misfit = (angle - fit.predicted_angle) / data.sigma
+        misfit -= (np.bincount(data.group, misfit) / np.bincount(data.group))[data.group]
+        trials[name] = Trial(fit, Evidence(covariance, fitter, fit), float(np.sqrt(np.mean(misfit**2))))
+    return Judge(fitter, cells, len(designs)).select(trials.pop(""), trials, {})
 
 
 def test_an_effect_is_named_on_at_most_a_few_of_a_hundred_empty_units_and_on_all_that_have_it():
@@ -199,7 +213,20 @@ def test_an_effect_is_named_on_at_most_a_few_of_a_hundred_empty_units_and_on_all
     for _ in range(100):
         designs = {name: rng.normal(size=len(DATA)) for name in names}
         noise = 0.1 * rng.standard_normal(len(DATA))
-        empty += bool(verdict_on(noise, designs))
-        present += verdict_on(noise + 0.06 * designs["coulomb"], designs) == ("coulomb",)
+        empty += bool(verdict_on(noise, designs).members)
+        present += verdict_on(noise + 0.06 * designs["coulomb"], designs).members == ("coulomb",)
     assert empty <= 5
     assert present >= 95
+
+
+def test_an_effect_is_not_named_for_a_law_that_it_only_resembles():
+    """Lenses explain most of a loop with bulges, and leave these: more than the form of a model does."""
+    noise = 0.1 * np.random.default_rng(5).standard_normal(len(DATA))
+    lens, bulges = DATA.senses * (1 - (DATA.torque / 5) ** 2), DATA.senses * np.cos(np.pi * DATA.torque / 2)
+    lens, bulges = (shape / np.sqrt(np.mean(shape**2)) for shape in (lens, bulges))
+    assert verdict_on(noise + 0.3 * lens, {"rayleigh": lens}).members == ("rayleigh",)
+    selection = verdict_on(noise + 0.3 * (np.sqrt(1 - 0.3**2) * lens + 0.3 * bulges), {"rayleigh": lens})
+    limited = selection.trials["rayleigh"].evidence.log_evidence_up_to(selection.limit)
+    assert limited - selection.base.evidence.value > ODDS  # a discrepancy alone is less probable
+    assert selection.members == ()
+    assert "larger than the form of the model leaves" in selection.reasons["rayleigh"]

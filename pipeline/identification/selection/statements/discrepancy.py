@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import minimize
 
-from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.fitter import STEP, Fitter
 from pipeline.identification.fitting.parameters import Fit, values_at_shares
 
 Real = NDArray[np.float64]
@@ -31,8 +31,6 @@ REACHES = (0.03, 1.0)
 """Reach of the process in largest torques: cells are as wide as the first, a shape as wide as the last."""
 SIZES = (1e-3, 1e3)
 """Sizes of the process in standard deviations of noise."""
-SHARE_STEP = 1e-4
-"""Step of a parameter, as a share of its bounds, by which its unit is found."""
 JITTER = 1e-9
 """Share of the noise's variance that keeps matrices definite."""
 
@@ -155,8 +153,8 @@ def discrepancy_of(fitter: Fitter, fit: Fit, direction: Whole, cells: Truth) -> 
     random = np.hstack([fit.jacobian[:, :first_share], fit.jacobian[:, last_share:]]) * spread
     residual = data.angle - fit.predicted_angle + random @ (np.concatenate([unknowns.scales, unknowns.modes]) / spread)
     bounds = fitter.bounds(fit.model)
-    perturbed_values = [values_at_shares(bounds, unknowns.shares + step) for step in (-SHARE_STEP, SHARE_STEP)]
-    shares_by_value = 2 * SHARE_STEP / (perturbed_values[1] - perturbed_values[0])
+    perturbed_values = [values_at_shares(bounds, unknowns.shares + step) for step in (-STEP, STEP)]
+    shares_by_value = 2 * STEP / (perturbed_values[1] - perturbed_values[0])
     jacobian = fit.jacobian[:, first_share:last_share] * shares_by_value
     return discrepancy(
         data.torque[cells],

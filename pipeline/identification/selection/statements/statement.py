@@ -14,7 +14,7 @@ from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.selection.criteria import FEWEST_BLOCKS, LARGEST_CLASS, Selection
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.parameter_intervals import CONFIDENCE, FittedParameter
-from pipeline.identification.selection.statements.remainder import Remainder
+from pipeline.identification.selection.statements.remainder import TORQUE_BINS, Remainder
 from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
     IDENTIFIED,
@@ -28,8 +28,6 @@ Truth = NDArray[np.bool_]
 
 EXPECTED_RATIO = 1.1
 """Expected error in noise from which it is said."""
-ZONES = 12
-"""Intervals of the torque, for each sense of loading, by which it is said where a misfit is largest."""
 MEASURE_MORE = {
     "loop": "Measure the same cycle at least three times, and at two or more other crank angles: whole positions can "
     f"then be held out, and with {FEWEST_BLOCKS} branches or more an effect can be accepted.",
@@ -101,7 +99,7 @@ def place_of_largest(data: Data, change: Real, cells: Truth) -> str:
     if isinstance(data, TurningData) or not np.any(use):
         return ""
     torque, sense = data.torque[use], data.senses[use] > 0
-    edges = np.linspace(torque.min(), torque.max(), ZONES + 1)[1:-1]
+    edges = np.linspace(torque.min(), torque.max(), TORQUE_BINS + 1)[1:-1]
     zone = 2 * np.searchsorted(edges, torque) + sense
     size = np.bincount(zone, (change[use] / data.sigma[use]) ** 2) / np.maximum(np.bincount(zone), 1)
     largest_zone = int(np.argmax(size))
