@@ -85,7 +85,7 @@ def errors(sampled: "SampledErrors") -> Errors:
         roller_diameter=MM_PER_UM * sampled.roller_diameter,
         eccentric_phase=MM_PER_UM * sampled.eccentric_phase,
         lobe_pitch=MM_PER_UM * pitch,
-        bore_runout=MM_PER_UM * sampled.bore_runout_amplitude[:, None] * direction,
+        bore_runout=MM_PER_UM * sampled.bore_runout_amplitude[..., None] * direction,
         hole_diameter=MM_PER_UM * _of_disks(sampled.hole_diameter, sampled),
         pin_off_hole=_pins_off_holes(pins, _of_disks(holes, sampled)),
         pin_roundness=np.stack(waves, axis=-1),
