@@ -384,4 +384,4 @@ def gaps(
     if not (reducer.displacements and np.any(errors.displacement)):
         return np.hstack(parts)
     matrix = np.hstack(list(reducer.displacements.values()))
-    return np.hstack(parts) + (errors.displacement.real @ matrix.real.T + errors.displacement.imag @ matrix.imag.T)
+    return np.asarray(np.hstack(parts) + np.real(errors.displacement @ np.conj(matrix.T)))
