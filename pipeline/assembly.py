@@ -14,6 +14,7 @@ from pipeline.config.mechanisms.mechanism import LawInputs
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated_laws, scaled_laws
 from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
+from pipeline.model.elastic.ring import ring_flexibility
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.clocking import Clocking, clocking, same_places
 from pipeline.model.geometry.contacts import OUTPUT
@@ -85,7 +86,7 @@ def errors(sampled: "SampledErrors") -> Errors:
         roller_diameter=MM_PER_UM * sampled.roller_diameter,
         eccentric_phase=MM_PER_UM * sampled.eccentric_phase,
         lobe_pitch=MM_PER_UM * pitch,
-        bore_runout=MM_PER_UM * sampled.bore_runout_amplitude[:, None] * direction,
+        bore_runout=MM_PER_UM * sampled.bore_runout_amplitude[..., None] * direction,
         hole_diameter=MM_PER_UM * _of_disks(sampled.hole_diameter, sampled),
         pin_off_hole=_pins_off_holes(pins, _of_disks(holes, sampled)),
         pin_roundness=np.stack(waves, axis=-1),
@@ -188,15 +189,28 @@ def _law_inputs(study: Study) -> LawInputs:
     )
 
 
-def output_compliance(design: Design, reducer: Reducer) -> Real | None:
-    """What the bodies behind the disks give way between all contacts (n_contacts, n_contacts) [mm/N]; None if rigid."""
+def compliance_beside_disks(design: Design, reducer: Reducer) -> Real:
+    """What output, input shaft and housing give way between all contacts (n_contacts, n_contacts) [mm/N].
+
+    Notes
+    -----
+    A disk's forces are those of its input bearing, by its balance: they bend the shaft, and the disk goes along with it
+    as a whole. So its contacts yield by the flexibility between the disks' planes, along their normals.
+    """
     rows = np.flatnonzero(reducer.contacts.kind == OUTPUT)
     materials = {name: _material(section, design) for name, section in design.materials.items()}
-    interval = design.output.compliance(reducer.contacts.some(rows), reducer.disk_of_contact[rows], materials)
-    if interval is None:
-        return None
     full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
-    full[np.ix_(rows, rows)] = interval
+    of_output = design.output.compliance(reducer.contacts.some(rows), reducer.disk_of_contact[rows], materials)
+    if of_output is not None:
+        full[np.ix_(rows, rows)] += of_output
+    if design.input_shaft:
+        flexibility = design.input_shaft.flexibility(reducer.n_disks, materials)
+        full += reducer.planar @ np.kron(flexibility, np.eye(2)) @ reducer.planar.T
+    if design.housing.ring:
+        pins, ring = reducer.n_pins, design.housing.ring
+        radii = design.cycloid.pin_circle_radius_mm, 0.5 * design.housing.outer_diameter_mm
+        modulus = materials[ring.material].youngs_modulus
+        full[:pins, :pins] += ring_flexibility(reducer.pins.centre, reducer.pins.normal, radii, ring.width_mm, modulus)
     return full
 
 

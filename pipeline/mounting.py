@@ -32,8 +32,8 @@ def drive_of(
 
     Parameters
     ----------
-    compliance : of the disks between the contacts (n_contacts, n_contacts) [mm/N], to which that of the output's bodies
-        is added; None where all bodies are rigid.
+    compliance : of the disks between the contacts (n_contacts, n_contacts) [mm/N], to which that of the bodies beside
+        them is added; None where all bodies are rigid.
     errors : of ``n`` states.
     clearance : (n,) or (n, n_disks) of each disk's input bearing [mm]; where an output mechanism carries the disks, of
         all bearings of the cranks in a disk.
@@ -58,7 +58,9 @@ def drive_of(
         reducer=reducer,
         bearing=assembly.bearing(study.design),
         laws=assembly.contact_laws(study, reducer) if laws is None else laws,
-        compliance=_full_compliance(study, reducer, compliance),
+        compliance=np.zeros((contacts, contacts))
+        if compliance is None
+        else compliance + assembly.compliance_beside_disks(study.design, reducer),
         rated_torque=assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
         errors=errors,
         reading=GapReading(**dict(study.clearance)),
@@ -67,14 +69,6 @@ def drive_of(
         elements=(*of_modulus, *in_series),
     )
     return with_effects(drive, study.design.effects, study.design.temperature_rise_K or 0.0)
-
-
-def _full_compliance(study: Study, reducer: Reducer, of_disks: Real | None) -> Real:
-    """Compliance of the disks and of the bodies behind them; the array itself where these are rigid."""
-    if of_disks is None:
-        return np.zeros((len(reducer.contacts), len(reducer.contacts)))
-    of_output = assembly.output_compliance(study.design, reducer)
-    return of_disks if of_output is None else of_disks + of_output
 
 
 def with_effects(drive: Drive, effects: Mapping[str, Mapping[str, float]], temperature_rise: float = 0.0) -> Drive:

@@ -258,6 +258,8 @@ HYSTERESIS = Stage(
         "design.output",
         "design.operation",
         "design.flank",
+        "design.housing.ring",
+        "design.input_shaft",
         "design.series",
         "design.effects",
         "design.temperature_rise_K",

@@ -155,7 +155,7 @@ def _ratio_fact(design: Design) -> str:
 
 def reducer_facts(design: Design) -> list[tuple[str, str]]:
     """The reducer in numbers."""
-    cycloid, bearing = design.cycloid, design.bearing
+    cycloid, bearing, shaft = design.cycloid, design.bearing, design.input_shaft
     law = "linear" if bearing.exponent == 1 else f"with the power {plain_number(bearing.exponent)} of the deflection"
     return [
         ("Ratio of the disks" if design.output.carries_disks else "Reduction ratio", _ratio_fact(design)),
@@ -173,6 +173,7 @@ def reducer_facts(design: Design) -> list[tuple[str, str]]:
         ),
         *([("Flank", flank_fact(design))] if design.flank else []),
         ("Bearing of each crank" if design.output.carries_disks else "Input bearing", f"radial spring, {law}"),
+        *([("Input shaft", f"bends over {plain_number(shaft.span_mm)} mm, of {shaft.material}")] if shaft else []),
         ("Output", design.output.fact(design.cycloid, plain_number)),
         *([("Effects", _effects_fact(design))] if design.effects else []),
     ]

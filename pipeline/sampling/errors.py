@@ -31,7 +31,7 @@ class _Errors:
     pin_radial, pin_tangential, pin_radius : (n_samples, n_pins) [um], pins clockwise; radial with the ovalities added.
     lobe_profile : (n_samples, n_disks n_lobes) [um], beside disk_profile; lobes clockwise, disk after disk.
     lobe_pitch : (n_samples, n_disks n_lobes) [um], in the same order.
-    bore_runout_amplitude, bore_runout_phase : (n_samples,) [um] and [rad], counterclockwise in the disk's frame.
+    bore_runout_amplitude, bore_runout_phase : as eccentricity [um] and [rad], counterclockwise in the disk's frame.
     roller_diameter : (n_samples, n_rollers) [um], in the order of the output's contacts; with bushes, less what their
         bores are larger, and more by what the pins under them are thicker.
     hole_diameter : (n_samples, n_disks n_holes) [um], in the order of output pins or cranks, disk after disk; with the
@@ -230,8 +230,7 @@ def _counts(design: Design) -> dict[str, int]:
     for name, dimension in dimension_library().items():
         places.append((dimension.draw_columns[0], name, dimension.count(design)))
         if dimension.direction:
-            directions = dimension.count(design) if dimension.elements else 1
-            places.append((dimension.draw_columns[1], dimension.phase, directions))
+            places.append((dimension.draw_columns[1], dimension.phase, dimension.count(design)))
     return {name: count for _, name, count in sorted(places)}
 
 
@@ -298,7 +297,7 @@ def _errors(values: dict[str, Real], design: Design) -> Errors:
                 size = dimension.elements.count(design) * (disks if dimension.of_disk else 1)
                 errors[field] = values[name] if values[name].shape[1] else np.zeros((len(values[name]), size))
             else:
-                errors[field] = _per_disk(values[name], disks if dimension.of_disk and field == dimension.field else 1)
+                errors[field] = _per_disk(values[name], disks if dimension.of_disk else 1)
     for dimension in library:
         if dimension.shift:
             deviation = errors[dimension.field]

@@ -42,7 +42,6 @@ def test_nominal_sample_counts_as_a_row(study_data):
     ("design", "name", "line"),
     [
         ("pin_in_hole_39", "eccentric_phase", "tolerances.eccentric_phase; acts on nothing with [disk] count = 1"),
-        ("two_disks_39", "bore_runout", "tolerances.bore_runout; is not solved with [disk] count = 2"),
         ("pham2017", "hole_diameter", "tolerances.hole_diameter; acts on nothing: it needs pins in holes"),
     ],
 )

@@ -15,13 +15,25 @@ from pipeline.config.designs.operation import Operation
 from pipeline.config.files.section import Clearance, Millimetres, Section
 from pipeline.config.mechanisms import OutputMechanism
 from pipeline.config.mechanisms import library as mechanism_library
+from pipeline.config.mechanisms.crankshaft import Shaft
 from pipeline.config.temperature.thermal import Thermal
 
 
+class HousingRing(Section):
+    """What of the housing bends as a thin ring in its plane, from the pin circle to the outer diameter.
+
+    It is as wide along the axis as `width_mm` says; its mean displacement and rotation are held, and nothing else.
+    """
+
+    width_mm: Millimetres
+    material: str
+
+
 class Housing(Section):
-    """Ring that holds the pins."""
+    """Ring that holds the pins; rigid without `ring`."""
 
     outer_diameter_mm: Millimetres
+    ring: HousingRing | None = None
 
 
 class MaterialSection(Section):
@@ -101,7 +113,8 @@ class Provenance(Section):
 class Design(Section):
     """A nominal one-stage cycloid reducer. Lengths in mm, moduli in MPa, as the names say.
 
-    `series` are parts in series with the output, by names of their own; each stiffness has a provenance.
+    `input_shaft` carries the eccentrics of a reducer with input bearings, and is rigid where it is left out. `series`
+    are parts in series with the output, by names of their own; each stiffness has a provenance.
     `effects` are of the library `pipeline.model.effects`, by name, each with all of its parameters; those of the
     temperature act at `temperature_rise_K` over that of the drawing. `thermal` is no key of a file: it is there where a
     study draws temperatures.
@@ -116,6 +129,7 @@ class Design(Section):
     pins: Pins
     bearing: BearingSection
     flank: FlankSection | None = None
+    input_shaft: Shaft | None = None
     output: Output
     operation: Operation | None = None
     series: dict[str, SeriesPart] = {}

@@ -11,6 +11,8 @@ from pipeline.config.designs.flank import flank_problems
 from pipeline.config.designs.operation import Operation
 from pipeline.config.files.section import Mistake, nearest_name
 from pipeline.config.mechanisms import OutputMechanism
+from pipeline.config.mechanisms.crankshaft import Shaft
+from pipeline.model.elastic.ring import THICKEST
 from pipeline.model.geometry.clocking import clocking
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
@@ -36,6 +38,8 @@ def geometry_problems(parts: Mapping[str, Any]) -> list[Mistake]:
         problems += _bore(cycloid, disk)
     if output:
         problems += output.problems(cycloid, disk)
+    if parts.get("input_shaft"):
+        problems += _input_shaft(parts["input_shaft"], disk, output)
     if disk and disk.count > 1:
         problems += _several_disks(disk, cycloid, output)
     if output and output.pins_in_holes and parts.get("operation"):
@@ -47,6 +51,13 @@ def _friction(operation: Operation) -> Iterator[Mistake]:
     if operation.friction and operation.friction.output_coefficient is None:
         requirement = "must be given, from 0 to 0.5: output pins slide in the holes, or their bushes on them"
         yield Mistake("operation.friction.output_coefficient", None, requirement)
+
+
+def _input_shaft(shaft: Shaft, disk: Disk | None, output: OutputMechanism | None) -> Iterator[Mistake]:
+    if output and output.carries_disks:
+        requirement = "acts on nothing: the disks run on the cranks of the carrier; write [output.crankshaft]"
+        yield Mistake("input_shaft", None, requirement)
+    yield from shaft.problems("input_shaft", disk.count if disk else 1)
 
 
 def _several_disks(disk: Disk, cycloid: Cycloid | None, output: OutputMechanism | None) -> Iterator[Mistake]:
@@ -113,6 +124,14 @@ def _housing(cycloid: Cycloid, housing: Housing) -> Iterator[Mistake]:
             f"must be > {reach:.4g} mm, the circle around the pins: pins lie outside the housing; "
             "a diameter is asked for, not a radius",
         )
+    wall, mean = (0.5 * housing.outer_diameter_mm + sign * cycloid.pin_circle_radius_mm for sign in (-1, 1))
+    if housing.ring and wall > THICKEST * 0.5 * mean:
+        widest = 2 * cycloid.pin_circle_radius_mm * (1 + THICKEST / 2) / (1 - THICKEST / 2)
+        requirement = (
+            f"must be <= {widest:.4g} mm with [housing.ring]: a wall of more than {THICKEST:g} mean radii is no thin "
+            "ring; correct it, or delete [housing.ring], a rigid housing"
+        )
+        yield Mistake("housing.outer_diameter_mm", housing.outer_diameter_mm, requirement)
 
 
 def _bore(cycloid: Cycloid, disk: Disk) -> Iterator[Mistake]:
@@ -128,7 +147,10 @@ def _materials(parts: Mapping[str, Any]) -> Iterator[Mistake]:
     materials = parts.get("materials")
     if materials is None:
         return
-    names = {f"{section}.material": parts[section].material for section in ("disk", "pins") if section in parts}
+    sections = {name: parts[name] for name in ("disk", "pins", "input_shaft") if parts.get(name)}
+    if parts.get("housing") and parts["housing"].ring:
+        sections["housing.ring"] = parts["housing"].ring
+    names = {f"{name}.material": section.material for name, section in sections.items()}
     if "output" in parts:
         names |= {f"output.{key}": name for key, name in parts["output"].material_names.items()}
     for key, name in names.items():

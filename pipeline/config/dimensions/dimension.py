@@ -97,7 +97,7 @@ class Dimension:
         order.
     elements : what has one each; None for a dimension of the whole reducer, or of a disk.
     of_disk : whether every disk has deviations of its own.
-    fewest_disks, most_disks : disks of a reducer below which it acts on nothing, and above which it is not solved.
+    fewest_disks : disks of a reducer below which it acts on nothing.
     one_sided : whether the total cannot be negative: a clearance, an amplitude.
     direction : meaning of its random direction, of each element its own, which makes the deviation an amplitude; empty
         without one.
@@ -123,7 +123,6 @@ class Dimension:
     elements: Elements | None = None
     of_disk: bool = False
     fewest_disks: int = 1
-    most_disks: int = 3
     one_sided: bool = False
     direction: str = ""
     zone: bool = False
@@ -151,17 +150,14 @@ class Dimension:
         """Number of deviations of a reducer, disk after disk; 0 of a reducer that cannot have them."""
         disks = design.disk.count if self.of_disk else 1
         per_disk = self.elements.count(design) if self.elements else 1
-        in_range = self.fewest_disks <= design.disk.count <= self.most_disks
-        return disks * per_disk if in_range and (self.need is None or self.need.condition(design)) else 0
+        is_met = design.disk.count >= self.fewest_disks and (self.need is None or self.need.condition(design))
+        return disks * per_disk if is_met else 0
 
     def refusal(self, design: Design) -> str:
         """Why a reducer cannot have a deviation."""
         if self.need and not self.need.condition(design):
             return f"acts on nothing: it needs {self.need.wording}; delete it"
-        disks = f"[disk] count = {design.disk.count}"
-        if design.disk.count > self.most_disks:
-            return f"is not solved with {disks}; delete it"
-        return f"acts on nothing with {disks}: it counts against another disk; delete it"
+        return f"acts on nothing with [disk] count = {design.disk.count}: it counts against another disk; delete it"
 
     @property
     def table(self) -> str:

@@ -41,15 +41,17 @@ DIMENSIONS = (
         elements=LOBES,
         counted_where_varied=True,
     ),
-    # Run-out of the disk's bore against its flank, as the eccentricity of the flank's centre; it turns with the disk.
+    # Run-out of each disk's bore against its flank, as the eccentricity of the flank's centre; it turns with the disk.
+    # No crank runs in the bore of an RV reducer's disk: there it is the run-out of the flank against the holes.
     Dimension(
         name="bore_runout",
         title="run-out of bore against flank",
-        sign="way of the flank's centre from the bore's, half of an indicator's reading; direction random",
+        sign="way of the flank's centre from the bore's, of an RV from that of the crank holes, half of an indicator's "
+        "reading; direction random",
         meaning="way of the flank's centre from the bore's, half of an indicator's reading",
         rank=66,
         draw_columns=(110, 111),
-        most_disks=1,
+        of_disk=True,
         one_sided=True,
         direction="direction of the flank's centre from the bore's in the disk's frame",
         counted_where_varied=True,

@@ -139,7 +139,7 @@ class Carrier(OutputMechanism):
             requirement = f"must be {self.cranks} factors, one of each crank"
             yield Mistake("output.stiffness_of_cranks", self.stiffness_of_cranks, requirement)
         if self.crankshaft:
-            yield from self.crankshaft.problems(disk.count if disk else 1)
+            yield from self.crankshaft.problems("output.crankshaft", disk.count if disk else 1)
 
     def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
         """The carrier's rotation, that of each crank about its own axis in space, and its shifts in loose supports."""

@@ -1,4 +1,4 @@
-"""Crankshaft of an RV reducer: a shaft between two support bearings on the carrier, which bends and moves in them."""
+"""Shafts that carry eccentrics between two support bearings: a plain reducer's input, and the cranks of a carrier."""
 
 from __future__ import annotations
 
@@ -16,21 +16,68 @@ from pipeline.model.geometry.cycloid_profile import Real
 Stiffness = Annotated[float, Field(ge=1, le=1e12)]
 
 
-class Crankshaft(Section):
-    """Shaft of each crank, of one diameter, on two support bearings that leave its slope free.
+class Shaft(Section):
+    """Shaft of one diameter on two preloaded support bearings, linear springs that leave its slope free.
 
     Planes are counted from the first support: the first disk's middle plane lies at `plane_mm`, each further disk's
-    `disk_pitch_mm` farther on, the planet's at `planet_plane_mm`, which may overhang. Without `support_clearance_um`
-    the supports are preloaded, and springs alike to both sides; with it each is a ring of rollers of the radial law.
+    `disk_pitch_mm` farther on. All disks lie between the supports.
     """
 
     span_mm: Millimetres
     plane_mm: Millimetres
     disk_pitch_mm: Annotated[float, Field(ge=0, le=1e4)] = 0.0
-    planet_plane_mm: Annotated[float, Field(ge=-1e4, le=1e4)]
     diameter_mm: Millimetres
     material: str
     support_stiffness_N_per_mm_power: tuple[Stiffness, Stiffness]
+
+    @property
+    def has_clearance(self) -> bool:
+        """Whether the supports are rings of rollers in which the shaft moves."""
+        return False
+
+    def planes(self, disks: int) -> Real:
+        """Distances (n_planes,) [mm] of the planes in which forces act, the disks' first, from the first support."""
+        return self.plane_mm + self.disk_pitch_mm * np.arange(disks)
+
+    def shares(self, disks: int) -> Real:
+        """Share (n_planes, 2) of each support in a force in each of the planes."""
+        return support_shares(self.planes(disks), self.span_mm)
+
+    def flexibility(self, disks: int, materials: Mapping[str, Material], factor: float = 1.0) -> Real:
+        """Deflection (n_planes, n_planes) [mm/N] in each plane by a unit force in each; ``factor`` of the supports.
+
+        Bending, and of preloaded supports what they give way: the deflection of each by its share of the force.
+        """
+        bending = shaft_flexibility(self.planes(disks), self.span_mm, self.diameter_mm, materials[self.material])
+        if self.has_clearance:
+            return bending
+        shares = self.shares(disks)
+        return bending + (shares / (factor * np.array(self.support_stiffness_N_per_mm_power))) @ shares.T
+
+    def problems(self, key: str, disks: int) -> Iterator[Mistake]:
+        """Disks beside the supports or in one plane, and a shaft that is no beam; ``key`` is its section."""
+        last_plane_mm = self.plane_mm + (disks - 1) * self.disk_pitch_mm
+        if disks > 1 and self.disk_pitch_mm == 0:
+            yield Mistake(f"{key}.disk_pitch_mm", 0.0, "must be > 0: the disks lie beside each other")
+        if last_plane_mm >= self.span_mm:
+            yield Mistake(f"{key}.span_mm", self.span_mm, f"must be > {last_plane_mm:g} mm, the plane of the last disk")
+        if not SHORTEST * self.diameter_mm <= self.span_mm <= LONGEST * self.diameter_mm:
+            requirement = (
+                f"must be {SHORTEST * self.diameter_mm:g} to {LONGEST * self.diameter_mm:g} mm, {SHORTEST:g} to "
+                f"{LONGEST:g} diameters of the shaft: beyond it is no beam of this theory; correct it, or delete "
+                f"[{key}]"
+            )
+            yield Mistake(f"{key}.span_mm", self.span_mm, requirement)
+
+
+class Crankshaft(Shaft):
+    """Shaft of each crank of a carrier, which also carries a planet.
+
+    The planet's plane lies at `planet_plane_mm`, which may overhang. Without `support_clearance_um` the supports are
+    preloaded, and springs alike to both sides; with it each is a ring of rollers of the radial law.
+    """
+
+    planet_plane_mm: Annotated[float, Field(ge=-1e4, le=1e4)]
     support_exponent: Annotated[float, Field(ge=1, le=3)] = 1.0
     support_clearance_um: Clearance | None = None
 
@@ -41,37 +88,11 @@ class Crankshaft(Section):
 
     def planes(self, disks: int) -> Real:
         """Distances (disks + 1,) [mm] of the disks' planes, and last the planet's, from the first support."""
-        return np.append(self.plane_mm + self.disk_pitch_mm * np.arange(disks), self.planet_plane_mm)
+        return np.append(super().planes(disks), self.planet_plane_mm)
 
-    def shares(self, disks: int) -> Real:
-        """Share (disks + 1, 2) of each support in a force in each of the planes."""
-        return support_shares(self.planes(disks), self.span_mm)
-
-    def flexibility(self, disks: int, materials: Mapping[str, Material], factor: float) -> Real:
-        """Deflection (disks + 1, disks + 1) [mm/N] in each plane by a unit force in each; ``factor`` of the supports.
-
-        Bending, and of preloaded supports what they give way: the deflection of each by its share of the force.
-        """
-        bending = shaft_flexibility(self.planes(disks), self.span_mm, self.diameter_mm, materials[self.material])
-        if self.has_clearance:
-            return bending
-        shares = self.shares(disks)
-        return bending + (shares / (factor * np.array(self.support_stiffness_N_per_mm_power))) @ shares.T
-
-    def problems(self, disks: int) -> Iterator[Mistake]:
-        """Disks beside the supports or in one plane, a shaft that is no beam, a preload of a law that has none."""
-        key, last_plane_mm = "output.crankshaft", self.plane_mm + (disks - 1) * self.disk_pitch_mm
-        if disks > 1 and self.disk_pitch_mm == 0:
-            yield Mistake(f"{key}.disk_pitch_mm", 0.0, "must be > 0: the disks lie beside each other")
-        if last_plane_mm >= self.span_mm:
-            yield Mistake(f"{key}.span_mm", self.span_mm, f"must be > {last_plane_mm:g} mm, the plane of the last disk")
-        if not SHORTEST * self.diameter_mm <= self.span_mm <= LONGEST * self.diameter_mm:
-            requirement = (
-                f"must be {SHORTEST * self.diameter_mm:g} to {LONGEST * self.diameter_mm:g} mm, {SHORTEST:g} to "
-                f"{LONGEST:g} diameters of the shaft: beyond it is no beam of this theory; correct it, or delete "
-                "[output.crankshaft]"
-            )
-            yield Mistake(f"{key}.span_mm", self.span_mm, requirement)
+    def problems(self, key: str, disks: int) -> Iterator[Mistake]:
+        """Those of a shaft, and a preload of a law that has none."""
+        yield from super().problems(key, disks)
         if not self.has_clearance and self.support_exponent != 1:
             requirement = "must be 1 of preloaded supports; add support_clearance_um, 0 of supports that just touch"
             yield Mistake(f"{key}.support_exponent", self.support_exponent, requirement)

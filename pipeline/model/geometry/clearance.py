@@ -38,7 +38,7 @@ class Errors:
         which reach through all disks.
     lobe_pitch : (n, n_lobes) or (n, n_disks, n_lobes): way of each lobe around the disk's axis along the circle at half
         of the lobes' height, counterclockwise positive.
-    bore_runout : (n, 2) way of the flank's centre from the bore's in the disk's frame, of every disk alike.
+    bore_runout : (n, 2) or (n, n_disks, 2) way of the flank's centre from the bore's in the disk's frame.
     eccentric_phase : (n,) or (n, n_disks) way of the eccentric's centre around the crank, counterclockwise positive.
     hole_diameter : (n, n_holes) or (n, n_disks, n_holes) of holes about output pins or cranks, larger positive.
     pin_off_hole : (n, n_holes) or (n, n_disks, n_holes) complex, way of each output pin's axis from its true place
@@ -86,6 +86,7 @@ class Errors:
             eccentricity=_of_disk(self.eccentricity, disk),
             eccentric_phase=_of_disk(self.eccentric_phase, disk),
             lobe_pitch=_of_disk(self.lobe_pitch, disk, axes=2),
+            bore_runout=_of_disk(self.bore_runout, disk, axes=2),
             hole_diameter=_of_disk(self.hole_diameter, disk, axes=2),
             pin_off_hole=_of_disk(self.pin_off_hole, disk, axes=2),
         )
@@ -383,4 +384,4 @@ def gaps(
     if not (reducer.displacements and np.any(errors.displacement)):
         return np.hstack(parts)
     matrix = np.hstack(list(reducer.displacements.values()))
-    return np.hstack(parts) + (errors.displacement.real @ matrix.real.T + errors.displacement.imag @ matrix.imag.T)
+    return np.asarray(np.hstack(parts) + np.real(errors.displacement @ np.conj(matrix.T)))

@@ -106,6 +106,7 @@ def closed_forms(mechanism, reducer, v):
         "planet_backlash": np.zeros(mechanism.cranks),
         "sun_runout": -np.sum(mesh * along(tangent, v * np.exp(1j * sun_angle)), keepdims=True),
         "hole_position": along(force, v * rotation).ravel(),
+        "bore_runout": -along(force, v * rotation).sum(axis=1),  # the flank one way is all holes the other
     }
 
 
@@ -115,7 +116,7 @@ def closed_forms(mechanism, reducer, v):
 def test_every_error_turns_the_output_as_its_closed_form_says(cranks, disks, turn):
     mechanism, size, way = carrier(cranks), 1e-3, 1e-3 * np.exp(0.7j)
     reducer = nominal_reducer(PROFILE, mechanism, turn, disks=disks)
-    directed = ("crank_position", "planet_runout", "sun_runout", "hole_position")
+    directed = ("crank_position", "planet_runout", "sun_runout", "hole_position", "bore_runout")
     forms_of = {v: closed_forms(mechanism, reducer, v) for v in (size, way)}
     expected = {name: forms_of[way if name in directed else size][name] for name in forms_of[way]}
     perfect = both_sided(mechanism, reducer)[0][reducer.output_motion]
@@ -129,6 +130,10 @@ def test_every_error_turns_the_output_as_its_closed_form_says(cranks, disks, tur
                 off = np.zeros((1, disks, cranks), complex)
                 off.flat[k] = -way  # the axis against the hole's
                 errors = replace(zero, pin_off_hole=off if disks > 1 else off[:, 0])
+            elif name == "bore_runout":
+                runout = np.zeros((1, disks, 2))
+                runout[0, k] = way.real, way.imag
+                errors = replace(zero, bore_runout=runout if disks > 1 else runout[:, 0])
             else:
                 displacement = np.zeros((1, len(names)), complex)
                 displacement[0, names.index(name) + k] = way if name in directed else size
