@@ -59,7 +59,7 @@ EFFECT_TERMS = (*SHARED_TERMS, EFFECT)
 TITLES = {
     "replay of the training loops": "replay",
     "polynomial for each branch": "polynomial",
-    "play, Coulomb and load friction, softening spring": "play_friction",
+    "play, spring, Coulomb and load friction": "play_friction",
 }
 """Columns of the baselines."""
 UNIT = """\

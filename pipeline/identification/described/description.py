@@ -123,11 +123,12 @@ def describe(measurement: Measurement) -> Description:
     data, fits = data_of(measurement, training), _Fits(measurement, followed_torques(measurement))
     splits = splits_of(data, training)
     final = fits.fit(training)
-    numbers = _numbers(data, fits, final, training, _term_p_values(data, splits, fits))
     curves = {
         "spring": _predicted_angle(data, splits, fits, tuple(NONE)),
         "described": _predicted_angle(data, splits, fits),
     }
+    p_values = _term_p_values(data, splits, fits, curves["described"])
+    numbers = _numbers(data, fits, final, training, p_values)
     cells, zeros = np.isfinite(curves["spring"]), np.zeros(len(data))
     cranks = measurement.rows.cranks
     errors = {name: angle_error(data, cranks, curve, zeros, cells) for name, curve in curves.items()}
@@ -205,11 +206,16 @@ def _predicted_angle(
     return predicted_angle
 
 
-def _term_p_values(data: Data, splits: list[tuple[Truth, Truth]], fits: _Fits) -> dict[str, float]:
-    """Familywise p of each term that is left out of all terms, over held-out branches; NaN with too few of them."""
+def _term_p_values(
+    data: Data, splits: list[tuple[Truth, Truth]], fits: _Fits, described: Real
+) -> dict[str, float]:
+    """Familywise p of each term that is left out of all terms, over held-out branches; none with too few of them.
+
+    ``described``: angle (n_cells,) [arcmin] with all terms.
+    """
     scores = {}
     for name in ("", *NONE):
-        angle = _predicted_angle(data, splits, fits, (name,) if name else ())
+        angle = _predicted_angle(data, splits, fits, (name,)) if name else described
         judged_cells = np.isfinite(angle)
         square = ((data.angle - angle)[judged_cells] / data.sigma[judged_cells]) ** 2
         _, block = np.unique(data.block[judged_cells], return_inverse=True)

@@ -111,7 +111,7 @@ def polynomials(data: Data, cycles: Cycles, training: Truth) -> Real:
 
 
 def play_and_friction(data: Data, cycles: Cycles, training: Truth) -> Real:
-    """Play, spring that softens, constant friction and friction in proportion to the load (n_cells,) [arcmin]."""
+    """Play, spring, constant friction and friction in proportion to the load (n_cells,) [arcmin]."""
     weight = training / data.sigma**2
     loops = CrankLoops.standing(data.position, data.torque[:, None], data.angle, weight, data.common_offset)
     return fitted_together([loops]).predicted_angles[0]
@@ -119,7 +119,7 @@ def play_and_friction(data: Data, cycles: Cycles, training: Truth) -> Real:
 
 METHODS: Methods = {
     "replay of the training loops": replay,
-    "play, Coulomb and load friction, softening spring": play_and_friction,
+    "play, spring, Coulomb and load friction": play_and_friction,
     "polynomial for each branch": polynomials,
 }
 

@@ -60,6 +60,7 @@ def write_description_page(
         left=_remaining_facts(description),
         folder=shown_folder,
         tables=list(frames),
+        faults=[(description.measurement.unit.name, fault) for fault in description.measurement.faults],
         pictures=pictures,
     )
     write_atomic(folder / "report.html", page.encode())

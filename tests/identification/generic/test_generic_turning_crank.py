@@ -5,6 +5,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from pipeline.identification.change.kinds import KINDS
+from pipeline.identification.change.loops import POINTS, Loop
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS
 from pipeline.identification.generic.generic_drive import LoopModel
@@ -203,3 +205,20 @@ def test_creep_follows_the_load_with_its_delay_and_the_zero_of_the_torque_moves_
     np.testing.assert_allclose(angle - angle[0], 5.0 * torque + 20.0 * (1 - np.exp(-time / 20.0)), atol=1e-4)
     moved = curve(LOOP + 0.7, SPRING | {"friction_Nm": 1.0, "torque_zero_Nm": 0.7}, crank_per_output=0.0)
     np.testing.assert_allclose(moved, curve(LOOP, SPRING | {"friction_Nm": 1.0}, crank_per_output=0.0), atol=1e-9)
+
+
+@pytest.mark.parametrize("zero", [0.0, 0.7])
+def test_the_numbers_that_two_states_are_compared_by_are_those_of_the_elements(zero):
+    """A loop of play, spring and constant friction has each of them, and 2 c Tc more width at zero torque."""
+    play, compliance, friction = 60.0, 5.0, 1.5
+    torque = np.concatenate([np.linspace(0, 30, 600), np.linspace(30, -30, 1200), np.linspace(-30, 30, 1200)])
+    values = SPRING | {"knee_Nm": 0.05, "friction_Nm": friction, "torque_zero_Nm": zero}
+    angle = curve(torque, values, crank_per_output=0.0)
+    grid = np.linspace(-30, 30, POINTS)
+    falling = np.interp(grid, torque[1799:599:-1], angle[1799:599:-1])
+    rising = np.interp(grid, torque[1800:], angle[1800:])
+    found = {kind.name: kind.value(Loop(grid, rising, falling)) for kind in KINDS}
+    expected = {"play": play, "friction": friction, "compliance": compliance, "torque_zero": zero}
+    assert {name: found[name] for name in expected} == pytest.approx(expected, rel=0.02, abs=0.02)
+    if not zero:
+        assert found["width"] == pytest.approx(play + 2 * compliance * friction, rel=0.01)
