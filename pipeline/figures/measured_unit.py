@@ -34,10 +34,10 @@ ROOM = 2.0
 
 DESCRIPTION_STYLES = {
     "spring": ("a spring alone", ALARM, "--"),
-    "described": ("play, friction, softening spring", ACCENT, "-"),
+    "described": ("play, friction and a spring", ACCENT, "-"),
 }
 """Models of a drive without a design, as ``MODELS``."""
-REMAINDER_TITLES = {"spring": "A spring alone", "described": "Play, friction, softening spring"}
+REMAINDER_TITLES = {"spring": "A spring alone", "described": "Play, friction and a spring"}
 
 
 @with_style

@@ -27,7 +27,7 @@ from pipeline.identification.record.turn_record import TurnRecord
 from pipeline.identification.results import write as results
 from pipeline.identification.selection.statements.verdict import FAULT
 from pipeline.identification.series import results as series_results
-from pipeline.identification.series.results import SeriesAnswer, identify_measurements
+from pipeline.identification.series.answer import SeriesAnswer, identify_measurements, turns_within_its_loops
 from pipeline.library.answer import Answer
 from pipeline.library.running import Workers, study_of, up_to_date
 from pipeline.populations import results as population_results
@@ -84,7 +84,7 @@ def unit_answer(measurement: Measurement | TurnRecord, jobs: int | Workers | Non
     if isinstance(measurement, TurnRecord):
         return _of_record(measurement, folder)
     if measurement.unit.design_study is None:
-        if not measurement.fatal and series_results.turns_within_its_loops(measurement):
+        if not measurement.fatal and turns_within_its_loops(measurement):
             return _turning(measurement, folder)
         return _description_answer(measurement, folder)
 
@@ -99,7 +99,7 @@ def unit_answer(measurement: Measurement | TurnRecord, jobs: int | Workers | Non
         identification = identify_measured(measurement, full_compliances)
     findings = identification if isinstance(identification, FaultyUnit) else results.findings(identification)
     content, frames = results.write(findings, folder)
-    write_page(findings, folder, settings.shown(folder))
+    write_page(findings, content, frames, folder, settings.shown(folder))
     verdict, statement = identification.verdict.verdict, identification.statement
     sentences = _sentences(verdict, statement.sentence, statement.advice)
     return UnitAnswer(findings, sentences, folder, frames, verdict=verdict, content=content)
@@ -113,7 +113,7 @@ def _description_answer(measurement: Measurement, folder: Path) -> UnitAnswer:
     with linear_algebra_faults(measurement.unit.name):
         description = describe(measurement)
     residual_signatures, frames = described_results.write(description, folder)
-    write_description_page(description, residual_signatures, folder, settings.shown(folder))
+    write_description_page(description, residual_signatures, frames, folder, settings.shown(folder))
     sentences = _sentences(
         description.verdict, described_results.sentence(description), described_results.advice(description)
     )
@@ -125,7 +125,7 @@ def _turning(measurement: Measurement, folder: Path) -> UnitAnswer:
     with linear_algebra_faults(measurement.unit.name):
         answer = identify_measurements([measurement])
     frames = series_results.write(answer, folder)
-    write_series_page(answer, folder, settings.shown(folder))
+    write_series_page(answer, frames, folder, settings.shown(folder))
     sentences = _sentences(answer.verdict, answer.sentence, answer.advice)
     return UnitAnswer(answer, sentences, folder, frames, verdict=answer.verdict)
 
@@ -193,7 +193,7 @@ def compared_states(states: Sequence[Measurement]) -> Answer[ChangeAnswer]:
         answer = change_results.answer(state_before, state_after, further)
     folder = settings.RUNS / "changed" / f"{state_before.unit.name}-{state_after.unit.name}"
     frames = change_results.write(answer, folder)
-    write_change_page(answer, folder, settings.shown(folder))
+    write_change_page(answer, frames, folder, settings.shown(folder))
     sentences = (
         f"{answer.comparison.verdict}: {answer.sentence}",
         answer.limits_sentence,
@@ -238,7 +238,7 @@ def shared_by_states(measurements: Sequence[Measurement], folder: str | Path, ov
     answer = identify_measurements(measurements, over)
     runs = settings.RUNS / "series" / Path(folder).resolve().name
     frames = series_results.write(answer, runs)
-    write_series_page(answer, runs, settings.shown(runs))
+    write_series_page(answer, frames, runs, settings.shown(runs))
     sentences = (f"{answer.verdict}: {answer.sentence}", answer.trend_sentence, answer.advice)
     return Answer(answer, tuple(filter(None, sentences)), runs, frames)
 

@@ -48,6 +48,7 @@ def write_locked_unit(
     per_branch: int = 60,
     reading: Sequence[float] = (0.0, 0.0),
     twist: float = 0.0,
+    wave: tuple[float, float] = (0.0, 0.0),
     seed: int = 4,
 ) -> Path:
     """The printed drive with a rigid disk and known dimensions, at some crank angles [deg].
@@ -57,6 +58,7 @@ def write_locked_unit(
     effects : of the second simulator, by name, with their values; the friction ``FRICTION`` is declared beside them.
     reading : amplitudes of an eccentric encoder [arcmin].
     twist : in series [rad/(N mm)], declared.
+    wave : of it over a turn of the crank, cosine and sine [rad/(N mm)], not declared.
     """
     rng = np.random.default_rng(seed)
     study = load_study("printed_drive", ROOT)
@@ -69,7 +71,7 @@ def write_locked_unit(
             drive = change(values)(drive, 0.0, 0.0)
         return drive
 
-    locked = LockedDrive(drive_at, -13.0, twist)
+    locked = LockedDrive(drive_at, -13.0, twist, wave)
     torque = path_of([0.0, TOP, -TOP, TOP, -TOP, 0.0], per_branch)
     cycle = np.repeat([0, 1], [2 * per_branch + 1, 3 * per_branch])
     tables = []

@@ -24,8 +24,8 @@ def answer(request, tmp_path_factory, condensed):
         load_measured_unit(make_unit(home / "u", {"coulomb": [0.5]}, bench, condensed), ROOT), condensed
     )
     findings_of_unit = findings(identification)
-    write(findings_of_unit, home / "out")
-    write_page(findings_of_unit, home / "out", home / "out")
+    written = write(findings_of_unit, home / "out")
+    write_page(findings_of_unit, *written, home / "out", home / "out")
     return identification, home / "out"
 
 

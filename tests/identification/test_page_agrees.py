@@ -43,8 +43,8 @@ def answer(request, tmp_path_factory, condensed):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(model_selection, "candidates", lambda: {name: candidates()[name] for name in OFFERED})
         findings_of_unit = findings(identify(load_measured_unit(folder, ROOT), condensed))
-    write(findings_of_unit, home)
-    write_page(findings_of_unit, home, home)
+    written = write(findings_of_unit, home)
+    write_page(findings_of_unit, *written, home, home)
     verdict = json.loads((home / "verdict.json").read_text())
     return verdict, (home / "report.html").read_text(), pd.read_parquet(home / "residual.parquet")
 

@@ -15,7 +15,7 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_units
 from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED, UNEXPLAINED
 from pipeline.identification.series import shared_effects
-from pipeline.identification.series.results import (
+from pipeline.identification.series.answer import (
     NOT_SHARED,
     effect_sizes,
     identify_measurements,
@@ -130,7 +130,7 @@ def test_a_runout_that_all_states_share_is_found_with_its_size_and_states_keep_t
     errors = {name: np.sqrt(np.nanmean(loss)) for name, loss in answer.errors.items()}
     assert errors["after"] < 0.5 * errors["refitted"] < errors["before"]
     friction = [values["friction_Nm"] for values in answer.effects.final_folds.final.values]
-    np.testing.assert_allclose(friction, [1.0, 1.3, 1.7], rtol=0.15)
+    np.testing.assert_allclose(friction, [1.0, 1.3, 1.7], rtol=0.2)  # the play has a hard stop, the model a knee
 
 
 def test_without_a_shared_effect_none_is_claimed_and_no_trend(tmp_path):
@@ -245,3 +245,20 @@ def test_errors_of_states_have_intervals_over_positions(answer):
     for _, errors in state_errors(answer):
         value, low, high = errors["refitted"]
         assert low < value < high
+
+
+@pytest.mark.parametrize("pause", [0.0, 40.0])
+def test_creep_is_tried_where_the_torque_dwells(tmp_path, pause):
+    """Rows at a constant rate of the torque, but for a pause in the middle of each position."""
+    write_series(tmp_path, [1.0, 1.3], [40.0, 40.0], 0.0, (20.0, 110.0), rows=40)
+    for path in tmp_path.glob("*/rows.csv"):
+        rows = pd.read_csv(path)
+        travel = rows.groupby("crank_deg")["torque_Nm"].transform(lambda torque: torque.diff().abs().cumsum().fillna(0))
+        half = rows.groupby("crank_deg").cumcount() > len(rows) / 4
+        rows.assign(time_s=travel + pause * half).to_csv(path, index=False)
+    series = series_of([Measurement.read(unit) for unit in load_measured_units(tmp_path, ROOT)])
+    testable, untestable = shared_effects.candidates(series)
+    assert ("creep" in testable) == (pause > 0)
+    assert ("creep" in untestable) == (pause == 0)
+    loops = series.loops[0]
+    assert all(np.all(np.diff(loops.time[loops.position == p].ravel()) >= 0) for p in (0, 1))

@@ -129,8 +129,8 @@ def test_a_row_without_a_torque_is_told_by_that(tmp_path):
 def test_a_record_without_its_crank_is_a_data_fault_with_a_page(tmp_path):
     folder = write_record(tmp_path / "u", Record(), table(Record()).drop(columns="crank_deg"))
     faulty = identify(load_measured_unit(folder, ROOT), no_compliance)
-    write(faulty, tmp_path / "out")
-    write_page(faulty, tmp_path / "out", tmp_path / "out")
+    written = write(faulty, tmp_path / "out")
+    write_page(faulty, *written, tmp_path / "out", tmp_path / "out")
     assert json.loads((tmp_path / "out" / "verdict.json").read_text())["verdict"] == "data fault"
     assert "no column 'crank_deg'" in html.unescape((tmp_path / "out" / "report.html").read_text())
 
@@ -159,8 +159,8 @@ def oval(tmp_path_factory):
     home = tmp_path_factory.mktemp("oval")
     identification = answer(home / "u", Record(effects={"ovality_2": [6.0, 4.0]}))
     findings_of_unit = findings(identification)
-    write(findings_of_unit, home)
-    write_page(findings_of_unit, home, home)
+    written = write(findings_of_unit, home)
+    write_page(findings_of_unit, *written, home, home)
     verdict = json.loads((home / "verdict.json").read_text())
     return identification, verdict, (home / "report.html").read_text(), pd.read_parquet(home / "residual.parquet")
 
@@ -246,8 +246,8 @@ def test_fewer_than_eight_turns_claim_nothing(tmp_path):
 def test_one_turn_is_described_in_sample(tmp_path):
     identification = answer(tmp_path / "u", Record(cycles=1, torques=(HELD,), senses=(1,)))
     findings_of_unit = findings(identification)
-    write(findings_of_unit, tmp_path / "out")
-    write_page(findings_of_unit, tmp_path / "out", tmp_path / "out")
+    written = write(findings_of_unit, tmp_path / "out")
+    write_page(findings_of_unit, *written, tmp_path / "out", tmp_path / "out")
     assert identification.folds.in_sample
     assert "One turn, fitted in sample" in identification.statement.sentence
     assert identification.verdict.named_effects == ()

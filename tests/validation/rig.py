@@ -25,8 +25,8 @@ from pipeline.config.files.section import nearest_name
 from pipeline.errors import InputError
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.measured_loops import crank_loops
+from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.shared_fit import fitted_together
-from pipeline.identification.generic.turning_crank import CrankLoops
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
 from pipeline.identification.series.folds import (
@@ -59,7 +59,7 @@ EFFECT_TERMS = (*SHARED_TERMS, EFFECT)
 TITLES = {
     "replay of the training loops": "replay",
     "polynomial for each branch": "polynomial",
-    "play, Coulomb and load friction, softening spring": "play_friction",
+    "play, spring, Coulomb and load friction": "play_friction",
 }
 """Columns of the baselines."""
 UNIT = """\
@@ -221,7 +221,7 @@ def predicted_states(measurements: Mapping[str, Measurement], again: Mapping[str
 
 def shared_numbers(others: Sequence[CrankLoops]) -> dict[str, float]:
     """Numbers of the material and of the crank angle that other states of a series share; none without any."""
-    return held_numbers(fitted_together(others, EFFECT_TERMS, EFFECT_TERMS)) if others else {}
+    return held_numbers(fitted_together(others, EFFECT_TERMS)) if others else {}
 
 
 def with_effect(state: CrankLoops, held: Mapping[str, float]) -> dict[str, Real]:
@@ -238,7 +238,7 @@ def left_out(measurement: Measurement, state: CrankLoops, held: Mapping[str, flo
         cells = state.position == position
         rest = [state.some(~cells)]
         curves["left_out"][cells] = fitted_together(rest, SOFT_TERMS).predicted_angles[0][cells]
-        curves["left_out_effect"][cells] = fitted_together(rest, terms, held=[held]).predicted_angles[0][cells]
+        curves["left_out_effect"][cells] = fitted_together(rest, terms, held=held).predicted_angles[0][cells]
         curves["left_out_replay"][cells] = replays(measurement, ~cells)["replay"][cells]
     return {name: rms(state, curve, np.ones(len(curve), bool)) for name, curve in curves.items()}
 

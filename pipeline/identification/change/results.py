@@ -223,11 +223,12 @@ def write(change_answer: ChangeAnswer, folder: Path) -> dict[str, pd.DataFrame]:
     comparison = change_answer.comparison
     tables = {CHANGES: change_rows(comparison), POSITIONS: position_rows(comparison), LOOPS: loop_rows(comparison)}
     frames = write_tables(tables, folder)
-    write_json(folder / VERDICT_FILE, _verdict(change_answer))
+    write_json(folder / VERDICT_FILE, content(change_answer))
     return frames
 
 
-def _verdict(change_answer: ChangeAnswer) -> dict[str, Any]:
+def content(change_answer: ChangeAnswer) -> dict[str, Any]:
+    """Content of verdict.json."""
     comparison = change_answer.comparison
     return {
         "before": change_answer.before.name,

@@ -51,7 +51,8 @@ class Contrast:
     @cached_property
     def family(self) -> Family:
         """Tests of all kinds together."""
-        return family(self._beyond_bias / self.size, self.residuals, self.freedom)
+        beyond = np.copysign(self._beyond_bias, self.mean)  # with its sign: rotations keep the products of the rows
+        return family(beyond / self.size, self.residuals, self.freedom)
 
     @property
     def _beyond_bias(self) -> Real:

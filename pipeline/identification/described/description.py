@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 from pipeline.identification.fitting.cell_torques import followed_torques
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.data import Data
-from pipeline.identification.generic.play_and_friction import TERMS, PlayAndFriction, TorqueCells, fit_play_and_friction
+from pipeline.identification.generic.crank_loops import CrankLoops
+from pipeline.identification.generic.drive_terms import BASIC, BENCH
+from pipeline.identification.generic.generic_drive import LoopModel
+from pipeline.identification.generic.shared_fit import SharedFit, fitted_together
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
 from pipeline.identification.selection.criteria import FEWEST_BLOCKS, REMAINING_SHARE
@@ -39,17 +42,20 @@ LEAST_LOSS = 0.1
 FEWEST_GROUPS = 3
 """Groups of data below which an estimate has no interval."""
 STEP = 1e-3
-"""Step of the derivatives, as a share of a number."""
-SPRING = "compliance"
-NUMBERS = {
-    "play": ("play_arcmin", "arcmin", "play: angle between the two senses without torque"),
-    "friction": ("friction_Nm", "N m", "constant friction, referred to the output"),
-    "load_friction": ("load_friction", "1", "friction in proportion to the torque"),
-    SPRING: ("compliance_arcmin_per_Nm", "arcmin/(N m)", "compliance near zero torque"),
-    "softening": ("softening_arcmin_per_Nm2", "arcmin/(N m)^2", "growth of the twist with the torque squared"),
-    "torque_zero": ("torque_zero_Nm", "N m", "reading of the torque without load"),
+"""Step of the derivatives, in scales of a number."""
+AT_NONE = 1e-3
+"""Number, in its scales, up to which a fit that ends at a bound has found that there is none."""
+NUMBERS = {**BASIC, **BENCH}
+"""Numbers of the description by name."""
+NONE: Mapping[str, Mapping[str, float]] = {
+    "play": {"play_arcmin": 0.0, "knee_Nm": 1.0},
+    "friction": {"friction_Nm": 0.0},
+    "load_friction": {"load_friction": 0.0},
+    "torque_zero": {"torque_zero_Nm": 0.0},
 }
-"""By term: attribute of the drive, unit, meaning."""
+"""Terms that a drive may have beside its spring, and their numbers where it has them not."""
+STARTS: tuple[Mapping[str, float], ...] = ({}, {"friction_Nm": 0.01, "load_friction": 0.02, "play_arcmin": 0.05})
+"""Starts of the fit, those of ``drive_terms`` but for some shares: its misfit has several minima."""
 
 
 @dataclass(frozen=True)
@@ -58,13 +64,14 @@ class Number:
 
     Attributes
     ----------
-    term, unit, meaning : what it is.
+    name, unit, meaning : what it is; ``term`` is the one that it belongs to, or none of the spring.
     value, ci_low, ci_high : fitted to all training cells, with the 95 % interval of the jackknife over groups.
     p : of a term that is none, over all terms (familywise); NaN of the spring, and where nothing can be tested.
     named : whether it is claimed: not of an interval that reaches zero, or of a fit at its bound.
     note : why it has no interval; empty where it has one.
     """
 
+    name: str
     term: str
     unit: str
     meaning: str
@@ -113,13 +120,15 @@ def describe(measurement: Measurement) -> Description:
     """
     train = measurement.unit.settings.held_out.train
     training = measurement.training_cells if train else np.ones(len(measurement.cells), bool)
-    data = data_of(measurement, training)
+    data, fits = data_of(measurement, training), _Fits(measurement, followed_torques(measurement))
     splits = splits_of(data, training)
-    numbers = _numbers(data, followed_torques(measurement), training, _term_p_values(measurement, data, splits))
+    final = fits.fit(training)
     curves = {
-        "spring": _predicted_angle(measurement, data, splits, frozenset()),
-        "described": _predicted_angle(measurement, data, splits, frozenset(TERMS)),
+        "spring": _predicted_angle(data, splits, fits, tuple(NONE)),
+        "described": _predicted_angle(data, splits, fits),
     }
+    p_values = _term_p_values(data, splits, fits, curves["described"])
+    numbers = _numbers(data, fits, final, training, p_values)
     cells, zeros = np.isfinite(curves["spring"]), np.zeros(len(data))
     cranks = measurement.rows.cranks
     errors = {name: angle_error(data, cranks, curve, zeros, cells) for name, curve in curves.items()}
@@ -136,33 +145,48 @@ def describe(measurement: Measurement) -> Description:
         baselines={title: angle_error(data, cranks, curve, zeros, cells) for title, curve in baseline_errors.items()},
         cells=cells,
         in_sample=splits[0][0] is splits[0][1],
-        structure=None if verdict == FULLY_DESCRIBED else _structure(measurement, data, training, numbers),
+        structure=None if verdict == FULLY_DESCRIBED else _structure(measurement, data, training, final),
     )
 
 
-def _structure(measurement: Measurement, data: Data, training: Truth, numbers: tuple[Number, ...]) -> Discrepancy:
+@dataclass(frozen=True)
+class _Fits:
+    """Fits of a measurement's loops, at torques (n_cells, n_parts) [N m]."""
+
+    measurement: Measurement
+    torque: Real
+
+    def fit(self, training: Truth, without: tuple[str, ...] = ()) -> SharedFit:
+        """Least squares over the training cells (n_cells,), whose noise alone weighs them, without some terms."""
+        data = data_of(self.measurement, training)
+        weight = training / data.sigma**2
+        loops = CrankLoops.standing(data.position, self.torque, data.angle, weight, data.common_offset)
+        held = {name: value for term in without for name, value in NONE[term].items()}
+        terms = [] if "torque_zero" in without else ["torque_zero"]
+        scale = {name: NUMBERS[name].scale(loops.top, loops.span) for name in NUMBERS}
+        starts = [{name: share * scale[name] for name, share in start.items()} for start in STARTS]
+        return min((fitted_together([loops], terms, held, [start]) for start in starts), key=lambda fit: fit.rms)
+
+
+def _structure(measurement: Measurement, data: Data, training: Truth, fit: SharedFit) -> Discrepancy:
     """Structure in what the fit to the training cells leaves of them."""
-    torque, top = followed_torques(measurement), float(np.max(np.abs(data.torque)))
-    values = {NUMBERS[number.term][0]: number.value for number in numbers}
-
-    def angle(trial_values: Mapping[str, float]) -> Real:
-        return PlayAndFriction(**{**values, **trial_values}).angle(torque, data.position, top)
-
-    steps = {name: STEP * (abs(value) or 1.0) for name, value in values.items()}
-    jacobian = np.column_stack(
-        [
-            (angle({name: values[name] + step}) - angle({name: values[name] - step})) / (2 * step)
-            for name, step in steps.items()
-        ]
+    loops = CrankLoops.standing(
+        data.position, followed_torques(measurement), data.angle, training.astype(float), data.common_offset
     )
-    residual, direction = data.angle - angle({}), measurement.cells.direction.astype(float)
+    model, values = LoopModel(loops), fit.values[0]
+    columns = []
+    for name in NUMBERS:
+        step = STEP * NUMBERS[name].scale(loops.top, loops.span)
+        ahead, behind = (model.predict_angle({**values, name: values[name] + sign * step}) for sign in (1, -1))
+        columns.append((ahead - behind) / (2 * step))
+    residual, direction = data.angle - fit.predicted_angles[0], measurement.cells.direction.astype(float)
     return discrepancy(
         data.torque[training],
         direction[training],
         data.position[training],
         residual[training],
         data.sigma[training],
-        jacobian[training],
+        np.column_stack(columns)[training],
     )
 
 
@@ -172,72 +196,59 @@ def _verdict(errors: Mapping[str, AngleError], claims: bool) -> str:
     return FULLY_DESCRIBED if errors["described"].to_noise <= NO_STRUCTURE else PARTLY_DESCRIBED
 
 
-def _fit(data: Data, torque: Real, training: Truth, terms: frozenset[str]) -> PlayAndFriction:
-    cells = TorqueCells(data.position, data.group, torque, data.angle, data.sigma, float(np.max(np.abs(data.torque))))
-    return fit_play_and_friction(cells, training, terms)
-
-
-def _predicted_angle(
-    measurement: Measurement, data: Data, splits: list[tuple[Truth, Truth]], terms: frozenset[str]
-) -> Real:
-    """Angle (n_cells,) [arcmin] of judged cells by fits of their training cells, whose noise alone weighs them."""
-    predicted_angle, torque, top = (
-        np.full(len(data), np.nan),
-        followed_torques(measurement),
-        float(np.max(np.abs(data.torque))),
-    )
+def _predicted_angle(data: Data, splits: list[tuple[Truth, Truth]], fits: _Fits, without: tuple[str, ...] = ()) -> Real:
+    """Angle (n_cells,) [arcmin] of judged cells by fits of their training cells, without some terms."""
+    predicted_angle = np.full(len(data), np.nan)
     for training, judged_cells in splits:
-        fold = data_of(measurement, training)
-        angle = _fit(fold, torque, training, terms).angle(torque, data.position, top)
-        predicted_angle[judged_cells] = (angle + fold.offsets(angle, training, fold.sigma))[judged_cells]
+        predicted_angle[judged_cells] = fits.fit(training, without).predicted_angles[0][judged_cells]
     return predicted_angle
 
 
-def _term_p_values(measurement: Measurement, data: Data, splits: list[tuple[Truth, Truth]]) -> dict[str, float]:
-    """Familywise p of each term that is left out of all terms, over held-out branches; NaN with too few of them."""
+def _term_p_values(data: Data, splits: list[tuple[Truth, Truth]], fits: _Fits, described: Real) -> dict[str, float]:
+    """Familywise p of each term that is left out of all terms, over held-out branches; none with too few of them.
+
+    ``described``: angle (n_cells,) [arcmin] with all terms.
+    """
     scores = {}
-    for name in (None, *TERMS):
-        angle = _predicted_angle(measurement, data, splits, frozenset(TERMS) - {name})
+    for name in ("", *NONE):
+        angle = _predicted_angle(data, splits, fits, (name,)) if name else described
         judged_cells = np.isfinite(angle)
         square = ((data.angle - angle)[judged_cells] / data.sigma[judged_cells]) ** 2
         _, block = np.unique(data.block[judged_cells], return_inverse=True)
         scores[name] = np.log(LEAST_LOSS + np.bincount(block, square) / np.bincount(block))
-    if len(scores[None]) < FEWEST_BLOCKS or splits[0][0] is splits[0][1]:
-        return dict.fromkeys(TERMS, float("nan"))
-    gains = np.column_stack([scores[name] - scores[None] for name in TERMS])
-    return dict(zip(TERMS, max_t(gains, RESAMPLES, SEED)[1].tolist(), strict=True))
+    if len(scores[""]) < FEWEST_BLOCKS or splits[0][0] is splits[0][1]:
+        return {}
+    gains = np.column_stack([scores[name] - scores[""] for name in NONE])
+    return dict(zip(NONE, max_t(gains, RESAMPLES, SEED)[1].tolist(), strict=True))
 
 
-def _numbers(data: Data, torque: Real, training: Truth, p_values: Mapping[str, float]) -> tuple[Number, ...]:
+def _numbers(
+    data: Data, fits: _Fits, final: SharedFit, training: Truth, p_values: Mapping[str, float]
+) -> tuple[Number, ...]:
     """Every number, by the fit with all terms and by those without each group of the cells seen."""
     group = data.held_out_parts(training)
-    left_out = [training & (group != number) for number in np.unique(group[training])]
-    drive = _fit(data, torque, training, frozenset(TERMS))
-    has_interval = len(left_out) >= FEWEST_GROUPS
-    jackknife_fits = [_fit(data, torque, cells, frozenset(TERMS)) for cells in left_out if has_interval]
+    parts = np.unique(group[training])
+    jackknife_fits = [fits.fit(training & (group != part)) for part in parts if len(parts) >= FEWEST_GROUPS]
+    at_bound = frozenset().union(*(fit.at_bound for fit in (final, *jackknife_fits)))
     top = float(np.max(np.abs(data.torque)))
-    at_bound = frozenset().union(*(some_drive.terms_at_bound(top) for some_drive in (drive, *jackknife_fits)))
     numbers = []
-    for term, (attribute, unit, meaning) in NUMBERS.items():
-        value = getattr(drive, attribute)
-        low, high = (
-            (float("nan"), float("nan"))
-            if term in at_bound
-            else jackknife_interval(value, [getattr(jackknife_fit, attribute) for jackknife_fit in jackknife_fits])
-        )
-        p = p_values.get(term, float("nan"))
-        note = "at the bound of the fit" if term in at_bound else ""
+    for name, number in NUMBERS.items():
+        term = next((term for term, values in NONE.items() if next(iter(values)) == name), "")
+        value, p = final.values[0][name], p_values.get(term, float("nan"))
+        is_bounded = name in at_bound and abs(value) > AT_NONE * number.scale(top, float(np.ptp(data.angle)))
+        low, high = jackknife_interval(value, [fit.values[0][name] for fit in jackknife_fits if not is_bounded])
         numbers.append(
             Number(
+                name=name,
                 term=term,
-                unit=unit,
-                meaning=meaning,
+                unit=number.unit,
+                meaning=number.meaning,
                 value=value,
                 ci_low=low,
                 ci_high=high,
                 p=p,
                 named=p < 1 - CONFIDENCE and low * high > 0,
-                note=note,
+                note="at the bound of the fit" if is_bounded else "",
             )
         )
     return tuple(numbers)

@@ -22,11 +22,13 @@ from pipeline.identification.selection.statements.statement import fault_stateme
 from pipeline.identification.selection.statements.verdict import FAULT
 
 VERDICT_FILE = "verdict.json"
-TITLES = {"spring": "a spring alone", "described": "play, friction and a softening spring"}
+TITLES = {"spring": "a spring alone", "described": "play, friction and a spring"}
 LARGEST_PLAY_ARCMIN = 300.0
 """Play of no reducer: metal ones have up to 10 arcmin, the printed ones that were measured 20 to 200."""
 LARGEST_FRICTION = 0.3
 """Friction, as a share of the rated torque, with which no drive is rated."""
+UNSETTLED = ("play", "friction", "load_friction")
+"""Terms that a further measurement is advised for where they are not claimed."""
 HELD = (
     "Warning: [crank] is not used here, and these numbers are of a crank that stands still. A crank that turns is "
     "fitted to four or more positions of known crank_deg without [held_out] train, or to several states: make identify "
@@ -68,7 +70,7 @@ def write(description: Description, folder: Path) -> tuple[tuple[Signature, ...]
     signatures_before = signatures(description.measurement, description.data, description.curves["spring"])
     by_stage = {"recalibrated": signatures_before, "after": remaining_signatures}
     frames = write_tables({DESCRIPTION: cell_rows(description), SIGNATURES: signature_rows(by_stage)}, folder)
-    write_json(folder / VERDICT_FILE, finite(_verdict(description)))
+    write_json(folder / VERDICT_FILE, content(description))
     return remaining_signatures, frames
 
 
@@ -76,8 +78,8 @@ def write_fault(measurement: Measurement, folder: Path) -> str:
     """Write the verdict on data that have a fatal fault; returns its sentence."""
     sentence = fault_statement(measurement.fatal).sentence
     faults = [asdict(fault) for fault in measurement.faults]
-    content = {"unit": measurement.unit.name, "verdict": FAULT, "sentence": sentence, "data_faults": faults}
-    write_json(folder / VERDICT_FILE, content)
+    verdict = {"unit": measurement.unit.name, "verdict": FAULT, "sentence": sentence, "data_faults": faults}
+    write_json(folder / VERDICT_FILE, verdict)
     return sentence
 
 
@@ -87,7 +89,7 @@ def sentence(description: Description) -> str:
     basis = "in sample" if description.in_sample else "on held-out data"
     errors = (
         f"Root mean square {basis}: {spring.rms_arcmin:.3g} arcmin by a spring alone, {model.rms_arcmin:.3g} arcmin "
-        f"({model.to_noise:.3g} × measurement noise) with play, friction and softening."
+        f"({model.to_noise:.3g} × measurement noise) with play and friction."
     )
     named_numbers = [number for number in description.numbers if number.named]
     doubts = "".join(f" {doubt}" for doubt in implausible_numbers(description))
@@ -99,19 +101,17 @@ def sentence(description: Description) -> str:
 
 def implausible_numbers(description: Description) -> list[str]:
     """Warnings of a play or a friction that no drive of this rated torque has, and of numbers at a bound."""
-    values = {number.term: number for number in description.numbers}
+    values = {number.name: number for number in description.numbers}
     rated_torque = description.measurement.unit.rated_torque_Nm
     check = "check side, unit and factor in unit.toml."
-    doubts = [
-        f"Warning: {number.term.replace('_', ' ')} is {number.note}." for number in values.values() if number.note
-    ]
-    if values["play"].value > LARGEST_PLAY_ARCMIN:
+    doubts = [f"Warning: {_title(number)} is {number.note}." for number in values.values() if number.note]
+    if (play := values["play_arcmin"].value) > LARGEST_PLAY_ARCMIN:
         doubts.append(
-            f"Warning: a play of {values['play'].value:.3g} arcmin is implausible (at most {LARGEST_PLAY_ARCMIN:g} on "
+            f"Warning: a play of {play:.3g} arcmin is implausible (at most {LARGEST_PLAY_ARCMIN:g} on "
             f"drives that were measured); {check}"
         )
-    if values["friction"].value > LARGEST_FRICTION * rated_torque:
-        share = 100 * values["friction"].value / rated_torque
+    if values["friction_Nm"].value > LARGEST_FRICTION * rated_torque:
+        share = 100 * values["friction_Nm"].value / rated_torque
         doubts.append(f"Warning: a friction of {share:.0f} % of the rated torque is implausible; {check}")
     if description.measurement.unit.settings.crank.moves != "fixed":
         doubts.append(HELD)
@@ -125,7 +125,9 @@ def advice(description: Description) -> str:
         return (
             f"Measure at least {FEWEST_GROUPS} positions or cycles: whole ones can then be held out and terms claimed."
         )
-    unsettled_terms = [number.term.replace("_", " ") for number in description.numbers[:3] if not number.named]
+    unsettled_terms = [
+        number.term.replace("_", " ") for number in description.numbers if number.term in UNSETTLED and not number.named
+    ]
     if unsettled_terms:
         names = ", ".join(unsettled_terms)
         return f"Not claimed: {names}. Loops to a tenth, a half and all of the load part play from friction."
@@ -162,26 +164,34 @@ def cell_rows(description: Description) -> Columns:
     }
 
 
-def _verdict(description: Description) -> dict[str, Any]:
-    return {
-        "unit": description.measurement.unit.name,
-        "title": description.measurement.unit.settings.title,
-        "verdict": description.verdict,
-        "sentence": sentence(description),
-        "advice": advice(description),
-        "numbers": [asdict(number) for number in description.numbers],
-        "held_out_errors": {name: asdict(error) for name, error in description.errors.items()},
-        "baselines": {title: asdict(error) for title, error in description.baselines.items()},
-        "in_sample": description.in_sample,
-        "discrepancy": description.structure.as_json if description.structure else None,
-        "noise_arcmin": description.data.noise,
-        "input_turns_deg": turned_deg(description),
-        "data_faults": [asdict(fault) for fault in description.measurement.faults],
-    }
+def content(description: Description) -> dict[str, Any]:
+    """Content of verdict.json."""
+    verdict: dict[str, Any] = finite(
+        {
+            "unit": description.measurement.unit.name,
+            "title": description.measurement.unit.settings.title,
+            "verdict": description.verdict,
+            "sentence": sentence(description),
+            "advice": advice(description),
+            "numbers": [asdict(number) for number in description.numbers],
+            "held_out_errors": {name: asdict(error) for name, error in description.errors.items()},
+            "baselines": {title: asdict(error) for title, error in description.baselines.items()},
+            "in_sample": description.in_sample,
+            "discrepancy": description.structure.as_json if description.structure else None,
+            "noise_arcmin": description.data.noise,
+            "input_turns_deg": turned_deg(description),
+            "data_faults": [asdict(fault) for fault in description.measurement.faults],
+        }
+    )
+    return verdict
 
 
 def _words(number: Number) -> str:
     """A named number with its interval."""
     unit = "" if number.unit == "1" else f" {number.unit}"
-    name = number.meaning.split(":")[0].split(",")[0]
+    name = _title(number)
     return f"{name[:1].upper()}{name[1:]} {number.value:.3g}{unit} ({number.ci_low:.3g} to {number.ci_high:.3g})"
+
+
+def _title(number: Number) -> str:
+    return number.meaning.split(":")[0].split(",")[0]

@@ -7,9 +7,11 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.identification.fitting.cell_torques import followed_torques
-from pipeline.identification.generic.turning_crank import CrankLoops
+from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.measurement.faults.plausibility import REVOLUTION
 from pipeline.identification.measurement.measurement import Measurement
+
+Real = NDArray[np.float64]
 
 
 def crank_loops(measurement: Measurement, largest_torque: float = np.inf) -> CrankLoops:
@@ -51,10 +53,21 @@ def crank_loops(measurement: Measurement, largest_torque: float = np.inf) -> Cra
         ratio=settings.ratio or np.inf,
         behind_disk=1 - settings.twist_before_disk,
         common_zero=unit.settings.offset == "common",
+        time=None if rows.time is None else _times(cells.time_mean, cells.position, torque.shape[1]),
     )
 
 
-def _column(measurement: Measurement, name: str) -> NDArray[np.float64]:
+def _times(time: Real, position: NDArray[np.int64], parts: int) -> Real:
+    """Times (n_cells, parts) [s] of the parts of cells, between the mean times (n_cells,) of a position's cells."""
+    times = np.empty((len(time), parts))
+    for number in np.unique(position):
+        of_position = np.flatnonzero(position == number)
+        places = (np.arange(len(of_position) * parts) + 0.5) / parts - 0.5
+        times[of_position] = np.interp(places, np.arange(len(of_position)), time[of_position]).reshape(-1, parts)
+    return times
+
+
+def _column(measurement: Measurement, name: str) -> Real:
     extra = measurement.rows.extra
     if name not in extra:
         raise InputError(f'{measurement.unit.name}/unit.toml: crank.column = "{name}"; no file has it')

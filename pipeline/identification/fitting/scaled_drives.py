@@ -98,9 +98,7 @@ class _Part:
         content: Callable[[Any], bytes],
         cranks: Sequence[float],
     ):
-        trials = [
-            tuple(TRIAL if k == number else 1.0 for k in range(n_numbers)) for number in range(-1, n_numbers)
-        ]
+        trials = [tuple(TRIAL if k == number else 1.0 for k in range(n_numbers)) for number in range(-1, n_numbers)]
         declared_content, *contents = (content(make(scaled_study(trial), cranks[0])) for trial in trials)
         self.depends = [trial_content != declared_content for trial_content in contents]
         self.cached_part = lru_cache(maxsize=KEPT_SCALES * len(cranks))(

@@ -1,6 +1,6 @@
 """What a drive without a design may have: friction, spring, soft material, and effects that go with the crank's angle.
 
-A term is declared here by its numbers; ``loops_at_the_input`` says what each does to a loop. Sizes of a fit's steps and
+A term is declared here by its numbers; ``generic_drive`` makes elements of them. Sizes of a fit's steps and
 bounds are shares of the loop's own largest torque and range of the angle, so that they hold for a drive of any size.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-TORQUE, ANGLE, COMPLIANCE, SHARE = "N m", "arcmin", "arcmin/(N m)", "1"
+TORQUE, ANGLE, COMPLIANCE, SHARE, SECONDS = "N m", "arcmin", "arcmin/(N m)", "1", "s"
 
 
 @dataclass(frozen=True)
@@ -31,25 +31,38 @@ class Number:
 
     def scale(self, torque: float, angle: float) -> float:
         """What the others are shares of, by largest torque [N m] and range of the angle [arcmin]."""
-        return {TORQUE: torque, ANGLE: angle, COMPLIANCE: angle / torque, SHARE: 1.0}[self.unit]
+        return {TORQUE: torque, ANGLE: angle, COMPLIANCE: angle / torque, SHARE: 1.0, SECONDS: 1.0}[self.unit]
 
 
-SPRING: Mapping[str, Number] = {
+BASIC: Mapping[str, Number] = {
     "play_arcmin": Number(ANGLE, "play: angle between the two senses without torque", 0.3, 0.0, 2.0),
     "knee_Nm": Number(TORQUE, "torque over which the play is taken up, but for a share of 1/e", 0.06, 0.002, 2.0),
     "compliance_arcmin_per_Nm": Number(COMPLIANCE, "compliance beyond the play", 0.4, 0.0, 5.0),
-}
-"""Twist d(T) = play/2 sign(T) (1 - exp(-|T|/knee)) + compliance T: gaps that close one after the other."""
-FRICTION: Mapping[str, Number] = {
     "friction_Nm": Number(TORQUE, "constant friction, referred to the output", 0.05, 0.0, 0.6),
     "load_friction": Number(SHARE, "friction in proportion to the torque", 0.2, 0.0, 0.8),
 }
-SOFT: Mapping[str, Number] = {
-    "asymmetry": Number(SHARE, "twist in the positive sense over the mean of both senses, less 1", 0.02, -0.5, 0.5),
-    "friction_spread": Number(SHARE, "spread of the thresholds at which friction lets go", 0.5, 0.0, 2.0),
-    "first_loading": Number(SHARE, "growth of the compliance by the largest torque so far of a side", 0.3, -2.0, 3.0),
+"""Of every drive: its springs and its friction."""
+SOFT: Mapping[str, Mapping[str, Number]] = {
+    "asymmetry": {
+        "asymmetry": Number(SHARE, "twist in the positive sense over the mean of both senses, less 1", 0.02, -0.5, 0.5)
+    },
+    "friction_spread": {
+        "friction_spread": Number(SHARE, "spread of the thresholds at which friction lets go", 0.5, 0.0, 2.0)
+    },
+    "first_loading": {
+        "first_loading": Number(
+            SHARE, "growth of the compliance by the largest torque so far of a side", 0.3, -2.0, 3.0
+        )
+    },
 }
 """Of soft materials and parts that differ on their two sides; the last two have a memory."""
+CREEP: Mapping[str, Number] = {
+    "creep_arcmin_per_Nm": Number(COMPLIANCE, "delayed compliance", 0.02, 0.0, 2.0),
+    "creep_s": Number(SECONDS, "time in which 63 % of the delayed twist is reached", 20.0, 0.5, 3600.0),
+}
+"""Of a soft material whose loops have other rates or pauses: else it is none but friction in stages."""
+BENCH: Mapping[str, Number] = {"torque_zero_Nm": Number(TORQUE, "reading of the torque without load", 0.0, -0.2, 0.2)}
+"""Of the bench."""
 
 
 @dataclass(frozen=True)
@@ -172,14 +185,15 @@ CRANK_EFFECTS: Mapping[str, CrankEffect] = {
 """Effects of the crank angle by name."""
 
 
-def numbers_of(names: tuple[str, ...] | frozenset[str]) -> dict[str, Number]:
-    """All numbers of a drive: friction and spring, and those of some terms of ``SOFT`` and ``CRANK_EFFECTS``.
+TERMS: Mapping[str, Mapping[str, Number]] = {
+    **SOFT,
+    "creep": CREEP,
+    "torque_zero": BENCH,
+    **{name: effect.numbers(name) for name, effect in CRANK_EFFECTS.items()},
+}
+"""Numbers of each term that a drive may have beside the basic ones."""
 
-    Raises
-    ------
-    KeyError : there is no such term.
-    """
-    numbers = {**SPRING, **FRICTION}
-    for name in sorted(names):
-        numbers |= {name: SOFT[name]} if name in SOFT else CRANK_EFFECTS[name].numbers(name)
-    return numbers
+
+def title(term: str) -> str:
+    """A term in words."""
+    return CRANK_EFFECTS[term].title if term in CRANK_EFFECTS else next(iter(TERMS[term].values())).meaning

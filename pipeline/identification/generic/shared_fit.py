@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from pipeline.identification.generic.drive_terms import Number, numbers_of
-from pipeline.identification.generic.turning_crank import CrankLoops, LoopModel
+from pipeline.identification.generic.crank_loops import CrankLoops
+from pipeline.identification.generic.drive_terms import BASIC, TERMS
+from pipeline.identification.generic.generic_drive import LoopModel
 
 Real = NDArray[np.float64]
 
@@ -26,14 +27,11 @@ class SharedFit:
 
     Attributes
     ----------
-    values : of each state, by name; shared ones are equal.
-    shared_names : names of the numbers that all states share.
+    values : of each state, by name; those of the terms, which all states share, are equal.
+    shared_names : names of these.
     predicted_angles : of each state (n_cells,) [arcmin].
     rms : weighted root mean square over all cells [arcmin].
     at_bound : names of the numbers that ended at a bound in some state.
-    columns : (name, number of the state or None where it is shared) of each unknown.
-    covariance : (n, n) of the unknowns in their units, by Gauss and Newton, for cells that scatter by ``rms`` each on
-        its own; neighbours do not, so intervals come from positions or states that are left out.
     """
 
     values: tuple[Mapping[str, float], ...]
@@ -41,67 +39,48 @@ class SharedFit:
     predicted_angles: tuple[Real, ...]
     rms: float
     at_bound: frozenset[str]
-    columns: tuple[tuple[str, int | None], ...]
-    covariance: Real
 
 
 class SharedProblem:
-    """States of one drive with the terms that they may have."""
+    """States of one drive with the terms that they share."""
 
-    def __init__(
-        self,
-        states: Sequence[CrankLoops],
-        terms: Collection[str] = (),
-        shared_names: Collection[str] = (),
-        held: Sequence[Mapping[str, float]] = (),
-    ):
-        """Of ``shared_names`` terms and numbers all states have one value.
+    def __init__(self, states: Sequence[CrankLoops], terms: Collection[str], held: Mapping[str, float]):
+        """Problem of some states, each with its own basic numbers.
 
         Parameters
         ----------
-        terms : of ``drive_terms.SOFT`` and ``drive_terms.CRANK_EFFECTS``, beside spring and friction.
-        shared_names : names of terms or of single numbers.
-        held : per state, numbers that are not fitted; of none by default.
+        terms : of ``drive_terms.TERMS``, whose numbers all states share.
+        held : numbers that are not fitted.
         """
         self.models = [LoopModel(state) for state in states]
-        self.held = list(held) or [{} for _ in states]
-        self.numbers = numbers_of(frozenset(terms))
-        wide = {name for term in shared_names for name in (numbers_of(frozenset([term])) if _is_term(term) else [term])}
-        basic = set(numbers_of(frozenset()))
-        self.shared_names = frozenset((wide - basic) | (wide & set(shared_names))) & frozenset(self.numbers)
-        top = max(state.top for state in states)
-        span = max(state.span for state in states)
+        self.held = held
+        shared = {name: number for term in terms for name, number in TERMS[term].items()}
+        self.numbers = {**BASIC, **shared}
+        self.shared_names = frozenset(shared)
+        top, span = max(state.top for state in states), max(state.span for state in states)
         self.scale = {name: number.scale(top, span) for name, number in self.numbers.items()}
-        everywhere = set.intersection(*(set(values) for values in self.held))
-        self.columns: list[tuple[str, int | None]] = []
-        for name in self.numbers:
-            if name in everywhere:
-                continue
-            if name in self.shared_names:
-                self.columns.append((name, None))
-            else:
-                self.columns += [(name, k) for k in range(len(states)) if name not in self.held[k]]
+        free_names = [name for name in self.numbers if name not in held]
+        self.columns: list[tuple[str, int | None]] = [
+            (name, state)
+            for name in free_names
+            for state in ([None] if name in self.shared_names else range(len(states)))
+        ]
 
     def values(self, unknowns: Real) -> list[dict[str, float]]:
         """Numbers of each state at unknowns (n,) in scales."""
-        by_state = [dict(values) for values in self.held]
+        by_state = [dict(self.held) for _ in self.models]
         for (name, state), value in zip(self.columns, unknowns.tolist(), strict=True):
             for k in range(len(by_state)) if state is None else (state,):
-                if name not in self.held[k]:
-                    by_state[k][name] = value * self.scale[name]
+                by_state[k][name] = value * self.scale[name]
         return by_state
 
     def residuals(self, values: Sequence[Mapping[str, float]]) -> list[Real]:
         """Weighted errors (n_cells,) of each state."""
-        return [
-            np.sqrt(model.loops.weight) * (model.predict_angle(numbers) - model.loops.angle)
-            for model, numbers in zip(self.models, values, strict=True)
-        ]
+        return [_residual(model, numbers) for model, numbers in zip(self.models, values, strict=True)]
 
     def jacobian(self, unknowns: Real, high: Real) -> Real:
         """Derivatives (n_cells, n) of all residuals, forward, or backward at an upper bound."""
-        values_here = self.values(unknowns)
-        residuals_before = self.residuals(values_here)
+        residuals_before = self.residuals(self.values(unknowns))
         ends = np.cumsum([0, *map(len, residuals_before)])
         matrix = np.zeros((ends[-1], len(unknowns)))
         for column, (_, state) in enumerate(self.columns):
@@ -110,22 +89,21 @@ class SharedProblem:
             moved_unknowns[column] += step
             values = self.values(moved_unknowns)
             for k in range(len(self.models)) if state is None else (state,):
-                model = self.models[k]
-                residuals_after = np.sqrt(model.loops.weight) * (model.predict_angle(values[k]) - model.loops.angle)
-                matrix[ends[k] : ends[k + 1], column] = (residuals_after - residuals_before[k]) / step
+                change = _residual(self.models[k], values[k]) - residuals_before[k]
+                matrix[ends[k] : ends[k + 1], column] = change / step
         return matrix
 
     def fit(self, start: Sequence[Mapping[str, float]] = ()) -> SharedFit:
         """Numbers of least squares; ``start`` per state, those of the table by default."""
         numbers = [self.numbers[name] for name, _ in self.columns]
         low, high = np.array([n.low for n in numbers]), np.array([n.high for n in numbers])
-        start_values = [
-            self._start(*column, start, number) for column, number in zip(self.columns, numbers, strict=True)
+        starts = [
+            start[state or 0][name] / self.scale[name] if start and name in start[state or 0] else number.start
+            for (name, state), number in zip(self.columns, numbers, strict=True)
         ]
-        inside = np.clip(start_values, low + 1e-6, high - 1e-6)
         solution = least_squares(
             lambda unknowns: np.concatenate(self.residuals(self.values(unknowns))),
-            inside,
+            np.clip(starts, low + 1e-6, high - 1e-6),
             lambda unknowns: self.jacobian(unknowns, high),
             bounds=(low, high),
             xtol=PRECISION,
@@ -134,41 +112,28 @@ class SharedProblem:
         )
         values = self.values(solution.x)
         weight = sum(float(model.loops.weight.sum()) for model in self.models)
-        scales = np.array([self.scale[name] for name, _ in self.columns])
-        rms = float(np.sqrt(2 * solution.cost / weight))
-        covariance = rms**2 * np.linalg.pinv(solution.jac.T @ solution.jac) * np.outer(scales, scales)
         return SharedFit(
             tuple(values),
             self.shared_names,
             tuple(model.predict_angle(numbers) for model, numbers in zip(self.models, values, strict=True)),
-            rms,
+            float(np.sqrt(2 * solution.cost / weight)),
             frozenset(name for (name, _), mask in zip(self.columns, solution.active_mask, strict=True) if mask),
-            tuple(self.columns),
-            covariance,
         )
-
-    def _start(self, name: str, state: int | None, start: Sequence[Mapping[str, float]], number: Number) -> float:
-        known_value = start[state or 0].get(name) if start else None
-        return number.start if known_value is None else known_value / self.scale[name]
 
 
 def fitted_together(
     states: Sequence[CrankLoops],
     terms: Collection[str] = (),
-    shared_names: Collection[str] = (),
-    held: Sequence[Mapping[str, float]] = (),
+    held: Mapping[str, float] | None = None,
     start: Sequence[Mapping[str, float]] = (),
 ) -> SharedFit:
     """Several states of one drive (or one) fitted together; see ``SharedProblem``.
 
     Cells of no weight (``CrankLoops.some``) are predicted and not fitted: of their positions the zero alone is used.
     """
-    return SharedProblem(states, terms, shared_names, held).fit(start)
+    return SharedProblem(states, terms, held or {}).fit(start)
 
 
-def _is_term(name: str) -> bool:
-    try:
-        numbers_of(frozenset([name]))
-    except KeyError:
-        return False
-    return True
+def _residual(model: LoopModel, numbers: Mapping[str, float]) -> Real:
+    """Weighted error (n_cells,) of the model of one state."""
+    return np.asarray(np.sqrt(model.loops.weight) * (model.predict_angle(numbers) - model.loops.angle), float)

@@ -23,8 +23,9 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammaincinv
 
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
+from pipeline.identification.record.passes import RecordCells
 from pipeline.identification.record.terms import Term
-from pipeline.identification.record.turn_record import RecordCells, TurnRecord
+from pipeline.identification.record.turn_record import TurnRecord
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,9 +10,7 @@ from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOC
 from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.rows import Recorded
 from pipeline.identification.measurement.unit_file import UnitFile
-
-if TYPE_CHECKING:
-    from pipeline.identification.record.turn_record import TurnRecord
+from pipeline.identification.record.passes import RecordedPasses
 
 FEWEST_INTERVALS = 24
 """Intervals of the output angle from which waves are told apart."""
@@ -38,7 +35,7 @@ def column_faults(record: Recorded, unit: UnitFile) -> Iterator[Fault]:
         yield Fault("missing column", text, "fatal")
 
 
-def record_faults(record: TurnRecord) -> Iterator[Fault]:
+def record_faults(record: RecordedPasses) -> Iterator[Fault]:
     """All faults of the rows; those that rest on passes are looked for only where there are any."""
     missing = int(np.sum(~record.numeric))
     if missing == len(record):

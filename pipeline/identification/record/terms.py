@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
-from pipeline.identification.record.turn_record import SAME_TEMPERATURE_K, TurnRecord
+from pipeline.identification.record.passes import SAME_TEMPERATURE_K
+from pipeline.identification.record.turn_record import TurnRecord
 
 Real = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import Identification
-from pipeline.identification.measurement.turning.turning_measurement import WHOLE_TOLERANCE
+from pipeline.identification.measurement.turning.turned_rows import WHOLE_TOLERANCE
 from pipeline.identification.results.prediction_errors import NO_LOSS, SEPARATION, LoopError
 from pipeline.identification.results.turn_signatures import ORDERS
 from pipeline.model.metrics import measurable_metrics

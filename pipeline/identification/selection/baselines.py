@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.fitting.data import Data
-from pipeline.identification.generic import play_and_friction as play_model
+from pipeline.identification.generic.crank_loops import CrankLoops
+from pipeline.identification.generic.shared_fit import fitted_together
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -110,15 +111,15 @@ def polynomials(data: Data, cycles: Cycles, training: Truth) -> Real:
 
 
 def play_and_friction(data: Data, cycles: Cycles, training: Truth) -> Real:
-    """Play, spring that softens, constant friction and friction in proportion to the load (n_cells,) [arcmin]."""
-    top = float(np.max(np.abs(data.torque[training])))
-    cells = play_model.TorqueCells(data.position, data.group, data.torque, data.angle, data.sigma, top)
-    return play_model.fit_play_and_friction(cells, training).angle(data.torque, data.position, top)
+    """Play, spring, constant friction and friction in proportion to the load (n_cells,) [arcmin]."""
+    weight = training / data.sigma**2
+    loops = CrankLoops.standing(data.position, data.torque[:, None], data.angle, weight, data.common_offset)
+    return fitted_together([loops]).predicted_angles[0]
 
 
 METHODS: Methods = {
     "replay of the training loops": replay,
-    "play, Coulomb and load friction, softening spring": play_and_friction,
+    "play, spring, Coulomb and load friction": play_and_friction,
     "polynomial for each branch": polynomials,
 }
 

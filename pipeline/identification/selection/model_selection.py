@@ -191,4 +191,3 @@ class Selector:
             start = replace(held, shares=np.concatenate([base.shares, shares]))
             fits.append(self.fitter.fit(model, cells, start, FIRST_ITERATIONS))
         return replace(min(fits, key=lambda fit: fit.cost).unknowns, reach=declared_unknowns.reach)
-

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.generic.drive_terms import CRANK_EFFECTS
+from pipeline.identification.generic.crank_loops import CrankLoops
+from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, TERMS
 from pipeline.identification.generic.shared_fit import SharedFit, fitted_together
-from pipeline.identification.generic.turning_crank import CrankLoops
 from pipeline.identification.series.states import Series
 
 Real = NDArray[np.float64]
@@ -65,12 +65,12 @@ class StateFolds(Folds):
 def state_folds(series: Series, terms: tuple[str, ...], base: StateFolds | None = None) -> StateFolds:
     """A model whose shared terms come from the other states; ``base``: one whose numbers it starts from."""
     count = len(series.states)
-    final = fitted_together(series.loops, terms, terms, start=base.final.values if base else ())
+    final = fitted_together(series.loops, terms, start=base.final.values if base else ())
     loss, turned_loss = np.full((2, count, len(series.positions)), np.nan)
     fits = []
     for k, state in enumerate(series.loops):
         other_loops = [series.loops[j] for j in range(count) if j != k]
-        fits.append(fitted_together(other_loops, terms, terms, start=base.fits[k].values if base else ()))
+        fits.append(fitted_together(other_loops, terms, start=base.fits[k].values if base else ()))
         held, is_training = held_numbers(fits[k]), trained_cells(series, k)
         loss[k] = _unused_losses(series, k, predicted_by_others(state.some(is_training), terms, held), is_training)
         if terms and terms[-1] in CRANK_EFFECTS:
@@ -86,13 +86,12 @@ def held_numbers(fit: SharedFit) -> dict[str, float]:
 
 def reversed_numbers(held: Mapping[str, float], effect: str) -> dict[str, float]:
     """Numbers with the sign of an effect of the crank angle turned round: a control that has to be worse."""
-    own_numbers = CRANK_EFFECTS[effect].numbers(effect)
-    return {name: -value if name in own_numbers else value for name, value in held.items()}
+    return {name: -value if name in TERMS[effect] else value for name, value in held.items()}
 
 
 def predicted_by_others(state: CrankLoops, terms: Collection[str], held: Mapping[str, float]) -> Real:
     """Prediction (n_cells,) of a state whose shared numbers are held and whose own are fitted where it has weight."""
-    return fitted_together([state], terms, held=[held]).predicted_angles[0]
+    return fitted_together([state], terms, held=held).predicted_angles[0]
 
 
 def trained_cells(series: Series, state: int) -> Truth:

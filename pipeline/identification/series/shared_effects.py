@@ -17,9 +17,11 @@ import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
 from pipeline.engine.progress import say
-from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, SOFT, numbers_of
+from pipeline.identification.fitting.offered import rate_changes
+from pipeline.identification.generic.crank_loops import CrankLoops
+from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, SOFT, TERMS, title
+from pipeline.identification.generic.generic_drive import LoopModel
 from pipeline.identification.generic.shared_fit import fitted_together
-from pipeline.identification.generic.turning_crank import CrankLoops, LoopModel
 from pipeline.identification.selection.criteria import FEWEST_BLOCKS
 from pipeline.identification.series.folds import Folds, StateFolds, held_numbers, reversed_numbers, state_folds
 from pipeline.identification.series.states import Series
@@ -176,6 +178,11 @@ def candidates(series: Series) -> tuple[list[str], dict[str, str]]:
     angles_known = all(state.measurement.known_cranks for state in series.states)
     moves = angles_known and all(unit.crank.moves != "fixed" for unit in units)
     testable, untestable = list(SOFT), {}
+    measurements = [state.measurement for state in series.states]
+    if all(m.rows.time is not None and rate_changes(m, np.ones(len(m.cells), bool)) for m in measurements):
+        testable.append("creep")
+    else:
+        untestable["creep"] = "neither a change of the torque's rate nor a dwell"
     for name, effect in CRANK_EFFECTS.items():
         if not angles_known:
             untestable[name] = "the crank angles are unknown"
@@ -189,11 +196,6 @@ def candidates(series: Series) -> tuple[list[str], dict[str, str]]:
 def twins(name: str) -> tuple[str, ...]:
     """Effects that are hardly told from one."""
     return CRANK_EFFECTS[name].twins if name in CRANK_EFFECTS else ()
-
-
-def title(name: str) -> str:
-    """An effect in words."""
-    return CRANK_EFFECTS[name].title if name in CRANK_EFFECTS else SOFT[name].meaning
 
 
 def fold_groups(series: Series) -> list[tuple[str, ...]]:
@@ -212,10 +214,10 @@ def fold_fits(series: Series, terms: tuple[str, ...], start: Sequence[Mapping[st
     ----------
     start : numbers of each state to start from; none: those of the library.
     """
-    final = fitted_together(series.loops, terms, terms, start=start)
+    final = fitted_together(series.loops, terms, start=start)
     groups = fold_groups(series)
     fits = [
-        fitted_together(_loops_without(series, group), terms, terms, start=final.values) if group else final
+        fitted_together(_loops_without(series, group), terms, start=final.values) if group else final
         for group in groups
     ]
     loss = np.full((len(series.states), len(series.positions)), np.nan)
@@ -265,7 +267,7 @@ def _tried_round(series: Series, base: Folds, names: Sequence[str]) -> list[Trie
     effects = []
     for name, trial, gain, p in zip(names, trials, gains, p_family, strict=True):
         p_left_out = _left_out_p(np.nanmean(gain, axis=0)) if held_out else float("nan")
-        at_bound = sorted((set(numbers_of((name,))) - set(numbers_of(()))) & trial.final.at_bound)
+        at_bound = sorted(set(TERMS[name]) & trial.final.at_bound)
         note = next(_reasons(series, held_out, at_bound, float(p), p_left_out), "")
         control = _reversed_rms(series, trial, name) if not note and name in CRANK_EFFECTS else float("nan")
         effects.append(
@@ -291,8 +293,8 @@ def _reversed_rms(series: Series, folds: Folds, effect: str) -> float:
     """
     loss = np.full_like(folds.loss, np.nan)
     for group, fit in zip(fold_groups(series), folds.fits, strict=True):
-        held = [reversed_numbers(held_numbers(fit), effect)] * len(series.states)
-        turned = fitted_together(_loops_without(series, group), folds.terms, folds.terms, held)
+        held = reversed_numbers(held_numbers(fit), effect)
+        turned = fitted_together(_loops_without(series, group), folds.terms, held)
         _add_losses(loss, series, group, turned.predicted_angles)
     return float(np.sqrt(np.nanmean(loss)))
 
@@ -307,7 +309,7 @@ def _tried_by_states(series: Series, names: Sequence[str]) -> tuple[StateFolds, 
     companions = tuple(SOFT)
     folds_without = state_folds(series, companions)
     trials = {name: state_folds(series, (*companions, name), folds_without) for name in names}
-    bounds = {name: set(CRANK_EFFECTS[name].numbers(name)) & trial.final.at_bound for name, trial in trials.items()}
+    bounds = {name: set(TERMS[name]) & trial.final.at_bound for name, trial in trials.items()}
     gains = {name: _gains(folds_without.loss, trial.loss) for name, trial in trials.items()}
     helping = [
         name

@@ -12,7 +12,7 @@ from pipeline.errors import InputError
 from pipeline.identification.change.loops import State
 from pipeline.identification.change.results import comparable_states
 from pipeline.identification.fitting.measured_loops import crank_loops
-from pipeline.identification.generic.turning_crank import CrankLoops
+from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.measurement.measurement import Measurement
 
 Real = NDArray[np.float64]

@@ -22,6 +22,10 @@ class LinearSpring(Spring):
         """Rotation [rad] in proportion to the torque [N mm]."""
         return self.compliance * torque
 
+    def energy(self, torque: Real) -> Real:
+        """The integral of the twist in closed form [N mm rad]."""
+        return 0.5 * self.compliance * torque**2
+
 
 def _apply_output_torsion(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     return drive.with_elements(LinearSpring(1e-3 * values[0] / ARCMIN))

@@ -5,7 +5,7 @@ A drive is a reducer with errors in its gaps and a list of elements:
 * in series with the output: a ``Spring``, whose twist follows from the torque alone, or a ``Hysteresis``, whose twist
   depends on the path of the torque and which therefore has a state;
 * in parallel with the output or at its contacts, as friction: ``Friction`` (elastic-slip elements, whose memory is the
-  anchors of their sliders);
+  anchors of their sliders), or ``SlidingFriction`` of a drive whose contacts are not known;
 * on the elastic parts: ``ElasticModulus``.
 
 What depends on the crank angle is an element, or a gap, of the drive at each crank angle that its crank goes through.
@@ -28,6 +28,9 @@ Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
 AnyElement = TypeVar("AnyElement", bound="Element")
 
+NODES = 8
+"""Torques at which the energy of a spring is integrated."""
+
 
 class Element:
     """Something beside the reducer; a frozen dataclass whose fields are numbers, arrays or such dataclasses."""
@@ -47,6 +50,15 @@ class Spring(Element, ABC):
         A torque of 0.0 is the limit from above and one of -0.0 that from below (``numpy.copysign``): an element with
         play has two values there.
         """
+
+    def energy(self, torque: Real) -> Real:
+        """Complementary energy under torques of any shape: the integral of the twist over the torque from none.
+
+        By Gauss and Legendre, exact of a twist that is a polynomial of the torque up to degree 2 ``NODES`` - 1.
+        """
+        nodes, weights = np.polynomial.legendre.leggauss(NODES)
+        half = 0.5 * np.asarray(torque, float)[..., None]
+        return np.asarray((half * self.twist(half * (1 + nodes))) @ weights, float)
 
 
 @dataclass(frozen=True)

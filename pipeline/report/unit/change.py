@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from pipeline.engine.store import read_json, write_atomic
+from pipeline.engine.store import write_atomic
 from pipeline.figures.measured_states import changes_figure, loops_figure
-from pipeline.identification.change.results import VERDICT_FILE, ChangeAnswer
+from pipeline.identification.change.results import ChangeAnswer, content
 from pipeline.report.layout.rendering import drawn_pictures, render
 from pipeline.report.unit.numbers import digits, interval
 
@@ -26,15 +26,17 @@ CAPTIONS = {
 }
 
 
-def write_change_page(change_answer: ChangeAnswer, folder: Path, shown_folder: Path) -> None:
-    """Write report.html and its figures into ``folder``, whose verdict and tables are there already.
+def write_change_page(
+    change_answer: ChangeAnswer, frames: dict[str, pd.DataFrame], folder: Path, shown_folder: Path
+) -> None:
+    """Write report.html and its figures into ``folder``.
 
     Parameters
     ----------
+    frames : tables that were written there.
     shown_folder : the folder as a user would type it.
     """
-    verdict = read_json(folder / VERDICT_FILE)
-    changes, loops = (pd.read_parquet(folder / f"{name}.parquet") for name in ("changes", "loops"))
+    verdict, changes, loops = content(change_answer), frames["changes"], frames["loops"]
     clearest = change_answer.comparison.clearest.number.size.label
     figures = {"loops": loops_figure(loops[loops["loops"] == clearest], verdict["before"])}
     if change_answer.comparison.freedom:
@@ -49,6 +51,7 @@ def write_change_page(change_answer: ChangeAnswer, folder: Path, shown_folder: P
         freedom=change_answer.comparison.freedom,
         faults=[(name, fault) for name, faults in verdict["data_faults"].items() for fault in faults],
         folder=shown_folder,
+        tables=list(frames),
         pictures=drawn_pictures(figures, CAPTIONS, folder),
     )
     write_atomic(folder / "report.html", page.encode())

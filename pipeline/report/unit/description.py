@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from pipeline.engine.store import read_json, write_atomic
+from pipeline.engine.store import write_atomic
 from pipeline.figures.measured_unit import DESCRIPTION_STYLES, REMAINDER_TITLES, loops_figure, torque_figure
 from pipeline.identification.described.description import Description, Number
-from pipeline.identification.described.results import TITLES, VERDICT_FILE
+from pipeline.identification.described.results import TITLES, content
 from pipeline.identification.results.residual_signatures import Signature
 from pipeline.report.layout.rendering import drawn_pictures, render
 from pipeline.report.unit.facts import discrepancy_facts
@@ -28,16 +28,21 @@ CAPTIONS = {
 
 
 def write_description_page(
-    description: Description, signatures_left: Sequence[Signature], folder: Path, shown_folder: Path
+    description: Description,
+    signatures_left: Sequence[Signature],
+    frames: dict[str, pd.DataFrame],
+    folder: Path,
+    shown_folder: Path,
 ) -> None:
-    """Write report.html and its figures into ``folder``, whose verdict and tables are there already.
+    """Write report.html and its figures into ``folder``.
 
     Parameters
     ----------
     signatures_left : signatures of what the description leaves.
+    frames : tables that were written there.
     shown_folder : the folder as a user would type it.
     """
-    cells = pd.read_parquet(folder / "description.parquet")
+    cells = frames["description"]
     figures = {"loops": loops_figure(cells, DESCRIPTION_STYLES), "torque": torque_figure(cells, REMAINDER_TITLES)}
     pictures = drawn_pictures(figures, CAPTIONS, folder)
     errors = {TITLES[name].capitalize(): error for name, error in description.errors.items()} | dict(
@@ -45,7 +50,7 @@ def write_description_page(
     )
     page = render(
         TEMPLATE,
-        verdict=read_json(folder / VERDICT_FILE),
+        verdict=content(description),
         numbers=[_number(number) for number in description.numbers],
         errors=[
             (title[:1].upper() + title[1:], digits(e.rms_arcmin), digits(e.to_noise)) for title, e in errors.items()
@@ -53,6 +58,8 @@ def write_description_page(
         signatures=[_signature(signature) for signature in signatures_left if not signature.why_not],
         left=_remaining_facts(description),
         folder=shown_folder,
+        tables=list(frames),
+        faults=[(description.measurement.unit.name, fault) for fault in description.measurement.faults],
         pictures=pictures,
     )
     write_atomic(folder / "report.html", page.encode())

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from pipeline.engine.fingerprint import package_versions
-from pipeline.engine.store import read_json, write_atomic
+from pipeline.engine.store import write_atomic
 from pipeline.figures.measured_unit import (
     MODELS,
     WRITTEN_STYLE,
@@ -23,7 +23,7 @@ from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 from pipeline.identification.results import tables
-from pipeline.identification.results.write import VERDICT_FILE, Findings
+from pipeline.identification.results.write import Findings
 from pipeline.identification.selection.held_out import STAGES
 from pipeline.identification.selection.statements.statement import title_of
 from pipeline.report.layout.rendering import Picture, drawn_pictures, render
@@ -74,14 +74,20 @@ CAPTIONS = {
 }
 
 
-def write_page(findings_of_unit: Findings | FaultyUnit, folder: Path, shown_folder: Path) -> None:
-    """Write report.html and its figures into ``folder``, whose verdict and tables are there already.
+def write_page(
+    findings_of_unit: Findings | FaultyUnit,
+    verdict: Mapping[str, Any],
+    frames: Mapping[str, pd.DataFrame],
+    folder: Path,
+    shown_folder: Path,
+) -> None:
+    """Write report.html and its figures into ``folder``.
 
     Parameters
     ----------
+    verdict, frames : content of verdict.json and tables that were written there; none of a faulty unit.
     shown_folder : the folder as a user would type it.
     """
-    verdict = read_json(folder / VERDICT_FILE)
     if isinstance(findings_of_unit, FaultyUnit):
         values = _common(findings_of_unit, verdict, shown_folder) | {
             "data_facts": rows_facts(findings_of_unit),
@@ -92,16 +98,15 @@ def write_page(findings_of_unit: Findings | FaultyUnit, folder: Path, shown_fold
     else:
         values = (
             _common(findings_of_unit.identification, verdict, shown_folder)
-            | _fit_values(findings_of_unit, verdict)
-            | {"pictures": _pictures(findings_of_unit, folder)}
+            | _fit_values(findings_of_unit, verdict, frames)
+            | {"pictures": _pictures(findings_of_unit, frames, folder)}
         )
     page = render(TEMPLATE, **values)
     write_atomic(folder / "report.html", page.encode())
 
 
-def _pictures(findings_of_unit: Findings, folder: Path) -> dict[str, Picture]:
-    cells = pd.read_parquet(folder / "residual.parquet")
-    candidates = pd.read_parquet(folder / "candidates.parquet")
+def _pictures(findings_of_unit: Findings, frames: Mapping[str, pd.DataFrame], folder: Path) -> dict[str, Picture]:
+    cells, candidates = frames["residual"], frames["candidates"]
     models = MODELS | WRITTEN_STYLE if cells["written_arcmin"].notna().any() else MODELS
     identification = findings_of_unit.identification
     pictures = {"candidates": candidates_figure(candidates, identification.selection.base.rms)}
@@ -136,13 +141,15 @@ def _common(identification: Identification | FaultyUnit, verdict: Mapping[str, A
     }
 
 
-def _fit_values(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
+def _fit_values(
+    findings_of_unit: Findings, verdict: Mapping[str, Any], frames: Mapping[str, pd.DataFrame]
+) -> dict[str, Any]:
     """What the page says of a unit that was fitted."""
     identification = findings_of_unit.identification
     turns = isinstance(identification.problem.data, TurningData)
     titles = STAGE_TITLES | {"after": _after_title(identification)}
-    rows = pd.DataFrame(tables.candidate_rows(identification))
-    fitted_rows = rows[rows["misfit_after"].notna()]
+    rows, trials = frames["candidates"], identification.selection.trials
+    fitted_rows = rows[rows["misfit_after"].notna()].to_dict("records")
     pairs = list(zip(*findings_of_unit.signatures.values(), strict=True))
     return {
         "tested": True,
@@ -153,7 +160,7 @@ def _fit_values(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[
         "headlines": [headline(titles[stage], identification.errors[stage]) for stage in STAGES],
         "explained": remainder_cards(identification),
         "written": written_facts(verdict),
-        "fitted": [candidate_row(row) for row in fitted_rows.to_dict("records")],
+        "fitted": [candidate_row(row, tables.parameters_of(trials[row["effect"]].fit)) for row in fitted_rows],
         "signatures": [
             signature_row(pair) for pair in pairs if any(math.isfinite(estimate.value) for estimate in pair)
         ],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -80,8 +79,8 @@ def parameter_row(record: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def candidate_row(row: Mapping[str, Any]) -> dict[str, str]:
-    """A fitted candidate with its gain and what became of it."""
+def candidate_row(row: Mapping[str, Any], parameters: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
+    """A fitted candidate with its ``parameters`` by effect, its gain and what became of it."""
     if row["member_of_class"]:
         judgement = "named"
     elif row["significant"]:
@@ -91,7 +90,7 @@ def candidate_row(row: Mapping[str, Any]) -> dict[str, str]:
         judgement = row["why_not"] or "no effect is not rejected"
     return {
         "title": with_capital(row["title"]),
-        "parameters": _numbers(row["effect"], row["parameters"]),
+        "parameters": _numbers(parameters),
         "before": digits(row["misfit_before"]),
         "after": digits(row["misfit_after"]),
         "odds": _signed_text(row["log_odds"]),
@@ -104,12 +103,11 @@ def _signed_text(value: float) -> str:
     return f"{value:.1f}".replace("-", "\u2212") if math.isfinite(value) else DASH
 
 
-def _numbers(name: str, parameters: str) -> str:
-    values = json.loads(parameters)
+def _numbers(parameters: Mapping[str, Mapping[str, float]]) -> str:
     texts = []
-    for effect in name.split("+"):
+    for effect, values in parameters.items():
         for parameter in candidates()[effect].parameters:
-            number = digits(values[effect][parameter.name])
+            number = digits(values[parameter.name])
             texts.append(f"{parameter.meaning}: {number} {shown_unit(parameter.unit)}".rstrip())
     return "; ".join(texts)
 

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.engine.store import read_json, write_atomic
+from pipeline.engine.store import write_atomic
 from pipeline.figures.measured_states import angle_figure, states_figure
+from pipeline.identification.series.answer import SeriesAnswer, effect_sizes, number_text, state_errors
 from pipeline.identification.series.folds import StateFolds
-from pipeline.identification.series.results import VERDICT_FILE, SeriesAnswer, effect_sizes, number_text, state_errors
+from pipeline.identification.series.results import content
 from pipeline.identification.series.shared_effects import TriedEffect
 from pipeline.report.layout.rendering import drawn_pictures, render
 from pipeline.report.unit.numbers import digits, interval
@@ -29,16 +30,16 @@ CAPTIONS = {
 }
 
 
-def write_series_page(answer: SeriesAnswer, folder: Path, shown_folder: Path) -> None:
-    """Write report.html and its figure into ``folder``, whose verdict and tables are there already.
+def write_series_page(answer: SeriesAnswer, frames: dict[str, pd.DataFrame], folder: Path, shown_folder: Path) -> None:
+    """Write report.html and its figures into ``folder``.
 
     Parameters
     ----------
+    frames : tables that were written there.
     shown_folder : the folder as a user would type it.
     """
-    states, trends = (pd.read_parquet(folder / f"{name}.parquet") for name in ("states", "trends"))
-    verdict = read_json(folder / VERDICT_FILE)
-    figures = {"angle": angle_figure(pd.read_parquet(folder / "cells.parquet"))}
+    states, trends, verdict = frames["states"], frames["trends"], content(answer)
+    figures = {"angle": angle_figure(frames["cells"])}
     if len(trends):
         figures["states"] = states_figure(states[states["source"] == "loops"], trends, verdict["variable"])
     page = render(
@@ -55,6 +56,7 @@ def write_series_page(answer: SeriesAnswer, folder: Path, shown_folder: Path) ->
         errors=[(name, *(_error(*error) for error in errors.values())) for name, errors in state_errors(answer)],
         faults=[(name, fault) for name, faults in verdict["data_faults"].items() for fault in faults],
         folder=shown_folder,
+        tables=list(frames),
         pictures=drawn_pictures(figures, CAPTIONS, folder),
     )
     write_atomic(folder / "report.html", page.encode())

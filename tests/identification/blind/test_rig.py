@@ -6,7 +6,8 @@ import pytest
 from measured_bench import ROOT, path_of
 
 from pipeline.errors import InputError
-from pipeline.identification.generic.turning_crank import CrankLoops, LoopModel
+from pipeline.identification.generic.crank_loops import CrankLoops
+from pipeline.identification.generic.generic_drive import LoopModel
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from tests.validation.rig import (

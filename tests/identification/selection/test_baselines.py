@@ -9,22 +9,23 @@ from linear_unit import linear_data
 from pipeline.identification.selection.baselines import METHODS, Cycles, baselines
 
 OFFSETS = np.array([5.0, -3.0, 1.0])
-PLAY, SPRING, SOFTENING, COULOMB, SHARE = 2.0, 0.3, 0.01, 0.8, 0.1
+PLAY, SPRING, KNEE, COULOMB, SHARE = 2.0, 0.3, 0.24, 0.8, 0.1
 
 
 def measured():
-    """Cells of a drive with play, softening and friction, followed row by row, at three positions of other zeros."""
+    """Cells of a drive with play, a spring and friction, followed row by row, at three positions of other zeros."""
     data = linear_data(positions=3, cycles=2, branches=2, cells=60, sigma=0.05)
     unloading = np.linspace(12, -12, 60)
     torque = np.tile(np.concatenate([unloading[::-1], unloading]), 6)
     net, carried_torque = [], 0.0
     for k, load in enumerate(torque):
         carried_torque = 0.0 if k % 240 == 0 else carried_torque
-        half = COULOMB + SHARE * abs(load)
-        carried_torque = min(max(carried_torque, load - half), load + half)
+        rising, falling = load - COULOMB, load + COULOMB  # T = c + Tc + mu |c| and T = c - Tc - mu |c|
+        rising, falling = rising / (1 + SHARE * np.sign(rising)), falling / (1 - SHARE * np.sign(falling))
+        carried_torque = min(max(carried_torque, rising), falling)
         net.append(carried_torque)
     net = np.array(net)
-    angle = 0.5 * PLAY * np.clip(net / 0.24, -1, 1) + SPRING * net + SOFTENING * net * np.abs(net)
+    angle = 0.5 * PLAY * np.sign(net) * (1 - np.exp(-np.abs(net) / KNEE)) + SPRING * net
     is_first_branch = np.isin(data.block, np.unique(data.block)[::4])  # the first branch of a position
     direction = np.where(data.block % 2 == 0, 1, -1)
     kind = np.where(is_first_branch, 0, np.where(direction > 0, 2, 1))

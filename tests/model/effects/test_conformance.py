@@ -16,7 +16,8 @@ from reducers import ARCMIN
 from pipeline.identification.bench import load_path, simulator
 from pipeline.identification.bench.course import Course
 from pipeline.model.effects import Conditions
-from pipeline.model.elements import Path, Spring, same
+from pipeline.model.effects.compliance import DeadZone
+from pipeline.model.elements import Path, RoundedPlay, Spring, same
 from pipeline.model.load_history.backbone import NO_LOAD
 from pipeline.model.load_history.load_cycle import BRANCHES, LoadCycle
 from pipeline.model.load_history.response import respond
@@ -142,6 +143,19 @@ def test_a_spring_follows_the_torque_from_either_limit(name):
     assert np.all(np.diff(twist) >= 0)
     np.testing.assert_allclose(twist, -twist[::-1])
     np.testing.assert_allclose(spring.twist(torque[3:5]), twist[[2, 5]], atol=1e-6 * np.ptp(twist))
+    _check_energy(spring, RATED * np.array([-1.0, -0.3, 0.3, 1.0]))
+
+
+def test_a_rounded_play_becomes_a_dead_zone_and_its_twist_is_the_derivative_of_its_energy():
+    torque = np.array([-12.0, -0.5, 0.5, 12.0])
+    _check_energy(RoundedPlay(3.0, 0.7), torque)
+    np.testing.assert_allclose(RoundedPlay(3.0, 1e-9).twist(torque), DeadZone(3.0).twist(torque))
+
+
+def _check_energy(spring, torque):
+    step = 1e-5 * np.abs(torque)
+    slope = (spring.energy(torque + step) - spring.energy(torque - step)) / (2 * step)
+    np.testing.assert_allclose(slope, spring.twist(torque), rtol=1e-4)
 
 
 def test_an_effect_that_needs_time_has_no_load_cycle():

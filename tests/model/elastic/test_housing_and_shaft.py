@@ -143,8 +143,8 @@ def test_a_loaded_reducer_turns_farther_by_what_its_shaft_or_housing_stores(part
     [
         ("input_shaft", {"span_mm": 30.0}, "input_shaft.span_mm = 30.0; must be > 38 mm, the plane of the last disk"),
         ("input_shaft", {"span_mm": 400.0}, "input_shaft.span_mm = 400.0; must be 25 to 250 mm"),
-        ("input_shaft", {"material": "stel"}, "input_shaft.material = \"stel\"; no such section [materials.stel]"),
-        ("housing.ring", {"width_mm": 30.0, "material": "x"}, "housing.ring.material = \"x\"; no such section"),
+        ("input_shaft", {"material": "stel"}, 'input_shaft.material = "stel"; no such section [materials.stel]'),
+        ("housing.ring", {"width_mm": 30.0, "material": "x"}, 'housing.ring.material = "x"; no such section'),
         ("housing.outer_diameter_mm", 400.0, "housing.outer_diameter_mm = 400.0; must be <="),
     ],
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,7 @@ from pipeline.identification.measurement.faults.fault import Fault, fault_of_row
 from pipeline.identification.measurement.faults.plausibility import implausible_angle, implausible_torque
 from pipeline.identification.measurement.faults.shape_faults import largest_span
 from pipeline.identification.measurement.turning.motion import FEWEST_ROWS, HELD_SHARE, TURN_DEG, fewest_pitches
-
-if TYPE_CHECKING:
-    from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
+from pipeline.identification.measurement.turning.turned_rows import TurnedRows
 
 Truth = NDArray[np.bool_]
 
@@ -28,7 +25,7 @@ FALLING = 0.1
 """Share of the range of the angle by which it may fall from the smallest to the largest torque."""
 
 
-def turning_faults(measurement: TurningMeasurement) -> list[Fault]:
+def turning_faults(measurement: TurnedRows) -> list[Fault]:
     """All faults of a record; those that rest on turns are looked for only if there are any."""
     faults = [*recording_faults(measurement)]
     if any(fault.severity == "fatal" for fault in faults) or not measurement.numeric.any():
@@ -40,7 +37,7 @@ def turning_faults(measurement: TurningMeasurement) -> list[Fault]:
     return [*faults, *_few_point_faults(measurement)]
 
 
-def _turns(measurement: TurningMeasurement) -> Iterator[Fault]:
+def _turns(measurement: TurnedRows) -> Iterator[Fault]:
     motion, rows, good = measurement.motion, measurement.rows, measurement.numeric
     if not np.any(motion.turn >= 0):
         yield Fault(
@@ -82,7 +79,7 @@ def _turns(measurement: TurningMeasurement) -> Iterator[Fault]:
         )
 
 
-def _implausible(measurement: TurningMeasurement) -> Iterator[Fault]:
+def _implausible(measurement: TurnedRows) -> Iterator[Fault]:
     unit, cells = measurement.unit, measurement.cells
     design, column = unit.study.design, unit.settings.columns.angle_arcmin
     top, span = float(np.max(np.abs(cells.torque_mean))), float(np.ptp(cells.angle_mean))
@@ -101,7 +98,7 @@ def _implausible(measurement: TurningMeasurement) -> Iterator[Fault]:
         yield Fault("sign", "the angle falls with rising torque; give one of the two columns factor = -1", "fatal")
 
 
-def _few_point_faults(measurement: TurningMeasurement) -> Iterator[Fault]:
+def _few_point_faults(measurement: TurnedRows) -> Iterator[Fault]:
     cells, motion = measurement.cells, measurement.motion
     fewest = fewest_pitches(measurement.unit.study.design.cycloid.pins)
     if motion.pitches > fewest:

@@ -40,28 +40,36 @@ class LockedDrive:
     drive_at : the drive at a crank angle [rad].
     ratio : turns of the crank per turn of the output, with its sign.
     twist : of a linear spring in series with the output [rad/(N mm)].
+    wave : how much more it is at a crank angle, by cosine and sine, about the size of both [rad/(N mm)].
     """
 
     drive_at: Callable[[float], RigidDrive]
     ratio: float
     twist: float = 0.0
+    wave: tuple[float, float] = (0.0, 0.0)
+
+    def twist_at(self, crank: float) -> float:
+        """Twist of the spring [rad/(N mm)] at a crank angle [rad]."""
+        cosine, sine = self.wave
+        return float(self.twist + np.hypot(cosine, sine) + cosine * np.cos(crank) + sine * np.sin(crank))
 
     def stored(self, start: float, angle: float, between: tuple[float, float]) -> tuple[float, float]:
         """Energy stored [N mm] and torque at the output [N mm] at a twist [rad], the crank at ``start`` without any.
 
         The torque is sought ``between`` two [N mm].
         """
-        drive, pose = self.drive_at(start - self.ratio * angle), np.zeros(5)
+        crank, pose = start - self.ratio * angle, np.zeros(5)
+        drive, twist = self.drive_at(crank), self.twist_at(crank)
         radius = drive.flank.circle_radius
 
         def beyond(torque: float) -> float:
             nonlocal pose
             pose = drive.balanced(torque, pose)
-            return float(pose[4]) / radius + self.twist * torque - angle
+            return float(pose[4]) / radius + twist * torque - angle
 
         torque = brentq(beyond, *between, xtol=1e-8 * max(map(abs, between)), rtol=1e-12)
         beyond(torque)
-        return drive.energy_stored(pose) + 0.5 * self.twist * torque**2, torque
+        return drive.energy_stored(pose) + 0.5 * twist * torque**2, torque
 
     def motor_torque(self, start: float, angle: float, between: tuple[float, float]) -> tuple[float, float]:
         """Torque of the motor times the ratio, and at the output [N mm], at a twist [rad]."""
@@ -72,9 +80,10 @@ class LockedDrive:
         """Twist [rad] under a torque at the output [N mm]."""
         angle, pose = 0.0, np.zeros(5)
         for _ in range(ROUNDS):
-            drive = self.drive_at(start - self.ratio * angle)
+            crank = start - self.ratio * angle
+            drive = self.drive_at(crank)
             pose = drive.balanced(torque, pose)
-            before, angle = angle, float(pose[4]) / drive.flank.circle_radius + self.twist * torque
+            before, angle = angle, float(pose[4]) / drive.flank.circle_radius + self.twist_at(crank) * torque
             if abs(angle - before) < FOUND:
                 break
         return angle
