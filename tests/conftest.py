@@ -1,6 +1,7 @@
 """What the processes of a test run share: cores and condensed disks, each made by one of them, once."""
 
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,6 +10,9 @@ from hypothesis import HealthCheck, settings
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 """Before numpy is imported: threads of two processes on two cores wait for each other, most of the time in vain."""
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+"""Sources are parsed once, not again by every process that a test starts: two thirds of the time of its imports."""
 
 settings.register_profile("alike", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("alike")  # the same examples everywhere, however slow the machine
