@@ -7,6 +7,9 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
@@ -14,7 +17,7 @@ import joblib
 import psutil
 import pytest
 from forked import forked
-from toy_study import STAGES, Toy
+from toy_study import STAGES, Toy, entry
 
 from pipeline.engine.processes.parallel import ChunkError, worker_results
 from pipeline.engine.runner import Resources, run
@@ -28,10 +31,11 @@ def hashes(outputs: dict[str, Output]) -> dict[str, dict[str, str]]:
     return {name: output.hashes for name, output in outputs.items()}
 
 
-def started(runs: Path, log: Path, **trouble: object) -> BaseProcess:
+def started(runs: Path, log: Path, chunk: int = 2, **trouble: object) -> BaseProcess:
     """The toy study with two workers, 20 chunks of a quarter of a second; what it says is in ``log.err``."""
     order = json.dumps({"seconds": 0.25, "log": str(log)} | trouble)
-    return forked(run, STAGES, Toy(), ["finish"], runs, Resources(2, 2), said=Path(f"{log}.err"), TOY_TROUBLE=order)
+    resources = Resources(2, chunk)
+    return forked(run, STAGES, Toy(), ["finish"], runs, resources, said=Path(f"{log}.err"), TOY_TROUBLE=order)
 
 
 def finished(runs: Path) -> set[int]:
@@ -117,7 +121,7 @@ def test_a_worker_that_the_system_kills_loses_no_finished_chunk(tmp_path: Path) 
 
 
 def test_a_worker_that_joblib_starts_anew_because_it_has_grown_is_no_news(tmp_path: Path) -> None:
-    assert ended(started(tmp_path / "runs", tmp_path / "log", keeps_MB=120)) == 0
+    assert ended(started(tmp_path / "runs", tmp_path / "log", 4, keeps_MB=320)) == 0
     assert "worker stopped" not in (tmp_path / "log.err").read_text()
     assert len(set(begun(tmp_path / "log.workers"))) > 2
     assert hashes(run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(1, 2))) == hashes(
@@ -162,29 +166,40 @@ def test_every_worker_is_one_that_ends_with_its_parent() -> None:
     assert [path.name for path in files if re.search(r"\bParallel\(", path.read_text())] == ["parallel.py"]
 
 
-POOLED = """
+SPAWNED = """
 import multiprocessing, sys
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
-from toy_study import STAGES, Toy
-from pipeline.engine.runner import Resources, run
-runs, kind = Path(sys.argv[1]), sys.argv[2]
-def entry(number):
-    return run(STAGES, Toy(name=f"toy{number}"), ["finish"], runs, Resources(2, 10))["finish"].hashes["total"]
+from toy_study import entry
 if __name__ == "__main__":
-    pool = ThreadPoolExecutor(2) if kind == "threads" else multiprocessing.get_context(kind).Pool(2)
-    entry(9)  # the parent has taken locks and started workers before
-    print(len({*pool.map(entry, range(3)), entry(10)}))
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        print(pool.map(partial(entry, Path(sys.argv[1])), [1])[0])
 """
 
 
-@pytest.mark.parametrize("kind", ["fork", "spawn", "threads"])
+def pooled(runs: Path, kind: str) -> None:
+    """Several at once, after this process has taken locks and started workers, and once more after them."""
+    answer = partial(entry, runs)
+    answer(9)
+    with ThreadPoolExecutor(2) if kind == "threads" else get_context(kind).Pool(2) as pool:
+        (runs / "answers").write_text(" ".join([*pool.map(answer, range(3)), answer(10)]))
+
+
+@pytest.mark.parametrize("kind", ["fork", "threads"])
 def test_pools_around_the_entry_from_python_work(tmp_path: Path, kind: str) -> None:
+    process = forked(pooled, tmp_path, kind)
+    process.join(timeout=120)
+    assert process.exitcode == 0
+    answers = (tmp_path / "answers").read_text().split()
+    assert (len(answers), len(set(answers))) == (4, 1)
+
+
+def test_a_spawned_process_has_workers_of_its_own(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(SCRIPT.parent), *sys.path])}
-    (tmp_path / "script.py").write_text(POOLED)
-    command = [sys.executable, str(tmp_path / "script.py"), str(tmp_path / "runs"), kind]
+    (tmp_path / "script.py").write_text(SPAWNED)
+    command = [sys.executable, str(tmp_path / "script.py"), str(tmp_path)]
     process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
-    assert (process.returncode, process.stdout.strip()) == (0, "1"), process.stderr
+    assert (process.returncode, process.stdout.strip()) == (0, entry(tmp_path / "here", 1)), process.stderr
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
