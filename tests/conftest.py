@@ -1,14 +1,20 @@
 """What the processes of a test run share: cores and condensed disks, each made by one of them, once."""
 
 import os
+import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 from hypothesis import HealthCheck, settings
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 """Before numpy is imported: threads of two processes on two cores wait for each other, most of the time in vain."""
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+"""Sources are parsed once, not again by every process that a test starts: two thirds of the time of its imports."""
 
 settings.register_profile("alike", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("alike")  # the same examples everywhere, however slow the machine
@@ -57,3 +63,21 @@ def new_runs(tmp_path_factory: pytest.TempPathFactory, session_folder: Path) -> 
         return folder
 
     return new_folder
+
+
+@pytest.fixture(scope="session")
+def run_once(session_folder: Path) -> Callable:
+    """Calls what runs a study for the first process that asks: the others copy its run and find it up to date."""
+
+    def outputs_of(key: str, run: Path, make: Callable) -> dict:
+        """What ``make`` returns; the folder ``run`` is that of its run."""
+        stored = session_folder / "finished" / key
+        with FileLock(session_folder / f"{key}.lock"):
+            if stored.exists():
+                shutil.copytree(stored, run, symlinks=True)
+            outputs = make()
+            if not stored.exists():
+                shutil.copytree(run, stored, symlinks=True)
+        return outputs
+
+    return outputs_of

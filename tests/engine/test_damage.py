@@ -8,15 +8,17 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from forked import forked
 from toy_study import ADD, DRAW, STAGES, Toy
 
-from pipeline.engine import record, runner
+from pipeline.engine import record, runner, work
 from pipeline.engine.cache import ENTRY, Cache
 from pipeline.engine.lock import lock_run
 from pipeline.engine.processes.parallel import ChunkError
@@ -385,63 +387,60 @@ def test_what_is_no_plain_file_is_made_anew(tmp_path: Path, monkeypatch, kind: s
 
 # --- leftovers --------------------------------------------------------------------------------------------------------
 
-KILLED_AT = """
-import os, sys
-from pathlib import Path
-from toy_study import STAGES, Toy
-from pipeline.engine import work
-from pipeline.engine.processes.parallel import ChunkError
-from pipeline.engine.runner import Resources, run
-runs, steps = Path(sys.argv[1]), int(sys.argv[2])
-armed, done = False, 0
-publish = work.Work.publish
-def publishing(self, record):
-    global armed
-    armed = self.target.name == "add"
-    return publish(self, record)
-work.Work.publish = publishing
-def counted(function):
-    def step(*arguments, **options):
-        global done
-        if armed:
-            done += 1
-            if done > steps:
-                os.kill(os.getpid(), 9)
-        return function(*arguments, **options)
-    return step
-for name in ("rename", "replace", "unlink", "rmdir", "mkdir"):
-    setattr(os, name, counted(getattr(os, name)))
-run(STAGES, Toy(), ["finish"], runs, Resources(1, 10))
-"""
+
+def killed_at(steps: int, runs: Path) -> None:
+    """The toy study, whose process ends itself after so many changes of the file system by the publishing of add."""
+    done, publish = -1, work.Work.publish
+
+    def publishing(self: work.Work, record: dict) -> object:
+        nonlocal done
+        done = 0 if self.target.name == "add" else -1
+        return publish(self, record)
+
+    def counted(function: Callable) -> Callable:
+        def step(*arguments: object, **options: object) -> object:
+            nonlocal done
+            if done >= 0:
+                done += 1
+                if done > steps:
+                    os.kill(os.getpid(), signal.SIGKILL)
+            return function(*arguments, **options)
+
+        return step
+
+    work.Work.publish = publishing
+    for name in ("rename", "replace", "unlink", "rmdir", "mkdir"):
+        setattr(os, name, counted(getattr(os, name)))
+    run(STAGES, Toy(), ["finish"], runs, RESOURCES)
 
 
 def test_killed_at_any_step_of_a_publish_the_next_run_ends_equal(tmp_path: Path, outputs) -> None:
     """With an old output to replace; then the new one is damaged too, so that the stage is built once more."""
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
     killed = 0
     for step in range(0, 60, 3):
         (tmp_path / "toy/add/powers.txt").write_text("cut")
-        ended = subprocess.run(
-            [sys.executable, "-c", KILLED_AT, str(tmp_path), str(step)], env=environment, check=False
-        )
-        assert ended.returncode in (0, -signal.SIGKILL)
-        killed += ended.returncode == -signal.SIGKILL
+        process = forked(killed_at, step, tmp_path)
+        process.join()
+        assert process.exitcode in (0, -signal.SIGKILL)
+        killed += process.exitcode == -signal.SIGKILL
         for _ in range(2):
             assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
             (tmp_path / "toy/add/powers.txt").write_text("cut")
         assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
         assert list((tmp_path / "toy/.work").iterdir()) == []
-        if ended.returncode == 0:
+        if process.exitcode == 0:
             break
     assert killed >= 4
-    assert ended.returncode == 0
+    assert process.exitcode == 0
+
+
+def killed_in_a_lock(folder: Path) -> None:
+    with lock_run(folder):
+        os.kill(os.getpid(), signal.SIGKILL)
 
 
 def test_the_lock_of_a_killed_process_holds_nobody_up(tmp_path: Path) -> None:
-    script = "import sys, os; from pathlib import Path; from pipeline.engine.lock import lock_run\n"
-    script += "with lock_run(Path(sys.argv[1])): os.kill(os.getpid(), 9)"
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    subprocess.run([sys.executable, "-c", script, str(tmp_path / "toy")], env=environment, check=False)
+    forked(killed_in_a_lock, tmp_path / "toy").join()
     with lock_run(tmp_path / "toy"):
         assert (tmp_path / "toy/.holder").read_text() == str(os.getpid())
 

@@ -35,23 +35,17 @@ def worker(address_file: Path, scratch: Path, **paths: Path) -> subprocess.Popen
     return started("dask_worker", *options, "--local-directory", str(scratch), **paths)
 
 
-@pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
-    """Address of a scheduler, and its two workers."""
-    address_file = tmp_path / "scheduler.json"
-    processes = [
-        started(
-            "dask_scheduler",
-            "--host",
-            "127.0.0.1",
-            "--port",
-            "0",
-            "--no-dashboard",
-            "--scheduler-file",
-            str(address_file),
-        )
-    ]
-    processes += [worker(address_file, tmp_path) for _ in range(2)]
+@pytest.fixture(scope="module")
+def address_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cluster") / "scheduler.json"
+
+
+@pytest.fixture(scope="module")
+def cluster(address_file: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
+    """Address of a scheduler, and its two workers, of which the tests here kill one after the other."""
+    options = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(address_file))
+    processes = [started("dask_scheduler", *options)]
+    processes += [worker(address_file, address_file.parent) for _ in range(2)]
     try:
         yield address_in(address_file), processes[1:]
     finally:
@@ -92,7 +86,7 @@ def test_cluster_that_loses_a_worker_gives_the_same_tables(
 
 
 def test_worker_of_another_version_of_the_code_is_refused(
-    tmp_path: Path, cluster: tuple[str, list[subprocess.Popen]]
+    tmp_path: Path, address_file: Path, cluster: tuple[str, list[subprocess.Popen]]
 ) -> None:
     """A worker whose checkout has another formula joins; what it would have solved is not in any table."""
     variant = tmp_path / "other"
@@ -101,12 +95,13 @@ def test_worker_of_another_version_of_the_code_is_refused(
     assert "slope" in source
     (variant / "toy_study.py").write_text(source.replace('shared["slope"] * total', 'shared["slope"] * total * 1.001'))
     address, workers = cluster
-    third = worker(tmp_path / "scheduler.json", tmp_path, path=variant)
+    third = worker(address_file, tmp_path, path=variant)
+    sound = [process for process in workers if process.poll() is None]
     try:
         with dask_cluster(address) as backend:
             from distributed import get_client
 
-            get_client().wait_for_workers(3, timeout=60)
+            get_client().wait_for_workers(len(sound) + 1, timeout=60)
             with pytest.raises(InputError, match=f"worker {third.pid} on .*: has another version of the program"):
                 run(STAGES, Toy(), ["finish"], tmp_path / "there", Resources(ALL_WORKERS, 1, backend))
             third.kill()

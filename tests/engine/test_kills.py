@@ -7,13 +7,19 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
+import joblib
 import psutil
 import pytest
-from toy_study import STAGES, Toy
+from forked import forked
+from toy_study import STAGES, Toy, entry
 
-from pipeline.engine.processes.parallel import ChunkError
+from pipeline.engine.processes.parallel import ChunkError, worker_results
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
 
@@ -25,20 +31,19 @@ def hashes(outputs: dict[str, Output]) -> dict[str, dict[str, str]]:
     return {name: output.hashes for name, output in outputs.items()}
 
 
-def started(runs: Path, log: Path, **trouble: object) -> subprocess.Popen:
-    """The toy study with two workers, 20 chunks of a quarter of a second."""
+def started(runs: Path, log: Path, chunk: int = 2, **trouble: object) -> BaseProcess:
+    """The toy study with two workers, 20 chunks of a quarter of a second; what it says is in ``log.err``."""
     order = json.dumps({"seconds": 0.25, "log": str(log)} | trouble)
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TOY_TROUBLE": order}
-    command = [sys.executable, str(SCRIPT), str(runs), "2", "2"]
-    return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    resources = Resources(2, chunk)
+    return forked(run, STAGES, Toy(), ["finish"], runs, resources, said=Path(f"{log}.err"), TOY_TROUBLE=order)
 
 
 def finished(runs: Path) -> set[int]:
     return {int(path.stem) for path in (runs / "toy/.work/add/chunks").glob("0*.json")}
 
 
-def until(runs: Path, chunks: int, process: subprocess.Popen) -> None:
-    while len(finished(runs)) < chunks and process.poll() is None:
+def until(runs: Path, chunks: int, process: BaseProcess) -> None:
+    while len(finished(runs)) < chunks and process.is_alive():
         time.sleep(0.01)
 
 
@@ -46,61 +51,10 @@ def begun(log: Path) -> list[int]:
     return [int(line) for line in log.read_text().split()]
 
 
-def test_killed_again_and_again_it_ends_equal_and_repeats_only_what_was_in_flight(tmp_path: Path) -> None:
-    log = tmp_path / "log"
-    kills = 0
-    for chunks in (2, 6, 11):
-        with started(tmp_path / "runs", log) as process:
-            until(tmp_path / "runs", chunks, process)
-            workers = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
-            kills += process.poll() is None
-            process.kill()
-        psutil.wait_procs(workers, timeout=60)
-    assert kills == 3
-    chunks_before = finished(tmp_path / "runs")
-    n_begun = len(begun(log))
-    with started(tmp_path / "runs", log) as process:
-        assert process.wait() == 0
-    begun_after = begun(log)[n_begun:]
-    assert sorted(begun_after) == sorted(set(range(0, 40, 2)) - chunks_before)
-    repeated = len(begun(log)) - CHUNKS
-    assert repeated <= 5 * kills  # what two workers had begun, and begin before they see that they are alone
-    print(f"{kills} kills: {repeated} of {CHUNKS} chunks computed again")
-    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(1, 2))) == hashes(
-        run(STAGES, Toy(), ["finish"], tmp_path / "anew", Resources(1, 2))
-    )
-
-
-def test_a_worker_that_the_system_kills_loses_no_finished_chunk(tmp_path: Path) -> None:
-    """As the kernel does where memory is short: SIGKILL to one worker, in the middle."""
-    log = tmp_path / "log"
-    with started(tmp_path / "runs", log) as process:
-        until(tmp_path / "runs", 4, process)
-        workers = [p for p in psutil.Process(process.pid).children(recursive=True) if "loky" in " ".join(p.cmdline())]
-        solving = [p for p in workers if "resource_tracker" not in " ".join(p.cmdline())]
-        solving[0].send_signal(signal.SIGKILL)
-        assert process.wait() == 1
-        assert process.stderr is not None
-        assert "a worker process was ended from outside" in process.stderr.read()
-    chunks_before, n_begun = finished(tmp_path / "runs"), len(begun(log))
-    assert len(chunks_before) >= 4
-    with started(tmp_path / "runs", log) as process:
-        assert process.wait() == 0
-    assert sorted(begun(log)[n_begun:]) == sorted(set(range(0, 40, 2)) - chunks_before)
-    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(1, 2))) == hashes(
-        run(STAGES, Toy(), ["finish"], tmp_path / "anew", Resources(1, 2))
-    )
-
-
-def test_a_worker_that_joblib_starts_anew_because_it_has_grown_is_no_news(tmp_path: Path) -> None:
-    with started(tmp_path / "runs", tmp_path / "log", keeps_MB=120) as process:
-        _, messages = process.communicate()
-    assert process.returncode == 0
-    assert "worker stopped" not in messages
-    assert len(set(begun(tmp_path / "log.workers"))) > 2
-    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(1, 2))) == hashes(
-        run(STAGES, Toy(), ["finish"], tmp_path / "anew", Resources(1, 2))
-    )
+def ended(process: BaseProcess) -> int | None:
+    """Exit status."""
+    process.join()
+    return process.exitcode
 
 
 def of_session(leader: int) -> list[int]:
@@ -115,45 +69,94 @@ def of_session(leader: int) -> list[int]:
     return left
 
 
-@pytest.mark.parametrize("moment", [0.02, 0.3, 1.0])
+def left_of_session(process: BaseProcess | subprocess.Popen) -> list[int]:
+    """Processes of its session that are left 20 s after it was killed."""
+    started_waiting = time.monotonic()
+    assert process.pid is not None
+    while (left := of_session(process.pid)) and time.monotonic() < started_waiting + 20:
+        time.sleep(0.05)
+    return left
+
+
+def test_killed_again_and_again_it_ends_equal_and_repeats_only_what_was_in_flight(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    kills = 0
+    for chunks in (2, 8):
+        process = started(tmp_path / "runs", log)
+        until(tmp_path / "runs", chunks, process)
+        kills += process.is_alive()
+        process.kill()
+        assert left_of_session(process) == []
+    assert kills == 2
+    chunks_before = finished(tmp_path / "runs")
+    n_begun = len(begun(log))
+    assert ended(started(tmp_path / "runs", log)) == 0
+    begun_after = begun(log)[n_begun:]
+    assert sorted(begun_after) == sorted(set(range(0, 40, 2)) - chunks_before)
+    repeated = len(begun(log)) - CHUNKS
+    assert repeated <= 5 * kills  # what two workers had begun, and begin before they see that they are alone
+    print(f"{kills} kills: {repeated} of {CHUNKS} chunks computed again")
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(1, 2))) == hashes(
+        run(STAGES, Toy(), ["finish"], tmp_path / "anew", Resources(1, 2))
+    )
+
+
+def test_a_worker_that_the_system_kills_loses_no_finished_chunk(tmp_path: Path) -> None:
+    """As the kernel does where memory is short: SIGKILL to one worker, in the middle."""
+    log = tmp_path / "log"
+    process = started(tmp_path / "runs", log)
+    until(tmp_path / "runs", 4, process)
+    workers = [p for p in psutil.Process(process.pid).children(recursive=True) if "loky" in " ".join(p.cmdline())]
+    solving = [p for p in workers if "resource_tracker" not in " ".join(p.cmdline())]
+    solving[0].send_signal(signal.SIGKILL)
+    assert ended(process) == 1
+    assert "a worker process was ended from outside" in Path(f"{log}.err").read_text()
+    chunks_before, n_begun = finished(tmp_path / "runs"), len(begun(log))
+    assert len(chunks_before) >= 4
+    assert ended(started(tmp_path / "runs", log)) == 0
+    assert sorted(begun(log)[n_begun:]) == sorted(set(range(0, 40, 2)) - chunks_before)
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(1, 2))) == hashes(
+        run(STAGES, Toy(), ["finish"], tmp_path / "anew", Resources(1, 2))
+    )
+
+
+def test_a_worker_that_joblib_starts_anew_because_it_has_grown_is_no_news(tmp_path: Path) -> None:
+    assert ended(started(tmp_path / "runs", tmp_path / "log", 4, keeps_MB=320)) == 0
+    assert "worker stopped" not in (tmp_path / "log.err").read_text()
+    assert len(set(begun(tmp_path / "log.workers"))) > 2
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(1, 2))) == hashes(
+        run(STAGES, Toy(), ["finish"], tmp_path / "anew", Resources(1, 2))
+    )
+
+
+@pytest.mark.parametrize("moment", [0.02, 0.3])
 def test_a_kill_while_workers_start_leaves_no_process(tmp_path: Path, moment: float) -> None:
     """Seconds after the first chunk may be solved: processes of 200 MB that nobody ends stayed for good."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TOY_TROUBLE": '{"seconds": 0.25}'}
-    command = [sys.executable, str(SCRIPT), str(tmp_path / "runs"), "4", "2"]
+    command = [sys.executable, str(SCRIPT), str(tmp_path / "runs"), "3", "2"]
     with subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL, start_new_session=True) as process:
         while len(of_session(process.pid)) < 2 and process.poll() is None:  # the first worker
             time.sleep(0.005)
         time.sleep(moment)
         process.kill()
-    started_waiting = time.monotonic()
-    while (left := of_session(process.pid)) and time.monotonic() < started_waiting + 20:
-        time.sleep(0.05)
-    assert left == []
+    assert left_of_session(process) == []
 
 
-RESULTS = """
-import time
-from joblib import delayed
-from pipeline.engine.processes.parallel import worker_results
-worker_results(2, (delayed(time.sleep)(0.01 if number < 2 else 600) for number in range(4)))
-"""
+def tasks() -> None:
+    """Two that end and two that do not."""
+    worker_results(2, (joblib.delayed(time.sleep)(0.01 if number < 2 else 600) for number in range(4)))
 
 
 def test_workers_of_tasks_end_with_a_killed_process(tmp_path: Path) -> None:
     """Those of tails, forms, scales, allocations and lots did not watch it: 270 MB each stayed for good."""
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    with subprocess.Popen([sys.executable, "-c", RESULTS], env=environment, start_new_session=True) as process:
-        busy = []
-        while len(busy) < 2 and process.poll() is None:
-            time.sleep(0.05)
-            children = psutil.Process(process.pid).children(recursive=True)
-            busy = [child for child in children if "loky" in " ".join(child.cmdline()) and child.num_threads() > 1]
-        assert len(busy) == 2
-        process.kill()
-    started_waiting = time.monotonic()
-    while (left := of_session(process.pid)) and time.monotonic() < started_waiting + 20:
+    process, busy = forked(tasks), []
+    while len(busy) < 2 and process.is_alive():
         time.sleep(0.05)
-    assert left == []
+        children = psutil.Process(process.pid).children(recursive=True)
+        busy = [child for child in children if "loky" in " ".join(child.cmdline()) and child.num_threads() > 1]
+    assert len(busy) == 2
+    process.kill()
+    assert left_of_session(process) == []
 
 
 def test_every_worker_is_one_that_ends_with_its_parent() -> None:
@@ -163,29 +166,40 @@ def test_every_worker_is_one_that_ends_with_its_parent() -> None:
     assert [path.name for path in files if re.search(r"\bParallel\(", path.read_text())] == ["parallel.py"]
 
 
-POOLED = """
+SPAWNED = """
 import multiprocessing, sys
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
-from toy_study import STAGES, Toy
-from pipeline.engine.runner import Resources, run
-runs, kind = Path(sys.argv[1]), sys.argv[2]
-def entry(number):
-    return run(STAGES, Toy(name=f"toy{number}"), ["finish"], runs, Resources(2, 10))["finish"].hashes["total"]
+from toy_study import entry
 if __name__ == "__main__":
-    pool = ThreadPoolExecutor(2) if kind == "threads" else multiprocessing.get_context(kind).Pool(2)
-    entry(9)  # the parent has taken locks and started workers before
-    print(len({*pool.map(entry, range(3)), entry(10)}))
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        print(pool.map(partial(entry, Path(sys.argv[1])), [1])[0])
 """
 
 
-@pytest.mark.parametrize("kind", ["fork", "spawn", "threads"])
+def pooled(runs: Path, kind: str) -> None:
+    """Several at once, after this process has taken locks and started workers, and once more after them."""
+    answer = partial(entry, runs)
+    answer(9)
+    with ThreadPoolExecutor(2) if kind == "threads" else get_context(kind).Pool(2) as pool:
+        (runs / "answers").write_text(" ".join([*pool.map(answer, range(3)), answer(10)]))
+
+
+@pytest.mark.parametrize("kind", ["fork", "threads"])
 def test_pools_around_the_entry_from_python_work(tmp_path: Path, kind: str) -> None:
+    process = forked(pooled, tmp_path, kind)
+    process.join(timeout=120)
+    assert process.exitcode == 0
+    answers = (tmp_path / "answers").read_text().split()
+    assert (len(answers), len(set(answers))) == (4, 1)
+
+
+def test_a_spawned_process_has_workers_of_its_own(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(SCRIPT.parent), *sys.path])}
-    (tmp_path / "script.py").write_text(POOLED)
-    command = [sys.executable, str(tmp_path / "script.py"), str(tmp_path / "runs"), kind]
+    (tmp_path / "script.py").write_text(SPAWNED)
+    command = [sys.executable, str(tmp_path / "script.py"), str(tmp_path)]
     process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
-    assert (process.returncode, process.stdout.strip()) == (0, "1"), process.stderr
+    assert (process.returncode, process.stdout.strip()) == (0, entry(tmp_path / "here", 1)), process.stderr
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -146,6 +146,12 @@ ADD = Stage(
 FINISH = Stage("finish", ("add",), (), (TOTAL,), "toy_study", run=finish)
 STAGES = (DRAW, ADD, FINISH)
 
+
+def entry(runs: Path, number: int) -> str:
+    """What a study of its own has found, by two workers."""
+    return run(STAGES, Toy(name=f"toy{number}"), ["finish"], runs, Resources(2, 10))["finish"].hashes["total"]
+
+
 if __name__ == "__main__":
     from toy_study import STAGES as IMPORTED  # workers find the bodies under the module's name, not under __main__
 

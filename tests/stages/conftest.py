@@ -4,11 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from filelock import FileLock
-from small_study import run_study, small_study
+from small_study import ROOT, run_study, small_study
 
-from pipeline.config import Study
+from pipeline.config import Study, load_study
+from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
+from stages.chain import STAGES
 
 
 @pytest.fixture(scope="session")
@@ -23,6 +24,18 @@ def study() -> Study:
 
 
 @pytest.fixture(scope="session")
-def outputs(runs: Path, session_folder: Path) -> dict[str, Output]:
-    with FileLock(session_folder / "quick.lock"):  # its disk is condensed by one process
-        return run_study(small_study(), runs)
+def outputs(runs: Path, run_once: Callable) -> dict[str, Output]:
+    return run_once("quick", runs / "quick", lambda: run_study(small_study(), runs))
+
+
+@pytest.fixture(scope="session")
+def quick_runs(outputs: dict[str, Output], new_runs: Callable[[], Path], run_once: Callable) -> Callable[[], Path]:
+    """Makes a folder of runs in which the whole quick study is aggregated; its disk is that of the small one."""
+    study = load_study("quick", ROOT)
+
+    def new_folder() -> Path:
+        folder = new_runs()
+        run_once("whole quick", folder / "quick", lambda: run(STAGES, study, ["aggregate"], folder, Resources(1, 250)))
+        return folder
+
+    return new_folder

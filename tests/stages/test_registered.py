@@ -76,6 +76,10 @@ print(measurable_metrics()["windup_arcmin"].value(loop, Definitions(0.36, 6.0, 1
 """
 
 
+QUICK = re.sub(r"\[model_forms\]\n.*\n", "", (ROOT / "data/studies/quick.toml").read_text())
+"""Solved under no other laws and bodies, which take longer than all else."""
+
+
 def install(folder: Path, module: str, source: str, name: str, kind: Kind) -> None:
     """Lay a package of one module into the folder as an installer would, with the entry point of what it declares."""
     (folder / f"{module}.py").write_text(source)
@@ -155,7 +159,7 @@ def extended_run(tmp_path_factory: pytest.TempPathFactory, runs: Path) -> Path:
     folder = tmp_path_factory.mktemp("packages")
     install(folder, "windup_of_a_loop", WINDUP.format(), "windup", METRICS)
     install(folder, "play_of_rigid_bodies", PLAY, "play", REPORT_SECTIONS)
-    text = (ROOT / "data/studies/quick.toml").read_text()
+    text = QUICK
     text = text.replace("count = 50", "count = 4").replace("keep_contacts = [0]", 'keep_contacts = "all"')
     study = folder / "extended.toml"
     study.write_text(text.replace("[limits]", "[limits]\nwindup_arcmin = 7.4"))
@@ -196,7 +200,7 @@ def test_a_metric_of_the_turn_of_another_package_is_a_source(folder: Path) -> No
 
 
 def test_a_contact_law_of_another_package_is_known_and_told(folder: Path) -> None:
-    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 2")
+    text = QUICK.replace("count = 50", "count = 2")
     study = folder / "springy.toml"
     study.write_text(text.replace('"hertz"', '"hooke"'))
     with pytest.raises(InputError, match="springs.law = \"hooke\"; must be 'hertz' or 'linear' or 'palmgren'"):
@@ -210,7 +214,7 @@ def test_a_contact_law_of_another_package_is_known_and_told(folder: Path) -> Non
 
 
 def test_a_distribution_of_another_package_is_checked_drawn_and_told(folder: Path, runs: Path) -> None:
-    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 100")
+    text = QUICK.replace("count = 50", "count = 100")
     head, tail = text.split("[tolerances.pin_tangential]")
     study = folder / "chatter.toml"
     study.write_text("[tolerances.pin_tangential]".join((head, tail.replace('"normal"', '"arcsine"', 1))))
@@ -230,7 +234,7 @@ def test_a_distribution_of_another_package_is_checked_drawn_and_told(folder: Pat
 
 
 def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(folder: Path, runs: Path) -> None:
-    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 20")
+    text = QUICK.replace("count = 50", "count = 20")
     clamped = text + '\n[tolerances.ovality_4]\ndistribution = "uniform"\nlower_um = 1.0\nupper_um = 3.0\n'
     study = folder / "clamped.toml"
     study.write_text(clamped)
@@ -264,7 +268,7 @@ def with_dogs(folder: Path, radius: float, clearance: float) -> Path:
     numbers = re.sub(r'^"output\..*\n', "", tail[tail.index("[provenance]") :], flags=re.MULTILINE)
     output = f'[output]\nmechanism = "dogs"\nradius_mm = {radius}\nclearance_um = {clearance}\n\n'
     (folder / "dogged.toml").write_text(head + output + numbers)
-    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 2")
+    text = QUICK.replace("count = 50", "count = 2")
     text = re.sub(r"crank_deg = .*", "crank_deg = [0.0]", text)
     study = folder / f"dogs_{radius:.0f}_{clearance:.0f}.toml"
     study.write_text(text.replace('design = "pham2017"', 'design = "dogged.toml"'))

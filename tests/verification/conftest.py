@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-from filelock import FileLock
 
 from pipeline import assembly
 from pipeline.checks.calibrate import read_parameters, read_targets
@@ -27,9 +26,9 @@ def study():
 
 
 @pytest.fixture(scope="session")
-def outputs(study, new_runs, session_folder):
-    with FileLock(session_folder / "paper.lock"):  # its disk is condensed by one process
-        return run(STAGES, study, ["aggregate"], new_runs(), Resources(1, 250))
+def outputs(study, new_runs, run_once):
+    runs = new_runs()
+    return run_once("paper", runs / study.name, lambda: run(STAGES, study, ["aggregate"], runs, Resources(1, 250)))
 
 
 @pytest.fixture(scope="session")

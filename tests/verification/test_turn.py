@@ -24,11 +24,11 @@ HEADLINES = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigid
 
 
 def turned(angles: int) -> Study:
-    """A hundred units of the paper's reducer on a very coarse mesh, loaded at so many angles."""
+    """A hundred units of the paper's reducer with a rigid disk on its springs, loaded at so many angles."""
     data = tomllib.loads((ROOT / "data/studies/quick.toml").read_text(encoding="utf-8"))
     data["samples"]["count"] = 100
     data["cycle"] = {"turn": "crank", "loaded_angles": angles, "levels_per_branch": 0, "curve_angles": 1}
-    data["reduce"] |= {"flank_edges_per_lobe": 12, "patch_half_width_mm": 0.3, "growth": 1.0, "largest_edge_mm": 3.0}
+    data["reduce"] = {"disk": "rigid"}
     data["springs"]["table_points"] = 16
     return parse_study(data, f"turn-{angles}", "turn.toml", lambda design: load_design(design, ROOT))
 

@@ -109,7 +109,7 @@ def dense_scan_gaps(profile, crank, errors, reading):
         circle = profile.pin_circle_radius - (0 * offset if reading == "normal" else offset)
         radius = profile.pin_radius + (offset if reading == "normal" else 0 * offset)
         low, high = np.zeros(centre.shape), np.full(centre.shape, half)
-        for points in (2001, *[41] * 7):
+        for points in (501, *[41] * 6):
             arc = low[..., None] + (high - low)[..., None] * np.linspace(0, 1, points)
             psi = root[:, None] + side * arc
             slow, fast = np.exp(1j * psi), profile.eccentricity * np.exp(1j * profile.pins * psi)

@@ -22,8 +22,8 @@ NOTEBOOK = ROOT / "data/examples/reading_results.ipynb"
 
 
 @pytest.fixture(scope="module")
-def own_runs(outputs: dict, new_runs: Callable[[], Path]) -> Path:
-    return new_runs()
+def own_runs(quick_runs: Callable[[], Path]) -> Path:
+    return quick_runs()
 
 
 def test_the_package_imports_nothing_before_it_is_asked() -> None:
@@ -56,14 +56,14 @@ def test_the_package_shows_its_names_and_takes_a_folder(tmp_path: Path, monkeypa
 
 
 def test_answers_have_tables_and_drawings_take_axes(
-    outputs: dict, new_runs: Callable[[], Path], monkeypatch: pytest.MonkeyPatch
+    quick_runs: Callable[[], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Objects of a comparison and a run, drawn on axes of the caller."""
     from matplotlib.figure import Figure
 
     from pipeline import compare, draw_distribution, draw_drivers, draw_loop, load_study, run
 
-    monkeypatch.setattr(settings, "RUNS", new_runs())
+    monkeypatch.setattr(settings, "RUNS", quick_runs())
     study = load_study("quick")
     finished = run(study, ["aggregate"], jobs=1)
     axes = Figure().subplots()

@@ -18,8 +18,8 @@ DEG = np.pi / 180
 
 
 @pytest.fixture(scope="module")
-def own_runs(outputs: dict, new_runs: Callable[[], Path]) -> Path:
-    return new_runs()
+def own_runs(quick_runs: Callable[[], Path]) -> Path:
+    return quick_runs()
 
 
 def test_joints_hold_the_quantiles_of_the_population(

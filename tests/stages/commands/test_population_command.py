@@ -8,20 +8,17 @@ import pandas as pd
 import pytest
 
 from pipeline import cli, settings
-from pipeline.engine.store import Output
 from pipeline.model.metrics import measurable_metrics
 
 
 def test_units_of_the_study_agree_with_it_and_shifted_ones_do_not(
-    outputs: dict[str, Output],
-    new_runs: Callable[[], Path],
+    quick_runs: Callable[[], Path],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture,
 ) -> None:
-    runs_folder = new_runs()
+    runs_folder = quick_runs()
     monkeypatch.setattr(settings, "RUNS", runs_folder)
-    assert cli.main(["run", "aggregate", "--study", "quick", "--jobs", "1"]) == 0
     metrics = pd.read_parquet(runs_folder / "quick" / "aggregate" / "metrics.parquet")
     rows = metrics[(metrics["sample"] > 0) & (metrics["crank_deg"] == 0)]
     units = rows.iloc[::4][["sample", "crank_deg", *measurable_metrics()]].rename(columns={"sample": "unit"})

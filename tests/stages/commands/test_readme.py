@@ -77,13 +77,12 @@ def test_the_lines_of_other_readers_say_what_pandas_says(
 
 
 def test_one_unit_and_the_contacts_of_one_sample(
-    outputs: dict[str, Output],
-    new_runs: Callable[[], Path],
+    quick_runs: Callable[[], Path],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture,
 ) -> None:
-    runs_folder = new_runs()
+    runs_folder = quick_runs()
     monkeypatch.setattr(settings, "RUNS", runs_folder)
     (line,) = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("printf")]
     dimensions = tmp_path / "unit17.toml"

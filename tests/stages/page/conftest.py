@@ -17,8 +17,9 @@ def page_runs(new_runs) -> Path:
 
 
 @pytest.fixture(scope="session")
-def page_outputs(page_runs) -> dict[str, Output]:
-    return run(STAGES, tiny_study("tiny"), ["report"], page_runs, Resources(1, 7))
+def page_outputs(page_runs, run_once) -> dict[str, Output]:
+    study, resources = tiny_study("tiny"), Resources(1, 7)
+    return run_once("tiny", page_runs / "tiny", lambda: run(STAGES, study, ["report"], page_runs, resources))
 
 
 @pytest.fixture(scope="session")
