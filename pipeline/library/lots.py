@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline import settings
 from pipeline.config import Study
+from pipeline.config.files.section import NAME, NAME_RULE
 from pipeline.config.files.table_file import read_table
 from pipeline.config.files.writing import toml_of
 from pipeline.config.reading import load_case
@@ -205,4 +206,6 @@ def _read_lot(path: Path, study: Study) -> MeasuredLot:
     """The parts of a CSV file."""
     if not path.is_file():
         raise InputError(f"--csv = {path}; no such file; give a CSV file with one row per part")
+    if not NAME.fullmatch(path.stem):
+        raise InputError(f"--csv = {path.name!r}; its name without the ending names results and {NAME_RULE}")
     return with_separate_ovalities(measured_lot(path.stem, read_table(path, path.name), study.design), study)

@@ -20,6 +20,7 @@ from pipeline.decisions.lots.ovalities import with_separate_ovalities
 from pipeline.decisions.lots.results import lot_fits, study_text
 from pipeline.decisions.selective_assembly import best_assembly
 from pipeline.errors import InputError
+from pipeline.library.lots import lots
 from pipeline.sampling import draw
 from pipeline.sampling.correlation import correlated_numbers
 
@@ -233,3 +234,11 @@ def test_lots_with_a_common_dimension_are_refused():
     first, _ = lots_for_assembly(5)
     with pytest.raises(InputError, match="both have disk_profile"):
         best_assembly(STUDY, first, first, play_of_a_fit, 1)
+
+
+@pytest.mark.parametrize("stem", ["-rings", "two lots", "a" * 61])
+def test_a_file_whose_name_cannot_name_results_is_refused_before_anything_is_computed(stem, tmp_path):
+    path = tmp_path / f"{stem}.csv"
+    path.write_text("part,disk_profile_um\n1,1.0\n")
+    with pytest.raises(InputError, match="its name without the ending names results and must be letters"):
+        lots([path], STUDY)

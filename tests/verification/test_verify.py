@@ -131,6 +131,20 @@ def test_a_failed_row_is_the_commands_failure(monkeypatch, tmp_path, capsys):
     assert "needs a program; how to install it" in capsys.readouterr().out
 
 
+def test_a_run_with_a_skipped_check_leaves_the_committed_page(monkeypatch, tmp_path, capsys, crude):
+    def without_program(specimen):
+        """A check that needs a program."""
+        yield skipped_check("needs a program; how to install it")
+
+    monkeypatch.setattr(suite, "CHECKS", {"program": without_program})
+    monkeypatch.setattr(suite.run_checks, "__defaults__", ({"program": without_program},))
+    monkeypatch.setattr(suite, "Specimen", lambda study: crude)
+    monkeypatch.setattr(suite, "load_study", lambda *names: None)
+    assert suite.verify("paper", tmp_path, tmp_path / "results.csv") == 0
+    assert not (tmp_path / suite.PAGE).exists()
+    assert "is left as it is: skipped were program" in capsys.readouterr().out
+
+
 def test_export_names_a_sample_that_the_study_lacks(capsys):
     assert cli.main(["export-ccx", "quick", "--sample", "99999"]) == 2
     assert "samples 0 to" in capsys.readouterr().err

@@ -90,7 +90,7 @@ def run_checks(specimen: Specimen, checks: Mapping[str, Check] = CHECKS) -> Iter
 
 
 def verify(mesh: str, root: Path, results: Path) -> int:
-    """Run every check, print its rows as they come, write the table and, at the paper's size, the page.
+    """Run every check, print its rows, write the table and, at the paper's size if no check is skipped, the page.
 
     Parameters
     ----------
@@ -107,7 +107,10 @@ def verify(mesh: str, root: Path, results: Path) -> int:
         print(line(row), flush=True)
         rows.append(row)
     write_results(rows, results)
-    if mesh == "paper":
+    skipped_checks = {row.check for row in rows if row.finding.is_skipped}
+    if mesh == "paper" and skipped_checks:
+        print(f"{PAGE} is left as it is: skipped were {', '.join(sorted(skipped_checks))}", flush=True)
+    elif mesh == "paper":
         write_atomic(root / PAGE, page(rows, mesh).encode())
     return sum(row.finding.ok is False for row in rows)
 
