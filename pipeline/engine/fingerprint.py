@@ -139,7 +139,7 @@ def source_hashes(module: str) -> dict[str, str]:
                 data = (file for file in sorted(path.parent.iterdir()) if file.suffix in TEMPLATES)
                 hashes |= {f.relative_to(root).as_posix(): hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
                 if name in GROUPS:
-                    modules = [entry.module for entry in entry_points().select(group=GROUPS[name])]
+                    modules = [entry.module for entry in entry_points(GROUPS[name])]
                     packages |= {module.partition(".")[0] for module in modules}
                     files = sorted(file.relative_to(path.parent) for file in path.parent.rglob("*.py"))
                     waiting += [".".join((name, *file.with_suffix("").parts)) for file in files] + modules
