@@ -3,10 +3,26 @@
 import importlib
 import importlib.metadata
 import importlib.util
+import os
 import pkgutil
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import EntryPoints
 from pathlib import Path
 from typing import Any
+
+
+def entry_points(group: str) -> EntryPoints:
+    """What installed packages register in a group; read again where a folder of the path has changed."""
+    folders = [path for path in sys.path if os.path.exists(path or ".")]
+    return _all_groups(tuple((path, os.stat(path or ".").st_mtime_ns) for path in folders)).select(group=group)
+
+
+@lru_cache(maxsize=1)
+def _all_groups(_stamps: Sequence[tuple[str, int]]) -> Any:
+    return importlib.metadata.entry_points()
 
 
 @dataclass(frozen=True)
@@ -37,7 +53,7 @@ class Kind:
         files = (file.name for file in pkgutil.walk_packages(paths, f"{self.package}."))
         module_names = sorted(name for name in files if not name.rpartition(".")[2].startswith("_"))
         declared = [(name, item) for name in module_names for item in self._of_module(name)]
-        entries = sorted(importlib.metadata.entry_points(group=self.group), key=lambda entry: entry.name)
+        entries = sorted(entry_points(self.group), key=lambda entry: entry.name)
         declared += [(entry.value, entry.load()) for entry in entries]
         objects: dict[str, Any] = {}
         for place, item in declared:
@@ -75,7 +91,7 @@ KINDS = (
 def registered_folders() -> list[Path]:
     """Folders, or single files, of other packages that register what is declared."""
     modules = {
-        entry.module.partition(".")[0] for kind in KINDS for entry in importlib.metadata.entry_points(group=kind.group)
+        entry.module.partition(".")[0] for kind in KINDS for entry in entry_points(kind.group)
     }
     folders = []
     for spec in filter(None, map(importlib.util.find_spec, sorted(modules))):

@@ -19,7 +19,7 @@ from pydantic_core import to_jsonable_python
 from pipeline.engine.record import SourceMemory, valid, with_seal
 from pipeline.engine.stage import Stage
 from pipeline.engine.store import make_way, read_json, write_json
-from pipeline.registry import KINDS
+from pipeline.registry import KINDS, entry_points
 
 PACKAGES = ("numpy", "scipy", "scikit-fem", "numba", "pyarrow", "pandas")
 """Libraries whose version may change a number."""
@@ -124,7 +124,6 @@ def source_hashes(module: str) -> dict[str, str]:
     hashes: dict[str, str] = {}
     seen_modules: set[str] = set()
     single_files: set[str] = set()
-    entry_points = importlib.metadata.entry_points()
     waiting = [module]
     while waiting:
         name = waiting.pop()
@@ -140,7 +139,7 @@ def source_hashes(module: str) -> dict[str, str]:
                 data = (file for file in sorted(path.parent.iterdir()) if file.suffix in TEMPLATES)
                 hashes |= {f.relative_to(root).as_posix(): hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
                 if name in GROUPS:
-                    modules = [entry.module for entry in entry_points.select(group=GROUPS[name])]
+                    modules = [entry.module for entry in entry_points(GROUPS[name])]
                     packages |= {module.partition(".")[0] for module in modules}
                     files = sorted(file.relative_to(path.parent) for file in path.parent.rglob("*.py"))
                     waiting += [".".join((name, *file.with_suffix("").parts)) for file in files] + modules
