@@ -90,9 +90,7 @@ KINDS = (
 
 def registered_folders() -> list[Path]:
     """Folders, or single files, of other packages that register what is declared."""
-    modules = {
-        entry.module.partition(".")[0] for kind in KINDS for entry in entry_points(kind.group)
-    }
+    modules = {entry.module.partition(".")[0] for kind in KINDS for entry in entry_points(kind.group)}
     folders = []
     for spec in filter(None, map(importlib.util.find_spec, sorted(modules))):
         folders += [Path(folder) for folder in spec.submodule_search_locations or ()]

@@ -269,7 +269,7 @@ def with_dogs(folder: Path, radius: float, clearance: float) -> Path:
     output = f'[output]\nmechanism = "dogs"\nradius_mm = {radius}\nclearance_um = {clearance}\n\n'
     (folder / "dogged.toml").write_text(head + output + numbers)
     text = QUICK.replace("count = 50", "count = 2")
-    text = re.sub(r"crank_deg = .*", "crank_deg = [0.0]", text).replace("[reduce]", "[reduce]\ndisk = \"rigid\"")
+    text = re.sub(r"crank_deg = .*", "crank_deg = [0.0]", text).replace("[reduce]", '[reduce]\ndisk = "rigid"')
     study = folder / f"dogs_{radius:.0f}_{clearance:.0f}.toml"
     study.write_text(text.replace('design = "pham2017"', 'design = "dogged.toml"'))
     return study

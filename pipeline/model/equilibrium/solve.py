@@ -161,7 +161,8 @@ def _keep(work, t, rounding, motion, force):
 def _solve_batch(system, work, torques, gap, clearance, start, progress, motion, force, iterations, residual):
     """Samples through their torques in order, from a ``start`` (motions, forces); the last four arrays are filled.
 
-    It continues from ``progress``, the sample and its step, to a step that Newton does not solve; True if there is one.
+    It continues from ``progress`` (the sample, its step, and whether that was solved otherwise), up to a step that
+    Newton does not solve; True if there is one.
     """
     while progress[0] < gap.shape[0]:
         s, t = progress[0], progress[1]

@@ -23,9 +23,6 @@ SMALL_TORQUE = 1e-6
 """The same share where that drowns in the rounding of the preload, which grows as the torque falls: 9.7 kN in the
 bearings of an RV reducer leave a residual of 4e-11 here, of 9e-10 at 3e-8 and no state at 1e-8."""
 
-RELAXED = 1e-6
-"""Share of the least penetration that is added to it, so that rounding leaves the program a pose."""
-
 
 @dataclass(frozen=True)
 class LoadCycle:
@@ -101,8 +98,8 @@ def _play_to_start_from(drive: Drive) -> RigidPlay:
     tight = np.flatnonzero(play.preloaded)
     if drive.reducer.is_centred or not len(tight):
         return play
-    overlap = (1 + RELAXED) * play.overlap[tight, None]
-    relaxed = rigid_play(drive.reducer, drive.gap[tight] + overlap, drive.bearing_clearance[tight])
+    widened_gap = drive.gap[tight] + play.overlap[tight, None]
+    relaxed = rigid_play(drive.reducer, widened_gap, drive.bearing_clearance[tight])
     play.pose_plus[tight], play.pose_minus[tight] = relaxed.pose_plus, relaxed.pose_minus
     return play
 

@@ -6,6 +6,8 @@ from reducers import SMALL, laws_of, reducer_at
 from solved_reducers import EACH_BEARING, PLATES, TORQUES, Model, assert_equilibrium, random_gaps
 
 from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.equilibrium.newton import BALANCE_TOLERANCE
+from pipeline.model.equilibrium.residual import IDLE
 from pipeline.model.geometry.reducer import Bearing
 
 
@@ -115,3 +117,8 @@ def test_a_preloaded_disk_on_a_soft_hub_is_solved_without_another_start(monkeypa
     gap = random_gaps(model, 20, 3, low=-8e-3, high=3e-3)
     torque = np.array([1e-4, 1500.0, 12000.0, -1500.0])
     assert_equilibrium(model, model.solve(gap, torque), gap, torque)
+
+
+def test_what_may_be_unbalanced_of_an_idle_body_is_the_rounding_of_the_largest_force():
+    """Less could not be met (a unit of ``rv_80e`` then has no equilibrium), more would let a light load go."""
+    assert np.finfo(float).eps < IDLE * BALANCE_TOLERANCE < 100 * np.finfo(float).eps
