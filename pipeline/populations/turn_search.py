@@ -47,6 +47,8 @@ RANKED_AT_ONCE = 50
 """Units whose features at all pitches are held together: 250 MB at 6,320 pitches."""
 MANY_PINS = 60
 """Pins above which two steps beside the worst pitch are enough: of 80 pins a pitch alone misses 0.1 %, of 14 0.8 %."""
+SHORT = 0.05
+"""Mean shortfall over the spread of the units above which given steps do not serve: a median is off by 2 % of units."""
 BEST_CLIMBED = 3
 """Pitches of a unit from which neighbouring steps are looked at, of each metric."""
 
@@ -59,11 +61,13 @@ class Worst:
     ----------
     value : metric -> (n,); missing of a unit without a result at some step.
     step : metric -> (n,) step of the turn where it was found.
+    best_steps : (n, n_steps) that step of every metric and those of the values next to it.
     n_solved : (n,) solutions of each unit.
     """
 
     value: dict[str, Real]
     step: dict[str, Index]
+    best_steps: Index
     n_solved: Index
 
 
@@ -110,7 +114,9 @@ class _Best:
         value, step = self.value[..., 0], self.step[..., 0]
         values = np.where(self.missing | ~np.isfinite(value), np.nan, self.sign * value)
         names = list(library())
-        return Worst(dict(zip(names, values.T, strict=True)), dict(zip(names, step.T, strict=True)), self.n_solved)
+        best_steps = self.step.reshape(len(step), -1)
+        by_name = (dict(zip(names, columns.T, strict=True)) for columns in (values, step))
+        return Worst(*by_name, best_steps, self.n_solved)
 
 
 def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence) -> Ranking:
@@ -167,6 +173,25 @@ def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
         _solve_beside(drives, units, _steps(best_values.step[:, is_ranked, :count]), offsets, best_values)
     best_values.move_finitely(drives, units)
     return best_values.worst_values()
+
+
+def worst_at(drives: TurnDrives, units: Units, steps: Index) -> Worst:
+    """The worst of units at steps (n_units, n_steps) of each, as where drives that differ little have theirs."""
+    best_values = _Best(len(units))
+    pairs = np.stack([steps.ravel(), np.repeat(np.arange(len(units)), steps.shape[1])], axis=1)
+    _solve_pairs(drives, units, np.unique(pairs, axis=0), best_values)
+    best_values.move_finitely(drives, units)
+    return best_values.worst_values()
+
+
+def lies_elsewhere(found: Worst, searched: Worst) -> bool:
+    """Whether the worst of units that were found at given steps fall short of what a search of the first ones finds."""
+    for name, values in searched.value.items():
+        short = _sign(name) * (values - found.value[name][: len(values)])
+        finite = np.isfinite(short)
+        if finite.any() and np.mean(short[finite]) > SHORT * np.std(values[finite]):
+            return True
+    return False
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from pipeline.model.metrics import library
 from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks, turned_blocks
 from pipeline.populations.turn_gaps import SeparateGaps
 from pipeline.populations.turn_residuals import Correlation, fitted_correlation, upper_bounds
-from pipeline.populations.turn_search import audit
+from pipeline.populations.turn_search import audit, lies_elsewhere, worst_at
 from pipeline.sampling import draw
 from pipeline.statistics.audited import audited_distribution, audited_share
 from stages.chain import STAGES
@@ -192,6 +192,23 @@ def test_five_times_finer_angles_find_no_more_than_the_bound_of_the_continuous_t
         added.append((known - estimate) / (bound - estimate))
     assert min(added) > 0.3  # it is no empty one either
     assert max(added) < 1.05  # kinks alone would give 1 in the mean
+
+
+@pytest.mark.parametrize(("factor", "moves"), [(1.1, False), (3.0, True)])
+def test_the_worst_of_other_contacts_lie_where_those_of_the_stated_ones_do_or_elsewhere(factor, moves) -> None:
+    """Other forms of the model are looked at there alone, in 8 to 20 of the 182 pitches; against all of them."""
+    study = small("printed_drive", "rigid", 20, loaded_angles=11)
+    softer = study.model_copy(update={"springs": study.springs.model_copy(update={"pin_deflection_factor": factor})})
+    contacts = len(assembly.reducer(study.design, 0.0).contacts)
+    units = Units.from_errors(study, draw(study, 1, 21))
+    stated, other = (
+        TurnDrives.from_blocks(form, 5, [np.zeros((1, contacts, contacts))] * 5) for form in (study, softer)
+    )
+    found, true = worst_at(other, units, audit(stated, units)[1].best_steps), audit(other, units)[1]
+    assert 8 < found.n_solved.mean() < 20
+    assert lies_elsewhere(found, true) == moves
+    for name in ("lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin", "peak_pressure_MPa"):
+        assert moves or np.mean(np.abs(true.value[name] / found.value[name] - 1)) < 0.001
 
 
 def test_intervals_of_audited_estimates_hold_the_truth() -> None:
