@@ -111,12 +111,12 @@ class _Best:
             self.step[:, number] = np.take_along_axis(step, order, axis=1)
 
     def worst_values(self) -> Worst:
-        value, step = self.value[..., 0], self.step[..., 0]
-        values = np.where(self.missing | ~np.isfinite(value), np.nan, self.sign * value)
+        worst, step = self.value[..., 0], self.step[..., 0]
+        values = np.where(self.missing | ~np.isfinite(worst), np.nan, self.sign * worst)
         names = list(library())
         best_steps = self.step.reshape(len(step), -1)
-        by_name = (dict(zip(names, columns.T, strict=True)) for columns in (values, step))
-        return Worst(*by_name, best_steps, self.n_solved)
+        value, steps = (dict(zip(names, columns.T, strict=True)) for columns in (values, step))
+        return Worst(value, steps, best_steps, self.n_solved)
 
 
 def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence) -> Ranking:
@@ -124,16 +124,16 @@ def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence
     rng = np.random.default_rng(seed)
     pitches = rng.choice(drives.pitches, min(TRAINING_PITCHES, drives.pitches), replace=False)
     n_places = drives.study.design.cycloid.pins * drives.study.design.disk.count
-    forces, deflections, metrics = [], [], []
+    place_forces, deflections, metrics = [], [], []
     for pitch in pitches:
         drive, response, values = drives.solve_step(int(pitch) * drives.phases, units)
         states = response.equilibria
         deflection = drive.laws_of_states.deflection(states.force) + drive.elastic_deflection(states.force)
         order = np.argsort(drives.places(int(pitch)))
-        forces.append(states.force[..., order])
+        place_forces.append(states.force[..., order])
         deflections.append(deflection[..., order])
         metrics.append(values)
-    force, gaps = np.stack(forces, axis=1), SeparateGaps.from_units(drives, units)  # (n, n_pitches, n_states, n)
+    force, gaps = np.stack(place_forces, axis=1), SeparateGaps.from_units(drives, units)  # (n, n_pitches, n_states, n)
     n_contacts = force.shape[-1]
     compliance = place_compliance(np.stack(deflections, axis=1).reshape(-1, n_contacts), force.reshape(-1, n_contacts))
     springs, top = Springs.from_compliance(drives, compliance), force[:, :, _top_states(drives), :n_places]

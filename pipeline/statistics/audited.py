@@ -38,10 +38,11 @@ def audited_share(passes: Iterable[NDArray[np.bool_]], confidence: float) -> Est
     The variance is that of the units' own shares over their number and that of the audited ones' over theirs (the first
     projections of a two-sample statistic); Clopper and Pearson's interval follows with the effective number of units.
     """
-    of_audited, counts = [], np.zeros(0)
+    of_audited: list[float] = []
+    counts: Real = np.zeros(())
     for is_passed in passes:
-        counts = is_passed + (counts if len(of_audited) else 0.0)
-        of_audited.append(np.mean(is_passed))
+        counts = counts + is_passed
+        of_audited.append(float(np.mean(is_passed)))
     n, share = len(counts), float(np.mean(of_audited))
     variance = _mean_variance(counts / len(of_audited)) + _mean_variance(np.array(of_audited))
     effective = min(n, share * (1 - share) / variance) if variance > 0 else n
