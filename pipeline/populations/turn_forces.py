@@ -25,7 +25,12 @@ RIDGE = 1e-6
 
 
 def fitted_slopes(features: Real, values: Real) -> Real:
-    """Slopes (1 + n_features, n_values) by least squares on rows (n, n_features) and (n, n_values), of 1 first."""
+    """Slopes (1 + n_features, n_values) by least squares on rows (n, n_features) and (n, n_values), of 1 first.
+
+    Without rows they are 0.
+    """
+    if not len(features):
+        return np.zeros((1 + features.shape[1], values.shape[1]))
     centre, scale = features.mean(axis=0), features.std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     design, mean = (features - centre) / scale, values.mean(axis=0)

@@ -81,7 +81,8 @@ def _by_place(drives: TurnDrives, gap: Real, pitch: int) -> Real:
 
 def has_pins_in_holes(reducer: Reducer) -> bool:
     """Whether the contacts between disks and output are pins of the output in holes of the disks."""
-    return reducer.is_centred and bool(np.all(reducer.contacts.hole[reducer.n_pins :] >= 0))
+    holes = reducer.contacts.hole[reducer.n_pins :]
+    return reducer.is_centred and len(holes) > 0 and bool(np.all(holes >= 0))
 
 
 def _output_ends(drive: Drive) -> Real:

@@ -47,6 +47,8 @@ RANKED_AT_ONCE = 50
 """Units whose features at all pitches are held together: 250 MB at 6,320 pitches."""
 MANY_PINS = 60
 """Pins above which two steps beside the worst pitch are enough: of 80 pins a pitch alone misses 0.1 %, of 14 0.8 %."""
+SHORT = 0.05
+"""Mean shortfall over the spread of the units above which given steps do not serve: a median is off by 2 % of units."""
 BEST_CLIMBED = 3
 """Pitches of a unit from which neighbouring steps are looked at, of each metric."""
 
@@ -59,11 +61,13 @@ class Worst:
     ----------
     value : metric -> (n,); missing of a unit without a result at some step.
     step : metric -> (n,) step of the turn where it was found.
+    best_steps : (n, n_steps) that step of every metric and those of the values next to it.
     n_solved : (n,) solutions of each unit.
     """
 
     value: dict[str, Real]
     step: dict[str, Index]
+    best_steps: Index
     n_solved: Index
 
 
@@ -107,10 +111,12 @@ class _Best:
             self.step[:, number] = np.take_along_axis(step, order, axis=1)
 
     def worst_values(self) -> Worst:
-        value, step = self.value[..., 0], self.step[..., 0]
-        values = np.where(self.missing | ~np.isfinite(value), np.nan, self.sign * value)
+        worst, step = self.value[..., 0], self.step[..., 0]
+        values = np.where(self.missing | ~np.isfinite(worst), np.nan, self.sign * worst)
         names = list(library())
-        return Worst(dict(zip(names, values.T, strict=True)), dict(zip(names, step.T, strict=True)), self.n_solved)
+        best_steps = self.step.reshape(len(step), -1)
+        value, steps = (dict(zip(names, columns.T, strict=True)) for columns in (values, step))
+        return Worst(value, steps, best_steps, self.n_solved)
 
 
 def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence) -> Ranking:
@@ -118,16 +124,16 @@ def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence
     rng = np.random.default_rng(seed)
     pitches = rng.choice(drives.pitches, min(TRAINING_PITCHES, drives.pitches), replace=False)
     n_places = drives.study.design.cycloid.pins * drives.study.design.disk.count
-    forces, deflections, metrics = [], [], []
+    place_forces, deflections, metrics = [], [], []
     for pitch in pitches:
         drive, response, values = drives.solve_step(int(pitch) * drives.phases, units)
         states = response.equilibria
         deflection = drive.laws_of_states.deflection(states.force) + drive.elastic_deflection(states.force)
         order = np.argsort(drives.places(int(pitch)))
-        forces.append(states.force[..., order])
+        place_forces.append(states.force[..., order])
         deflections.append(deflection[..., order])
         metrics.append(values)
-    force, gaps = np.stack(forces, axis=1), SeparateGaps.from_units(drives, units)  # (n, n_pitches, n_states, n)
+    force, gaps = np.stack(place_forces, axis=1), SeparateGaps.from_units(drives, units)  # (n, n_pitches, n_states, n)
     n_contacts = force.shape[-1]
     compliance = place_compliance(np.stack(deflections, axis=1).reshape(-1, n_contacts), force.reshape(-1, n_contacts))
     springs, top = Springs.from_compliance(drives, compliance), force[:, :, _top_states(drives), :n_places]
@@ -167,6 +173,25 @@ def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
         _solve_beside(drives, units, _steps(best_values.step[:, is_ranked, :count]), offsets, best_values)
     best_values.move_finitely(drives, units)
     return best_values.worst_values()
+
+
+def worst_at(drives: TurnDrives, units: Units, steps: Index) -> Worst:
+    """The worst of units at steps (n_units, n_steps) of each, as where drives that differ little have theirs."""
+    best_values = _Best(len(units))
+    pairs = np.stack([steps.ravel(), np.repeat(np.arange(len(units)), steps.shape[1])], axis=1)
+    _solve_pairs(drives, units, np.unique(pairs, axis=0), best_values)
+    best_values.move_finitely(drives, units)
+    return best_values.worst_values()
+
+
+def lies_elsewhere(found: Worst, searched: Worst) -> bool:
+    """Whether the worst of units that were found at given steps fall short of what a search of the first ones finds."""
+    for name, values in searched.value.items():
+        short = _sign(name) * (values - found.value[name][: len(values)])
+        finite = np.isfinite(short)
+        if finite.any() and np.mean(short[finite]) > SHORT * np.std(values[finite]):
+            return True
+    return False
 
 
 @dataclass(frozen=True)

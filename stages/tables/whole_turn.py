@@ -116,14 +116,12 @@ def whole_turn_estimates(
             yield name, "yield", audited_share(_passes(study, name, counted_values, missed_values), confidence)
 
 
-def _passes(study: Study, name: str, counted_values: pd.DataFrame, missed_values: pd.DataFrame) -> np.ndarray:
-    """Whether each unit keeps a limit, or all, with the shortfall of each audited one (n, n_audited)."""
-    passes = []
+def _passes(study: Study, name: str, counted_values: pd.DataFrame, missed_values: pd.DataFrame) -> Iterator[np.ndarray]:
+    """Whether each unit keeps a limit, or all (n,), with the shortfall of each audited one."""
     for row in range(len(missed_values)):
         true = {
             metric: counted_values[metric].to_numpy(float)
             + (missed_values[metric].iloc[row] if metric in missed_values else 0.0)
             for metric in counted_values
         }
-        passes.append(study.limits.pass_flags(true)[name])
-    return np.stack(passes, axis=1)
+        yield study.limits.pass_flags(true)[name]

@@ -54,7 +54,7 @@ def bad_values(tables: dict[str, pd.DataFrame], name: str) -> dict[str, np.ndarr
 def estimated(found: np.ndarray, missed: np.ndarray, limits: np.ndarray) -> tuple[float, float, float]:
     """Share of units (n, n_metrics) within limits, corrected by what the audited ones missed, with its interval."""
     passes = np.all(found[:, None] + missed[None] <= limits, axis=2)
-    share = audited_share(passes, 0.95)
+    share = audited_share(passes.T, 0.95)
     return share.value, share.ci_low, share.ci_high
 
 

@@ -17,7 +17,7 @@ def exact_interval(hits: float, n: float, confidence: float) -> tuple[float, flo
 def test_audited_units_that_agree_leave_the_interval_of_the_units() -> None:
     """15 of 21 pass with any shortfall: the variance of the mean is p (1 - p) / 20, so that 20 units count."""
     passes = np.repeat(np.arange(21)[:, None] < 15, 5, axis=1)
-    estimate = audited_share(passes, 0.9)
+    estimate = audited_share(passes.T, 0.9)
     assert (estimate.value, estimate.n) == (15 / 21, 21)
     assert (estimate.ci_low, estimate.ci_high) == pytest.approx(exact_interval(20 * 15 / 21, 20, 0.9), rel=1e-12)
 
@@ -31,7 +31,7 @@ def test_the_variances_of_units_and_of_audited_units_add() -> None:
     of_audited = np.var([1.0, 1.0, 1.0, 0.5], ddof=1) / 4
     effective = share * (1 - share) / (of_units + of_audited)
     assert effective < 10
-    estimate = audited_share(passes, 0.95)
+    estimate = audited_share(passes.T, 0.95)
     assert estimate.value == share
     expected = exact_interval(share * effective, effective, 0.95)
     assert (estimate.ci_low, estimate.ci_high) == pytest.approx(expected, rel=1e-12)
@@ -41,7 +41,7 @@ def test_the_variances_of_units_and_of_audited_units_add() -> None:
     ("value", "interval"), [(True, (0.025 ** (1 / 12), 1.0)), (False, (0.0, 1 - 0.025 ** (1 / 12)))]
 )
 def test_all_or_none_have_the_one_sided_interval(value: bool, interval: tuple[float, float]) -> None:
-    estimate = audited_share(np.full((12, 3), value), 0.95)
+    estimate = audited_share(np.full((3, 12), value), 0.95)
     assert (estimate.ci_low, estimate.ci_high) == pytest.approx(interval, rel=1e-12)
 
 
@@ -57,7 +57,7 @@ def test_mean_and_quantiles_are_those_of_all_sums() -> None:
     sums = np.sort([a + b for a in found for b in shortfall])
     for name, level in QUANTILES.items():
         value = np.quantile(sums, level)
-        share = audited_share(np.add.outer(found, shortfall) <= value, 0.95)
+        share = audited_share(np.add.outer(shortfall, found) <= value, 0.95)
         assert estimates[name].value == pytest.approx(value)
         expected = np.quantile(sums, [share.ci_low, share.ci_high])
         assert (estimates[name].ci_low, estimates[name].ci_high) == pytest.approx(expected)
