@@ -131,10 +131,8 @@ class _Sought:
         size = abs(self._values(self.amplitude)[self.grows])
         bound = max(abs(low_or_high) for low_or_high in self.bounds[self.grows])
         told_apart = np.sqrt(2 * ODDS) + ndtri(CONFIDENCE) * self.scatter
-        named_size = size * max(
-            told_apart / np.sqrt(product_apart),
-            self._root_of_needed_information(own_product) / np.sqrt(max(own_product, 1e-12)),
-        )
-        noticed_size = size if self.is_noticed else float("nan")
+        noticed_size = size * self._root_of_needed_information(own_product) / np.sqrt(max(own_product, 1e-12))
+        named_size = max(noticed_size, size * told_apart / np.sqrt(product_apart))
+        noticed_size = float(min(noticed_size, bound)) if self.is_noticed else float("nan")
         named_size = float(named_size) if self.is_noticed and named_size <= bound else float("nan")
         return DetectionLimit(self.effect.name, parameter.name, parameter.unit, noticed_size, named_size)
