@@ -22,6 +22,7 @@ from pipeline.identification.series.answer import (
     state_errors,
     trend_sentence,
 )
+from pipeline.identification.series.folds import Folds
 from pipeline.identification.series.states import series_of
 from pipeline.identification.series.trends import trends_of
 
@@ -245,6 +246,29 @@ def test_errors_of_states_have_intervals_over_positions(answer):
     for _, errors in state_errors(answer):
         value, low, high = errors["refitted"]
         assert low < value < high
+
+
+def test_a_class_has_the_twins_that_help_as_much_and_no_other_effect():
+    """Twins of the best with the same loss, of which one is not significant by itself, one is worse, one is no twin."""
+    noise = 1 + 0.05 * np.random.default_rng(3).standard_normal((2, 9))
+    loss = {"pin_circle_runout": 1.0, "encoder_once": 1.001, "flank_runout": 4.5, "play_once": 2.5, "asymmetry": 1.1}
+    notes = {"encoder_once": shared_effects.NO_GAIN, "flank_runout": shared_effects.NO_GAIN}
+    tried = [
+        shared_effects.TriedEffect(
+            name=name,
+            title=name,
+            companions=(),
+            folds=Folds((), (), None, size * noise**k),
+            p=0.01,
+            p_left_out=0.01,
+            is_claimed=name not in notes,
+            note=notes.get(name, ""),
+        )
+        for k, (name, size) in enumerate(loss.items())
+    ]
+    members = shared_effects.class_of(tried, Folds((), (), None, 4.0 * noise))
+    assert [effect.name for effect in members] == ["pin_circle_runout", "encoder_once"]
+    assert shared_effects.class_of(tried[1:3], Folds((), (), None, 4.0 * noise)) == ()
 
 
 @pytest.mark.parametrize("pause", [0.0, 40.0])

@@ -43,6 +43,8 @@ FEWEST_STATES = 3
 """States below which none is left out: the scatter over two has one degree of freedom."""
 MOST_SHARED = 2
 """Effects that are added one after the other."""
+NO_GAIN = "no significant gain at positions that were left out"
+"""Why an effect is not claimed; a twin of a claimed one that helps as much belongs to its class all the same."""
 NOT_SHOWN = "no significant gain at unused positions of states that were left out"
 """Why the class that predicts best from the other states is not claimed."""
 RESAMPLES, SEED = 2000, 33
@@ -150,18 +152,16 @@ def share_effects(series: Series) -> SharedEffects:
         known_names = {name for members in classes for effect in members for name in (effect.name, *twins(effect.name))}
         round_effects = _tried_round(series, base, [name for name in testable if name not in {*known_names, *waves}])
         tried_effects += round_effects
-        claimed_effects = sorted(
-            (effect for effect in round_effects if effect.is_claimed), key=lambda effect: effect.folds.rms()
-        )
-        if not claimed_effects:
+        members = class_of(round_effects, base)
+        if not members:
             break
-        classes.append(tuple(effect for effect in claimed_effects if _replaces(effect, claimed_effects[0])))
-        base = claimed_effects[0].folds
+        classes.append(members)
+        base = members[0].folds
     folds_without, by_others = _tried_by_states(series, waves) if waves else (None, ())
-    members = tuple(
+    by_state = tuple(
         sorted((effect for effect in by_others if effect.is_claimed), key=lambda effect: effect.folds.rms())
     )
-    all_classes = (*classes, members) if members else tuple(classes)
+    all_classes = (*classes, by_state) if by_state else tuple(classes)
     return SharedEffects(
         series, recalibrated_folds, (*tried_effects, *by_others), all_classes, folds_without, untestable
     )
@@ -363,7 +363,7 @@ def _reasons(series: Series, held_out: bool, at_bound: Sequence[str], p: float, 
     elif at_bound:
         yield f"{', '.join(at_bound)} at a bound of the fit"
     elif not (p < LEVEL and p_left_out < LEVEL):
-        yield "no significant gain at positions that were left out"
+        yield NO_GAIN
 
 
 def _left_out_p(means: Real) -> float:
@@ -372,12 +372,25 @@ def _left_out_p(means: Real) -> float:
     return float(scipy.stats.t.sf(means.mean() / max(spread, LEAST_LOSS), len(means) - 1))
 
 
+def class_of(round_effects: Sequence[TriedEffect], base: Folds) -> tuple[TriedEffect, ...]:
+    """The best effect of a round that is claimed, and its twins that help as much; none where nothing is claimed.
+
+    A twin helps where it predicts better than the ``base`` of the round, whether or not that is significant by itself.
+    """
+    ordered_effects = sorted(round_effects, key=lambda effect: effect.folds.rms())
+    best = next((effect for effect in ordered_effects if effect.is_claimed), None)
+    if best is None:
+        return ()
+    helping = [e for e in ordered_effects if e.note in ("", NO_GAIN) and e.folds.rms() < base.rms()]
+    return (best, *(effect for effect in helping if effect is not best and _replaces(effect, best)))
+
+
 def _replaces(effect: TriedEffect, best_effect: TriedEffect) -> bool:
-    """Whether an effect is the best one, or a twin of it whose losses are not significantly larger.
+    """Whether an effect is a twin of the best one, and its losses are not significantly larger.
 
     What is no twin acts on the loops in another way. It is tried beside the best one in the next round.
     """
-    if effect is best_effect or effect.name not in twins(best_effect.name):
-        return effect is best_effect
+    if effect.name not in twins(best_effect.name):
+        return False
     gap = np.log(effect.folds.loss + LEAST_LOSS) - np.log(best_effect.folds.loss + LEAST_LOSS)
     return _left_out_p(np.nanmean(gap, axis=0)) >= LEVEL

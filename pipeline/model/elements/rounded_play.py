@@ -26,10 +26,10 @@ class RoundedPlay(Spring):
     knee: float
 
     def twist(self, torque: Real) -> Real:
-        """Rotation in the unit of ``half``."""
+        """Rotation, in the unit of ``half``, under torques of any shape."""
         return np.copysign(self.half * -np.expm1(-np.abs(torque) / self.knee), torque)
 
     def energy(self, torque: Real) -> Real:
-        """The integral of the twist in closed form."""
+        """The integral of the twist over torques of any shape, in closed form."""
         size = np.abs(torque)
         return self.half * (size + self.knee * np.expm1(-size / self.knee))
