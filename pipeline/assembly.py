@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.arrays import Complex, Real
 from pipeline.config.designs.design import Design, MaterialSection
 from pipeline.config.designs.flank import flank_profile
 from pipeline.config.dimensions import Dimension, dimension_library
@@ -18,7 +19,7 @@ from pipeline.model.elastic.ring import ring_flexibility
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.clocking import Clocking, clocking, same_places
 from pipeline.model.geometry.contacts import OUTPUT
-from pipeline.model.geometry.cycloid_profile import KEPT_ANGLES, Complex, CycloidProfile, Real
+from pipeline.model.geometry.cycloid_profile import KEPT_ANGLES, CycloidProfile
 from pipeline.model.geometry.out_of_round import ORDERS
 from pipeline.model.geometry.reducer import Bearing, OutputContacts, Reducer, nominal_reducer
 from pipeline.model.load_history.load_cycle import LoadCycle

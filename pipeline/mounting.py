@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.effects import Conditions, library
@@ -12,7 +13,6 @@ from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.elements import ElasticModulus
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.contacts import OUTPUT
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer, of_each_disk
 from pipeline.model.load_history.drive import Drive, GapReading
 from pipeline.model.units import ARCMIN, NMM_PER_NM

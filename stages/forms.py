@@ -11,6 +11,7 @@ from joblib import delayed
 from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.engine.processes.parallel import worker_results
 from pipeline.engine.stage import Job, Stage, Tables
@@ -38,7 +39,6 @@ from stages.sample import SAMPLED_TABLES
 from stages.tables.keys import SAMPLE, STATUS
 from stages.worst import TRAINING, drives_of, units_of
 
-Real = NDArray[np.float64]
 Found = tuple[Ranking, NDArray[np.intp]]
 """A ranking of pitches, and the steps (n, n_steps) at which a search with it has found the worst of units."""
 RIGIDITY = "torsional_rigidity_Nm_per_arcmin"

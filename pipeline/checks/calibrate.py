@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from pipeline.arrays import Real
 from pipeline.checks.leastsquares import Fitted, fit_numbers
 from pipeline.checks.response import METRICS, Condensed, condense_disk, metrics_of, solve_cases, with_numbers
 from pipeline.config import Design, Study, parse_design
@@ -22,7 +23,6 @@ from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.consistency import number_keys
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
-from pipeline.model.geometry.cycloid_profile import Real
 
 ROUNDS = 6
 """Fits at most, each on a disk condensed with the numbers of the one before."""

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import brentq, least_squares
 from scipy.stats import f as f_distribution
 
-from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.arrays import Real
 
 STEP = 1e-4
 """Of the forward differences, in logarithms: far above the solver's 1e-9, far below the numbers' intervals."""

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from pipeline import assembly, elastic
+from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.files.keys import with_value
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle
 from pipeline.model.load_history.loop_readings import loop_readings

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline import assembly, elastic
+from pipeline.arrays import Real
 from pipeline.config import Study
 from pipeline.config.studies.study import Reduce
 from pipeline.model.contact.laws import ContactLaws
@@ -13,7 +14,7 @@ from pipeline.model.elastic.condensed_body import Compliance, ElasticBody
 from pipeline.model.elastic.pressure_patches import Patches
 from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria, solve
 from pipeline.model.geometry.clearance import gaps
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.sampling import draw

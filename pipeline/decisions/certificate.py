@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Study
 from pipeline.decisions.bounds.box import Box
@@ -28,8 +29,6 @@ from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling import Errors, draw_with_parts
 from pipeline.statistics import Estimate, pass_share
-
-Real = NDArray[np.float64]
 
 BAND = (0.025, 0.975)
 """Quantiles of the drawn units between which a band lies."""

@@ -6,14 +6,13 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 from joblib import delayed
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.engine.processes.parallel import worker_results
 from pipeline.sampling import Errors, draw
 from pipeline.statistics import Estimate, pass_share
 
-Real = NDArray[np.float64]
 Angles = Mapping[str, Real]
 Solve = Callable[[Errors], tuple[Angles, Angles]]
 """Errors of ``n`` units to each metric at the loaded angles (n, n_angles), and over the turn as limits mean it (n,)."""

@@ -19,6 +19,7 @@ import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions.distribution import Distribution
 from pipeline.config.studies.study import Study
@@ -27,8 +28,6 @@ from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.sampling import deviations_at, dimensions, uniforms
 from pipeline.statistics import Estimate
-
-Real = NDArray[np.float64]
 
 FEWEST_EFFECTIVE = 100.0
 """Effective units below which nothing is told: the weights are then those of a few units."""

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.errors import InputError
@@ -25,8 +25,6 @@ from pipeline.statistics.differences import (
     share_difference,
 )
 from pipeline.statistics.intervals import QUANTILES, mean, quantile, standard_deviation
-
-Real = NDArray[np.float64]
 
 DIFFERENCES = Table(
     "differences",

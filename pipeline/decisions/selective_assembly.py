@@ -16,6 +16,7 @@ from joblib import delayed
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from pipeline.arrays import Real
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions.along_line import Fixed
 from pipeline.config.studies.study import Study
@@ -31,7 +32,6 @@ from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling import Errors, draw_with_parts
 from pipeline.statistics import Estimate, pass_share
 
-Real = NDArray[np.float64]
 Mounting = Callable[[Errors], Real]
 """Errors of ``n`` units to the largest contact force without torque (n,) [N]."""
 

@@ -5,14 +5,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.figures.labels import parameter_title
 from pipeline.figures.style import INK, MUTED_INK, new_figure, with_style
 from pipeline.model.metrics import signed_number
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
-
-Real = NDArray[np.float64]
 
 PANELS = {RANK_CORRELATION: "Rank correlation", TOTAL: "Share of the variance"}
 """Titles; the second panel has both shares."""

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.figures.labels import LIMITED_METRICS, METRICS, PARAMETERS
 from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MARKERS, MUTED_INK, legend_below, new_figure, with_style
 
@@ -73,9 +74,6 @@ def _draw_curves(axes: Axes, curves: Mapping[str, NDArray[np.float64]], target: 
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xticklabels([f"{tick:g}" for tick in ticks])
     axes.legend(loc="lower left")
-
-
-Real = NDArray[np.float64]
 
 
 @with_style

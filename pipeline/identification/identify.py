@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from pipeline.arrays import Real, Truth
 from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.data import TurningData
@@ -42,8 +42,6 @@ from pipeline.identification.selection.statements.verdict import (
 )
 from pipeline.identification.selection.turn_baselines import TURN_METHODS
 
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]
 """Compliances of a study's design at crank angles [deg]: each (n_contacts, n_contacts) [mm/N]."""
 

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.contacts import HOUSING, PIN
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.loop_readings import held_states

@@ -12,6 +12,7 @@ import pandas as pd
 import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.files.section import nearest_name
 from pipeline.config.files.table_file import TableFile, read_table, shortened_list
 from pipeline.config.files.text_file import LARGEST_VALUE
@@ -20,8 +21,6 @@ from pipeline.model.metrics import library, measurable_metrics
 from pipeline.model.units import ARCMIN
 from pipeline.statistics import Estimate
 from pipeline.statistics.differences import welch_interval
-
-Real = NDArray[np.float64]
 
 TESTS = ("kolmogorov_smirnov", "cramer_von_mises", "anderson_darling")
 PERMUTATIONS = 1999

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.model.geometry.clearance import Errors as ModelErrors
 from pipeline.model.geometry.clearance import after_turns
@@ -24,7 +25,6 @@ from pipeline.mounting import drive_of
 from pipeline.populations.turn_drives import TurnDrives, Units
 from pipeline.sampling import Errors
 
-Real = NDArray[np.float64]
 PHASES = 3
 """Phases of the pins' pitch that are condensed: the wave of the pitch itself is told from the mean of the turn."""
 LOADED_PER_TURN = 30

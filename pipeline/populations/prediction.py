@@ -11,17 +11,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.model.load_history.winkler import winkler_readings
 from pipeline.model.metrics import library
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
 from pipeline.statistics.two_phase import exceedance_chance
-
-Real = NDArray[np.float64]
 
 LEVEL = 0.9973
 """Quantile of the far tail: three standard deviations of a normal distribution on both sides."""

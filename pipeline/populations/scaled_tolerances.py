@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.config.studies.tolerances import Tolerances
 from pipeline.model.metrics import library
@@ -26,7 +27,6 @@ from pipeline.sampling import Errors, draw
 from pipeline.statistics import Estimate
 from pipeline.statistics.differences import share_difference
 
-Real = NDArray[np.float64]
 Rough = Callable[[Errors], Mapping[str, Real]]
 
 SCALES = (0.25, 0.5, 0.75, 1.25, 1.5, 2.0)

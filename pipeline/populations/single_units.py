@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.populations.comparison import measurable_metrics, metrics_at
-
-Real = NDArray[np.float64]
 
 LEVEL = 0.05
 """Probability that any unit of a sound population is named."""

@@ -15,6 +15,7 @@ import numpy as np
 from joblib import delayed
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Samples, Study
@@ -28,7 +29,6 @@ from pipeline.sampling import Errors, draw
 from pipeline.statistics.replicated import FEWEST_BEYOND
 from pipeline.statistics.two_phase import inclusion_probability, tail_quantile, tail_share
 
-Real = NDArray[np.float64]
 Solve = Callable[[Errors], Mapping[str, Real]]
 """Errors of ``n`` units to each metric at the loaded crank angles (n, n_angles), missing where it has no result."""
 

@@ -9,14 +9,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import scipy  # its statistics are slow to import: they are when they are called
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config import Study
 from pipeline.config.dimensions import dimension_library
 from pipeline.errors import InputError
 from pipeline.populations.comparison import MetricComparison, metrics_at
-
-Real = NDArray[np.float64]
 
 ALPHA = 0.05
 """Level at which what a shift leaves is called a difference."""

@@ -13,9 +13,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Index, Real
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.clearance import Errors as ModelErrors
@@ -33,8 +33,6 @@ from pipeline.sampling import Errors
 if TYPE_CHECKING:
     from pipeline.model.elastic.condensed_body import ElasticBody
 
-Real = NDArray[np.float64]
-Index = NDArray[np.intp]
 Condense = Callable[[float], Sequence[Real]]
 """Crank angle [degrees] to the compliance of each disk between its contacts (n_rows, n_rows) [mm/N]."""
 HOUSING_ERRORS = ("pin_radial", "pin_tangential", "pin_radius", "pin_roundness")

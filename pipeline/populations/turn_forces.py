@@ -11,14 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Index, Real
 from pipeline.model.compiled import entry
 from pipeline.populations.turn_gaps import SeparateGaps
 from pipeline.populations.turn_springs import Springs
-
-Real = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 RIDGE = 1e-6
 """Of the variance of a feature, by which nearly equal ones share a slope."""

@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.mounting import drive_of
 from pipeline.populations.turn_drives import HOUSING_ERRORS, TurnDrives, Units
-
-Real = NDArray[np.float64]
 
 OF_DISK = ("lobe", "lobe_pitch", "bore_runout", "hole_diameter", "pin_off_hole")
 """Errors that turn with a disk."""

@@ -11,15 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Index, Real
 from pipeline.populations.turn_forces import PinForces, fitted_slopes
 from pipeline.populations.turn_gaps import SeparateGaps
 from pipeline.populations.turn_residuals import Correlation, fitted_correlation
 from pipeline.populations.turn_springs import Springs
-
-Real = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 WAVES = 4
 """Waves of the direction of the eccentric in the disk: two tell the paper's rigidity to R = 0.97, none to 0.37."""

@@ -18,10 +18,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
-Index = NDArray[np.intp]
+from pipeline.arrays import Index, Real
 
 CHOICES = {
     "pitch_length": (0.7, 1.2, 2.0, 3.5, 6.0),

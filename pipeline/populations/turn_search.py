@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Index, Real
 from pipeline.model.metrics import library
 from pipeline.model.units import ARCMIN
 from pipeline.populations.turn_drives import TurnDrives, Units
@@ -23,9 +24,6 @@ from pipeline.populations.turn_gaps import SeparateGaps
 from pipeline.populations.turn_ranking import Ranking, place_compliance
 from pipeline.populations.turn_residuals import upper_bounds
 from pipeline.populations.turn_springs import Springs
-
-Real = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 TRAINING_UNITS, TRAINING_PITCHES = 60, 150
 """Units that are solved at each of some pitches, drawn for each, for the slopes of the ranking."""

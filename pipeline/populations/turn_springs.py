@@ -10,18 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Index, Real
 from pipeline.model.compiled import algebraic_part, entry
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import ARM_FLOOR
 from pipeline.model.units import NMM_PER_NM
 from pipeline.populations.turn_drives import TurnDrives
 from pipeline.populations.turn_gaps import SeparateGaps, has_pins_in_holes
-
-Real = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 MOST_STEPS = 40
 """Newton steps to the rotations; piecewise linear, so that some five find them."""

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, rfft
 from scipy.special import ndtr, ndtri
 
-Real = NDArray[np.float64]
+from pipeline.arrays import Real
 
 SMALLEST_PROBABILITY = 2.0**-54
 """A generator may return 0, whose normal quantile is infinite; half of the smallest step stands for it."""

@@ -13,9 +13,8 @@ import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Samples
-
-Real = NDArray[np.float64]
 
 BLOCK = 4
 """Numbers that Philox makes per step of its counter."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields, make_dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.studies.cases import Case
@@ -16,8 +16,6 @@ from pipeline.config.studies.study import Samples
 from pipeline.config.studies.tolerances import Tolerances
 from pipeline.sampling.correlation import correlated_numbers
 from pipeline.sampling.designs import uniforms
-
-Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,8 @@ import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.statistics.intervals import QUANTILES, Estimate
-
-Real = NDArray[np.float64]
 
 HALVINGS = 60
 """Of the range of values until a quantile is found to the last digit."""

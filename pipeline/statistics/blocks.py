@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from pipeline.arrays import Real
 
 
 @lru_cache(maxsize=16)

@@ -11,12 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh, qr
 from scipy.special import gammaincinv  # the quantile of chi-square: scipy.stats is slow to import
 
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
+from pipeline.arrays import Real, Whole
 
 BINS = 12
 """Intervals of the range of the abscissa, of each branch, over which values are averaged."""

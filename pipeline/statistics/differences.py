@@ -12,8 +12,9 @@ import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.statistics.intervals import QUANTILES, mean_interval
-from pipeline.statistics.replicated import FEWEST_BEYOND, Interval, Real, by_replicate
+from pipeline.statistics.replicated import FEWEST_BEYOND, Interval, by_replicate
 
 RESAMPLES = 1000
 """Of the bootstrap: the ends of a 95 % interval stray by a tenth of its half width."""

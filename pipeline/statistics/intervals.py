@@ -14,9 +14,9 @@ import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.statistics.replicated import (
     Interval,
-    Real,
     Statistic,
     by_replicate,
     replicated_interval,

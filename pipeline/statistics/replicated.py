@@ -14,7 +14,8 @@ import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 from scipy import special
 
-Real = NDArray[np.float64]
+from pipeline.arrays import Real
+
 Interval = tuple[float, float]
 Statistic = Callable[[Real], float]
 

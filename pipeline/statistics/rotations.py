@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from pipeline.arrays import Real
 
 ROTATIONS = 200_000
 """Rotations that are drawn: a p of 2 % is known to 0.03 %."""

@@ -9,7 +9,7 @@ import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from pipeline.arrays import Real
 
 RANK_CORRELATION = "rank_correlation"
 """Name of this kind of index in tables."""

@@ -19,9 +19,8 @@ import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 from scipy import special
 
+from pipeline.arrays import Real
 from pipeline.statistics.replicated import rank_share
-
-Real = NDArray[np.float64]
 
 TAIL_FREEDOM = 4.0
 """Degrees of freedom of Student's t for what a predictor misses: heavier tails than the normal's, whose failures far

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.studies.study import FEWEST_BASE_SAMPLES
 from pipeline.statistics.blocks import resampled_means
-
-Real = NDArray[np.float64]
 
 FIRST_ORDER, TOTAL = "first_order", "total"
 """Names of the two kinds of index in tables."""

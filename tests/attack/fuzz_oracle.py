@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from pipeline.arrays import Real
 
 LARGEST = 1e12
 BLANK = ("", "NA", "N/A", "NaN", "nan", "null")

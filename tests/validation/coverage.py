@@ -14,6 +14,7 @@ from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
@@ -22,7 +23,6 @@ from pipeline.sampling import draw, replicates
 from pipeline.statistics import Estimate, distribution, pass_share
 from pipeline.statistics.intervals import QUANTILES, share_interval
 
-Real = NDArray[np.float64]
 Experiment = Literal["monte_carlo", "sobol", "latin_hypercube"]
 
 EXPERIMENTS: tuple[Experiment, ...] = ("monte_carlo", "sobol", "latin_hypercube")

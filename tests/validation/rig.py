@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.config.files.section import nearest_name
 from pipeline.errors import InputError
 from pipeline.identification.fitting.cells_in_noise import data_of
@@ -35,9 +35,6 @@ from pipeline.identification.series.folds import (
     predicted_by_others,
     reversed_numbers,
 )
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 EVERY, FIRST_RAMP = 12, 100
 """Row that is kept, and first of the ramps to +-40 N m: as ``thinned.py`` of the project's own unit has them."""

@@ -21,13 +21,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.checks.specimen import Specimen
 from pipeline.errors import InputError
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.elastic.condensed_body import ElasticBody
 from pipeline.model.elastic.polygon import cross
 from pipeline.model.equilibrium.solve import Equilibria
-from pipeline.model.geometry.cycloid_profile import Real, disk_rotation
+from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.reducer import Bearing, Reducer
 
 AHEAD = 1000.0

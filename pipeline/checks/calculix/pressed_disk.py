@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.arrays import Complex, Real
 from pipeline.checks.calculix.program import execute, printed_blocks
 from pipeline.checks.calculix.quadtree_mesh import Curve, CurvedMesh, Loop
-from pipeline.model.geometry.cycloid_profile import Complex, Real
 
 PRESSURE_POINTS = 400
 """Of a patch: its pressure by the midpoint rule in the angle t, x = w sin t, where the rule is exact."""

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.checks.calculix.deck import SPAN, Deck
-from pipeline.model.geometry.cycloid_profile import Real
 
 PROGRAM = "ccx"
 NAME = "reducer"

@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.path import Path
 from scipy.spatial import Delaunay, KDTree
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.errors import ModelError
-from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 
 SAMPLES = 1000
 """Of a boundary, by which its nodes are spread over its length and distances from it are taken."""

@@ -12,11 +12,11 @@ import numpy as np
 import pandas as pd
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.checks.response import Condensed, SolvedCases
 from pipeline.config import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.solve import ElasticReducer, solve
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.load_cycle import ARCMIN

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pipeline.arrays import Real
 from pipeline.checks.calibrate import FittedNumber, Target, of_targets
 from pipeline.checks.leastsquares import fit_numbers
 from pipeline.checks.paper.assumptions import Assumption, with_elastic_plate
@@ -28,7 +29,6 @@ from pipeline.checks.response import (
 )
 from pipeline.config import Study
 from pipeline.config.files.section import number_at
-from pipeline.model.geometry.cycloid_profile import Real
 
 ELASTIC_ERROR = 0.05
 """Relative error of the elastic part, in every case, that closes the question."""

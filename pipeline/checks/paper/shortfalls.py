@@ -7,13 +7,13 @@ import numpy as np
 import pandas as pd
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.checks.calibrate import FittedNumber, Target
 from pipeline.checks.paper.refits import BACKLASH, LOST_MOTION, elastic_part
 from pipeline.checks.paper.statements import bearing_deflections
 from pipeline.checks.paper.table2 import Tables
 from pipeline.config import Study
 from pipeline.model.geometry.clearance import gaps
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.sampling import draw

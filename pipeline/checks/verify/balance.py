@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize, root
 
+from pipeline.arrays import Complex, Real
 from pipeline.checks.specimen import SHARES, Specimen, loaded_equilibria
 from pipeline.checks.verify.findings import Finding, at_least, largest_difference, relative, vanishing
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria, solve
-from pipeline.model.geometry.cycloid_profile import Complex, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.units import UM_PER_MM
 

@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, largest_difference, relative
 from pipeline.checks.verify.geometry import flank_distance
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real, disk_rotation
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.model.geometry.flank_modification import FlankModification
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 

@@ -5,10 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline import assembly
+from pipeline.arrays import Complex, Real
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, largest_difference, vanishing
 from pipeline.model.geometry.clearance import Errors, exact_gaps
-from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real, disk_rotation, pin_contacts
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation, pin_contacts
 
 CRANKS = 64
 """Crank angles of a turn at which poses are compared."""

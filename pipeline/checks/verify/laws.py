@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, positive, relative, vanishing
 from pipeline.model.contact.laws import (
@@ -17,7 +18,6 @@ from pipeline.model.contact.laws import (
 )
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.contact.line_laws.palmgren import palmgren_laws
-from pipeline.model.geometry.cycloid_profile import Real
 
 LIMIT = 1e-10
 """Largest error of an identity of a law: rounding, and the solution of its implicit equation."""

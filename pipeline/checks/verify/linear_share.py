@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, relative, vanishing
 from pipeline.model.equilibrium.solve import ElasticReducer, solve
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.units import NMM_PER_NM
 

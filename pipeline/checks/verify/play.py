@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, largest_difference, relative
 from pipeline.config.designs.design import Design
 from pipeline.model.geometry.clearance import Errors, gaps
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, separated_play
 

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.registry import DIMENSIONS
 
-Real = NDArray[np.float64]
 REDUCER, DISKS = "reducer", "disks"
 """Tables of what a reducer and each of its disks have once; the first has the numbers of disk 0, too."""
 

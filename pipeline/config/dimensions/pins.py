@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from pipeline.config.dimensions.dimension import PINS, Dimension, Need, Real
+from pipeline.arrays import Real
+from pipeline.config.dimensions.dimension import PINS, Dimension, Need
 
 
 # A pin circle out of round: waves of the pins' radial position along the circle.

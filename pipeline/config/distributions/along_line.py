@@ -5,7 +5,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from pipeline.config.distributions.distribution import Distribution, Real, Spread
+from pipeline.arrays import Real
+from pipeline.config.distributions.distribution import Distribution, Spread
 from pipeline.config.files.section import Clearance, Micrometres
 
 

@@ -8,12 +8,10 @@ from functools import cache
 from typing import Any, ClassVar, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.files.section import Micrometres, Millimetres, Mistake, Section
 from pipeline.registry import DISTRIBUTIONS
-
-Real = NDArray[np.float64]
 
 MIDPOINTS = 512
 """Of the range of a probability, over which the mean of a distribution is taken."""

@@ -5,7 +5,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from pipeline.config.distributions.distribution import Distribution, Real
+from pipeline.arrays import Real
+from pipeline.config.distributions.distribution import Distribution
 from pipeline.config.files.section import Clearance
 
 

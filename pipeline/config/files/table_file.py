@@ -17,12 +17,10 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from pyarrow import csv as arrow_csv
 
+from pipeline.arrays import Real, Truth
 from pipeline.config.files.section import shown_value
 from pipeline.config.files.text_file import check_text, header
 from pipeline.errors import InputError
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 SEPARATORS = ("\t", ";", ",")
 """In the order in which they are tried: a comma may also be a decimal mark, or part of a name."""

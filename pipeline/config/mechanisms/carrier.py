@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.config.files.section import Millimetres, Mistake, Positive
 from pipeline.config.mechanisms.crankshaft import Crankshaft
 from pipeline.config.mechanisms.drawing import Circles, Panel, Points
@@ -18,7 +19,6 @@ from pipeline.config.mechanisms.first_stage import FirstStage
 from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
 from pipeline.model.contact.laws import ContactLaws, Material, concatenated_laws
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined_contacts
-from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 
 if TYPE_CHECKING:
     from pipeline.config.designs.cycloid import Cycloid

@@ -8,10 +8,10 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from pipeline.arrays import Real
 from pipeline.config.files.section import Clearance, Millimetres, Mistake, Section
 from pipeline.model.contact.laws import Material
 from pipeline.model.elastic.beam import LONGEST, SHORTEST, shaft_flexibility, support_shares
-from pipeline.model.geometry.cycloid_profile import Real
 
 Stiffness = Annotated[float, Field(ge=1, le=1e12)]
 

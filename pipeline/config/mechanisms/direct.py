@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from math import inf
 from typing import TYPE_CHECKING, Literal
 
+from pipeline.arrays import Index
 from pipeline.config.files.section import Mistake
 from pipeline.config.mechanisms.drawing import Panel
 from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
 from pipeline.model.contact.laws import ContactLaws, no_laws
 from pipeline.model.geometry.contacts import Contacts, DiskPose, no_contacts
-from pipeline.model.geometry.cycloid_profile import Index
 
 if TYPE_CHECKING:
     from pipeline.config.designs.cycloid import Cycloid

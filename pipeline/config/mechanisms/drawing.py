@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from pipeline.model.geometry.cycloid_profile import Complex
+from pipeline.arrays import Complex
 
 Part = Literal["disk", "output", "between"]
 """Whose outline a circle is, or whose text: of the disk, of the output, or of a body between them."""

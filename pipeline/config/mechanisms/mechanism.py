@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, get_args
 
 import numpy as np
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.config.files.section import Mistake, Section
 from pipeline.config.mechanisms.drawing import Panel
 from pipeline.model.contact.laws import ContactLaws, Material, no_laws
 from pipeline.model.geometry.contacts import Contacts, DiskPose, no_contacts
-from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 from pipeline.model.geometry.reducer import Bearing
 from pipeline.registry import OUTPUT_MECHANISMS
 

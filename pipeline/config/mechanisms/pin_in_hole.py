@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.config.files.section import Clearance, Millimetres, Mistake, Section
 from pipeline.config.mechanisms.drawing import Circles, Panel, Points
 from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, in_series, scaled_laws
 from pipeline.model.elastic.beam import LONGEST, SHORTEST, pin_flexibility
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose
-from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 
 if TYPE_CHECKING:
     from pipeline.config.designs.cycloid import Cycloid

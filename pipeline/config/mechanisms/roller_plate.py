@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.config.files.section import Millimetres, Mistake
 from pipeline.config.mechanisms.drawing import Circles, Panel, Part, RowLabel
 from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
 from pipeline.model.contact.laws import ContactLaws, LineContact, concatenated_laws
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined_contacts
-from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 
 if TYPE_CHECKING:
     from pipeline.config.designs.cycloid import Cycloid

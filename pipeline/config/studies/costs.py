@@ -7,15 +7,14 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, create_model
 
+from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.files.section import Mistake, NotNegative, Positive, Section
 from pipeline.config.notation.iso286 import TOLERANCES_UM, UP_TO_MM, grade_width_um
 
-Real = NDArray[np.float64]
 EXAMPLE_COSTS = {str(grade): 10 ** ((6 - grade) / 5) for grade in TOLERANCES_UM}
 """Relative cost by grade, that of grade 6 being 1: an EXAMPLE, no measurement. From grade 6 on the zones of ISO
 286-1:2010 step by the preferred numbers R5 (10, 16, 25, 40, 64, 100 tolerance units), a factor 10^(1/5); by the

@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.files.section import Section
 
-Real = NDArray[np.float64]
 Number = TypeVar("Number", float, Real)
 CHANGED_BY = {"pin_radial": "housing", "pin_radius": "pins", "eccentricity": "crank"}
 """Deviation of a unit and the part whose growth beyond the disk's changes it."""

@@ -11,16 +11,14 @@ from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
 from pipeline.decisions.allocation.priced import Priced, priced_tolerances, with_scaled_tolerances
 from pipeline.decisions.allocation.search import TRUST, Rough, Search, Tell, Trial
 from pipeline.decisions.fresh_units import Solve
 from pipeline.statistics import Estimate
-
-Real = NDArray[np.float64]
 
 REAIMS = 2
 """How often the aim is raised where fresh units miss the target."""

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
 
-Real = NDArray[np.float64]
+from pipeline.arrays import Real
+
 CostOfScale = Callable[[Real], Real]
 """Scales of one tolerance (any shape) to its cost."""
 

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.studies.costs import Cost
 from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
-
-Real = NDArray[np.float64]
 
 SCALES = (0.2, 5.0)
 """Scales of a tolerance that are looked at."""

@@ -12,8 +12,8 @@ from functools import partial
 
 import numpy as np
 from joblib import delayed
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
 from pipeline.decisions.allocation.priced import Priced, with_scaled_tolerances
@@ -24,7 +24,6 @@ from pipeline.populations.prediction import Tail, predicted_turn
 from pipeline.sampling import Errors, draw
 from pipeline.statistics import Estimate, pass_share
 
-Real = NDArray[np.float64]
 Rough = Callable[[Errors], Angles]
 Tell = Callable[[str], None]
 """Is told in a line what a round or a check gave."""

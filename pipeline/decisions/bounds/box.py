@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions import Distribution
 from pipeline.config.distributions.along_line import Uniform
@@ -19,7 +20,6 @@ from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
 from pipeline.sampling import Errors, dimensions, errors_with_parts
 
-Real = NDArray[np.float64]
 Evaluate = Callable[[Real], Real]
 """Points of the box (n, n_columns) to a number each (n,)."""
 

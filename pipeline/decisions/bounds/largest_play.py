@@ -10,10 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-Real = NDArray[np.float64]
+from pipeline.arrays import Real
 
 SIDES = 72
 """Of the polygon about the bearing's disc: it lets the disk 0.1 % of the clearance too far."""

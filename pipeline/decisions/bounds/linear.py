@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.decisions.bounds.box import PHASES, Box, Evaluate
 from pipeline.model.metrics import library
 from pipeline.sampling import deviations_at
 from pipeline.statistics import Estimate, pass_share
-
-Real = NDArray[np.float64]
 
 QUANTILE_LEVEL = 0.9973
 """Level of the far quantile: three standard deviations of a normal distribution on both sides."""

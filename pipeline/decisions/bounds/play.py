@@ -6,17 +6,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.decisions.bounds.box import Box, coordinate_search
 from pipeline.decisions.bounds.largest_play import largest_play
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN, UM_PER_MM
 from pipeline.mounting import drive_of
-
-Real = NDArray[np.float64]
 
 BY_PROGRAM = "largest, gaps linear in the errors: exact, by one linear program"
 ATTAINED_BOUND = "largest found, exact gaps: a lower bound of the largest"

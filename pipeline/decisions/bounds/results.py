@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.decisions.bounds.box import Box, Evaluate, coordinate_search
 from pipeline.decisions.bounds.linear import Capability, capability, stack, statistics_of
@@ -20,7 +20,6 @@ from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.sampling import Errors, dimensions, errors_at, uniforms
 
-Real = NDArray[np.float64]
 SolveAt = Callable[[float, Errors], Mapping[str, Real]]
 """Crank angle [deg] and errors of ``n`` units to each metric there (n,)."""
 

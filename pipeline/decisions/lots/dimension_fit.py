@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension
 from pipeline.config.distributions import Distribution, Spread
@@ -22,8 +22,6 @@ from pipeline.decisions.lots.fitted_distribution import FittedKind, fitted_kinds
 from pipeline.decisions.lots.measured_lot import FEWEST_PARTS
 from pipeline.sampling.correlation import correlated_numbers
 from pipeline.statistics import Estimate
-
-Real = NDArray[np.float64]
 
 REPLICATES = 399
 """Lots of the bootstrap: the ends of a 95 % interval are order statistics 10 and 390."""

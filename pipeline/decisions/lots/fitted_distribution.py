@@ -12,12 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.dimensions import Dimension
 from pipeline.config.distributions import Distribution, library
-
-Real = NDArray[np.float64]
 
 LIMITS_IN_SIGMA = 4.0
 """Limits of a fitted normal distribution that the drawing does not truncate: 6e-5 of the parts lie beyond."""

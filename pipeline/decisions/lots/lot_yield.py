@@ -15,6 +15,7 @@ import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
+from pipeline.arrays import Real
 from pipeline.config.distributions.along_line import Fixed
 from pipeline.config.distributions.distribution import Distribution
 from pipeline.config.studies.study import ALL_LIMITS, Study
@@ -24,8 +25,6 @@ from pipeline.decisions.lots.fitted_distribution import fitted_kinds
 from pipeline.errors import InputError
 from pipeline.statistics import Estimate
 from pipeline.statistics.differences import share_difference
-
-Real = NDArray[np.float64]
 
 RESAMPLED_LOTS = 20
 """Lots drawn from the measured parts: their standard deviation is known to 16 %, which Student's t accounts for."""

@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.files.section import nearest_name
 from pipeline.config.files.table_file import TableFile, shortened_list
 from pipeline.errors import InputError
-
-Real = NDArray[np.float64]
 
 PART = "part"
 """Column that labels a part; rows of one label are the elements of one part, in their order."""

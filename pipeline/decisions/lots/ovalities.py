@@ -11,13 +11,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.studies.study import Study
 from pipeline.decisions.lots.measured_lot import MeasuredLot
-
-Real = NDArray[np.float64]
 
 FIRST_FREE_ORDER, FREE_ORDERS = 4, 14
 """Orders beyond the ovalities from whose power the chance part is extrapolated: 4 to 17."""

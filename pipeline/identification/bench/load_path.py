@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Whole
 from pipeline.identification.bench.course import Course, slid_torque
 from pipeline.model.elements import merged_path, polyline
 from pipeline.model.load_history.backbone import NO_LOAD, Backbone
@@ -17,8 +17,6 @@ from pipeline.model.load_history.friction.incremental import solve_path
 from pipeline.model.load_history.friction.output_path import Ripple, output_path
 from pipeline.model.units import NMM_PER_NM
 
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 Torques = tuple[Real, Real]
 """Torques at the turns (n_turns,) and within the cells (n_cells, n_edges) [N mm]."""
 

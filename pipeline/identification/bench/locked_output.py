@@ -10,16 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.bench.course import Course
 from pipeline.identification.bench.load_path import Elastic, ElasticCurve, LoadPath, Torques, load_path, memory_twist
 from pipeline.model.load_history.backbone import Backbone
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.output_path import Ripple
 from pipeline.model.load_history.turning_crank import CurvesOverCrank
-
-Real = NDArray[np.float64]
 
 ROUNDS, PLACE_TOLERANCE = 12, 1e-9
 """Rounds to the crank angle at which the output is locked at most, and the change of it [rad] that ends them."""

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.bench.course import Course
 from pipeline.identification.bench.load_path import (
     LARGEST_RESIDUAL,
@@ -27,9 +27,6 @@ from pipeline.model.load_history.backbone import Backbone, backbone, torque_leve
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 BEYOND = 1.05
 """Reach of the backbone over the largest torque measured: friction may keep more in the reducer than is read."""

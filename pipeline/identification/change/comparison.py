@@ -10,14 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.errors import InputError
 from pipeline.identification.change.loops import State
 from pipeline.identification.change.scatter import Contrast
 from pipeline.identification.change.table import LoopNumber, LoopTable, loop_table
-
-Real = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 """Of the intervals of what changed, each by itself."""

@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.change.scatter import indicators
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.measurement.cells import CELL_POWER, CELLS_PER_SENSE
 from pipeline.identification.measurement.measurement import Measurement
 
-Real = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 
 SAME_SIZE = 1.3

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.change.loops import Loop
 from pipeline.identification.change.table import LoopTable
-
-Real = NDArray[np.float64]
 
 FEWEST = 3
 """Positions below which no pairing can be told from the true one."""

@@ -8,13 +8,10 @@ from functools import cached_property
 
 import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from pipeline.arrays import Real, Whole
 from pipeline.statistics.rotations import Family, family
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 POWER = 0.8
 """Chance with which a change of the detection limit is shown."""

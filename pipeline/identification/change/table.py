@@ -9,13 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Whole
 from pipeline.errors import InputError
 from pipeline.identification.change.kinds import KINDS, Kind
 from pipeline.identification.change.loops import Curves, Loop, LoopSize, State, curves_at, loop_of, loop_sizes
 from pipeline.identification.change.scatter import Layout
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 SHORT = 0.5
 """Share of the largest reach of loops of one size below which a loop is left out: a reading that saturates early."""

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.cell_torques import followed_torques
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.data import Data
@@ -28,9 +28,6 @@ from pipeline.identification.selection.statements.discrepancy import Discrepancy
 from pipeline.identification.selection.statements.verdict import UNEXPLAINED
 from pipeline.statistics.blocks import max_t
 from pipeline.statistics.jackknife import jackknife_interval
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 FULLY_DESCRIBED, PARTLY_DESCRIBED = "described", "partly described"
 RESAMPLES, SEED = 2000, 81

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Real, Truth
 from pipeline.config.designs.design import Design
 from pipeline.config.designs.plausible_range import LAWS, plausible_range
 from pipeline.config.studies.cases import Case
@@ -31,9 +32,6 @@ from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.backbone import Backbone
 from pipeline.sampling import Errors as SampledErrors
 from pipeline.sampling import draw, draw_as_measured, usual_beside
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 MESHED_SECTIONS = ("cycloid.", "disk.bore_radius_mm", "housing.")
 """Calibrated numbers that a fit leaves alone: each value would need its own mesh."""

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.measurement.measurement import Measurement
-
-Real = NDArray[np.float64]
 
 PARTS = 5
 """Parts of a cell, of as many rows each, over which its angle is averaged: the curve is bent within it."""

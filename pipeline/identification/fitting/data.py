@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Whole
 from pipeline.identification.measurement.turning.motion import TURN_DEG
 from pipeline.model.effects.effect import (
     CRANKS,
@@ -23,9 +24,6 @@ from pipeline.model.effects.effect import (
     TIME,
     TORQUES,
 )
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 FEWEST_CRANKS = 3
 """Crank positions that an effect with a phase over the crank angle needs."""

@@ -11,16 +11,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Drives, Forward
 from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector, values_at_shares
 from pipeline.identification.fitting.problem import Model, Problem, first_states
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 STEP = 2e-4
 """Step of the finite differences, as a share of a parameter's bounds."""

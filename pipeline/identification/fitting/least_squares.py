@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector
 from pipeline.identification.fitting.problem import Model
@@ -15,8 +15,6 @@ from pipeline.identification.fitting.problem import Model
 if TYPE_CHECKING:
     from pipeline.identification.fitting.fitter import Fitter
 
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 SETTLED_CHANGE = 0.02
 """Fall of the sum of squares, in mean squares of a cell, at which a fit has settled: 0.14 standard deviations."""

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.errors import InputError
 from pipeline.identification.fitting.cell_torques import followed_torques
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.measurement.faults.plausibility import REVOLUTION
 from pipeline.identification.measurement.measurement import Measurement
-
-Real = NDArray[np.float64]
 
 
 def crank_loops(measurement: Measurement, largest_torque: float = np.inf) -> CrankLoops:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Truth
 from pipeline.identification.fitting.data import FEWEST_CRANKS
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 from pipeline.model.effects.effect import CRANKS, CYCLES, LOOPS, MOVES, RATE, SENSES, STILL, TEMPERATURE, TIME, TORQUES
 from pipeline.model.load_history.load_cycle import ARCMIN
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 LEAST_WARMING = 0.2
 """Standard deviation of the temperature [K] from which it varies."""

@@ -7,12 +7,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.problem import LIMIT, Model
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 SCALE_REACH = 4.4
 """Largest change of the logarithm of a scale that is not held to its range: a factor of 80."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import svd
 
+from pipeline.arrays import Real
 from pipeline.identification.bench.instrument_effects import InstrumentEffect, instrument_effects
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import SECONDS_AN_HOUR, Forward
@@ -21,8 +22,6 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.sampling import Errors as SampledErrors
 
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 Candidate = Effect | InstrumentEffect
 
 STATE_EFFECTS = frozenset({CYCLES, TEMPERATURE})

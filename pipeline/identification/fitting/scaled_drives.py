@@ -11,9 +11,9 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.files.keys import with_value
 from pipeline.config.files.section import number_at
@@ -26,7 +26,6 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors as SampledErrors
 
-Real = NDArray[np.float64]
 Scales = tuple[float, ...]
 
 GAP_FIELDS = ("kind", "gap", "two_sided", "per_eccentricity")

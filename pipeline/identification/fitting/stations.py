@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.errors import InputError
 from pipeline.identification.fitting.measured_loops import crank_loops
 from pipeline.identification.measurement.measurement import Measurement
-
-Real = NDArray[np.float64]
 
 STATIONS_A_PITCH = 5
 """Stations while the crank turns from one pin to the next, after which an ideal drive repeats."""

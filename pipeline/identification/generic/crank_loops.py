@@ -6,11 +6,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
-Truth = NDArray[np.bool_]
+from pipeline.arrays import Real, Truth, Whole
 
 
 @dataclass(frozen=True)

@@ -25,13 +25,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.generic.crank_loops import CrankAngle, CrankLoops
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, TERMS, CrankEffect
 from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.effects.creep import KelvinVoigt
 from pipeline.model.elements import FirstLoading, Path, RoundedPlay, SlidingFriction, Spring
-
-Real = NDArray[np.float64]
 
 ROUNDS, CLOSE = 40, 1e-6
 """Most times that twist and crank angle are found from each other, and change of the angle [arcmin] that ends it: each

@@ -6,14 +6,12 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from pipeline.arrays import Real
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.drive_terms import BASIC, TERMS
 from pipeline.identification.generic.generic_drive import LoopModel
-
-Real = NDArray[np.float64]
 
 STEP = 1e-4
 """Step of the derivatives, in scales of a number."""

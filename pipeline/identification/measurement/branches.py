@@ -10,14 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy  # its filters are slow to import: they are where chatter turns the torque
-from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.measurement.rows import Rows
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
-Truth = NDArray[np.bool_]
 
 TURN_SHARE = 0.05
 """Share of a position's torque range by which the torque must come back for a turn: smaller loops are no branches."""

@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.measurement.branches import BranchBlocks, monotone
 from pipeline.identification.measurement.rows import Rows
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
-Truth = NDArray[np.bool_]
 
 CELLS_PER_SENSE = 24
 """Torque intervals of a branch of one sense whose rows are averaged."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.measurement.scatter import MAD_TO_STD
 from pipeline.statistics.blocks import resampled_counts, resampled_means
-
-Real = NDArray[np.float64]
 
 RESAMPLES = 1000
 """Of the block bootstrap of the noise."""

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Whole
 from pipeline.identification.measurement.branches import BranchBlocks, monotone
 from pipeline.identification.measurement.rows import Rows
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 FEWEST_OF_LINE = 2
 """Rows near a turn through which a line is laid; the mean of fewer is taken."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Truth
 from pipeline.identification.measurement import row_filters
 from pipeline.identification.measurement.branches import BranchBlocks, find_blocks
 from pipeline.identification.measurement.cells import Cells, cells
@@ -16,9 +16,6 @@ from pipeline.identification.measurement.repeatability import Noise, measured_no
 from pipeline.identification.measurement.rows import Rows, fitted_rows
 from pipeline.identification.measurement.scatter import smallest_step, torque_noise
 from pipeline.identification.measurement.unit_file import UnitFile
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,17 +5,14 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.config.files.table_file import shortened_list
 from pipeline.identification.measurement.faults.data_faults import data_faults
 from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.measured_rows import MeasuredRows
 from pipeline.identification.measurement.rows import read_rows, training_rows
 from pipeline.identification.measurement.unit_file import UnitFile
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 
 class Measurement(MeasuredRows):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc  # scipy.stats is slow to import
 
+from pipeline.arrays import Real
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.estimate import (
@@ -34,8 +35,6 @@ from pipeline.identification.measurement.repeated_branches import (
     on_nodes,
     steep_cells,
 )
-
-Real = NDArray[np.float64]
 
 SHARED_LEVEL = 0.01
 """Chance at which repeats without anything in common are taken to have something: every verdict rests on the floor, and

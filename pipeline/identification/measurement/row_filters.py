@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.scatter import MAD_TO_STD, smallest_step
 from pipeline.identification.measurement.unit_sections import InstrumentSection
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 SATURATION_RULE = (
     "left out are rows at or beyond torque_saturation_Nm; where the command goes on and the torque does not, rows "

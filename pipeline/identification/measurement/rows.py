@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.config.files.section import nearest_name
 from pipeline.config.files.table_file import TableFile, read_table, shortened_list
 from pipeline.config.files.text_file import LARGEST_VALUE
@@ -16,10 +17,6 @@ from pipeline.errors import InputError
 from pipeline.identification.measurement.columns import FileColumn
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.measurement.unit_sections import DataFile
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
-Truth = NDArray[np.bool_]
 
 REQUIRED_QUANTITIES = ("cycle", "crank_deg", "torque_Nm", "angle_arcmin")
 OPTIONAL = ("time_s", "temperature_C", "command_torque_Nm")

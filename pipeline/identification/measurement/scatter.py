@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.unit_sections import InstrumentSection
-
-Real = NDArray[np.float64]
 
 MAD_TO_STD = 1.4826
 """Standard deviation over median absolute deviation of normal values."""

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from pipeline.arrays import Real
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.evidence import CONFIDENCE, Points, RecordEvidence, points_of
 from pipeline.identification.record.judging import TOLERATED_SHARE, Judgement, RecordJudge, Trial, parts_of
 from pipeline.identification.record.terms import LEAST_WAVES, POINTS_A_WAVE, Covariates, Term, base_terms, effects
 from pipeline.identification.record.turn_record import TurnRecord
 from pipeline.identification.selection.statements.verdict import ADEQUATE, UNEXPLAINED
-
-Real = NDArray[np.float64]
 
 WIDTH = float(ndtri(0.5 + 0.5 * CONFIDENCE))
 """Half of an interval, in standard deviations."""

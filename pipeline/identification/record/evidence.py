@@ -18,18 +18,14 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammaincinv
 
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.passes import RecordCells
 from pipeline.identification.record.terms import Term
 from pipeline.identification.record.turn_record import TurnRecord
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
-Truth = NDArray[np.bool_]
 
 SIZES = (0.0, 0.15, 0.3, 0.6, 1.2, 2.4, 5.0, 10.0)
 """Standard deviations of a structure that are tried, in those of the median point's noise."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from pipeline.arrays import Real, Whole
 from pipeline.identification.record.evidence import CONFIDENCE, Points, Posterior, RecordEvidence, Structure
 from pipeline.identification.record.terms import Term
 from pipeline.identification.selection.criteria import Choice, Rule, form_limit
@@ -21,9 +21,6 @@ from pipeline.identification.selection.statements.verdict import (
     UNEXPLAINED,
     WITHIN_TOLERANCE,
 )
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 PAIRED_PARTS = 10
 """Pairs of effects that are tried: those that promise most."""

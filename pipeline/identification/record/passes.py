@@ -10,17 +10,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.turning.motion import FEWEST_ROWS, LEVEL_SHARE, held_torques, stretches
 from pipeline.identification.measurement.turning.motion import groups as groups_of
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.record.orders import Orders, orders_of
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
-Truth = NDArray[np.bool_]
 
 MOST_INTERVALS = 720
 """Intervals of the output angle at most: orders up to a quarter of them in a turn have four to a wave."""

@@ -12,13 +12,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.passes import SAME_TEMPERATURE_K
 from pipeline.identification.record.turn_record import TurnRecord
-
-Real = NDArray[np.float64]
 
 MOST_STRAIGHT = 2
 """Sizes of torque that tell no softening from the zeros."""

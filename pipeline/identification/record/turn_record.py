@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.files.table_file import shortened_list
 from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.rows import Recorded, recorded_rows
@@ -14,8 +14,6 @@ from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.record.faults import column_faults, record_faults
 from pipeline.identification.record.orders import orders_of
 from pipeline.identification.record.passes import RecordedPasses
-
-Real = NDArray[np.float64]
 
 ARCMIN_A_DEGREE = 60.0
 """Minutes of arc in a degree."""

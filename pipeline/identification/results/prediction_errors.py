@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.identification.identify import Identification
 from pipeline.model.metrics import LoopReadings, library, measurable_metrics
 
-Real = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 
 BEYOND = 0.05

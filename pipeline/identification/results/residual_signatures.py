@@ -12,14 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit  # scipy.stats is slow to import
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.measurement.estimate import SEED
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.evidence import CONFIDENCE
 from pipeline.statistics.blocks import resampled_means
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 LOW, HIGH = 0.25, 0.5
 """Shares of the largest torque below which a cell is near zero torque, and above which it is at high torque."""

@@ -7,16 +7,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.identify import Identification
 from pipeline.identification.results.residual_signatures import Signature
 from pipeline.identification.selection.criteria import ODDS
 from pipeline.identification.selection.statements.statement import title_of
-
-Real = NDArray[np.float64]
 
 STAGE_TITLES = {
     "declared": "the model as declared",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import Identification
 from pipeline.identification.measurement.turning.turned_rows import WHOLE_TOLERANCE
@@ -12,8 +13,6 @@ from pipeline.identification.results.prediction_errors import NO_LOSS, SEPARATIO
 from pipeline.identification.results.turn_signatures import ORDERS
 from pipeline.model.metrics import measurable_metrics
 from pipeline.model.turn import orders
-
-Real = NDArray[np.float64]
 
 NO_LOOP = "a crank that turns draws no loop"
 SPAN, ORDER = "transmission_error_arcmin", "order_{}_arcmin"

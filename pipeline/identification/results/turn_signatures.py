@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.motion import TURN_DEG
@@ -17,8 +17,6 @@ from pipeline.identification.results.residual_signatures import (
     not_testable,
     trend,
 )
-
-Real = NDArray[np.float64]
 
 ORDERS = range(1, 5)
 """Orders of the crank that are looked for."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.config import load_study
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.bench.load_path import Instrument
@@ -21,8 +21,6 @@ from pipeline.identification.fitting.stations import stations_of
 from pipeline.identification.identify import Identification
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
-
-Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
+from pipeline.arrays import Real
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.selection.evidence import CONFIDENCE
 from pipeline.identification.selection.held_out import Folds
-
-Real = NDArray[np.float64]
 
 
 def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: float, is_named: bool = False) -> str:

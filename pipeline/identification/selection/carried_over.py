@@ -19,8 +19,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.selection.statements.discrepancy import (
     REACHES,
     SIZES,
@@ -29,9 +29,6 @@ from pipeline.identification.selection.statements.discrepancy import (
     offset_columns,
 )
 
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
-Truth = NDArray[np.bool_]
 Places = tuple[Real, Real, Whole]
 
 SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)

@@ -26,9 +26,9 @@ from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import REMAINING_SHARE
@@ -36,8 +36,6 @@ from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOC
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.recalibration import UNLIKELY, tolerance_share
 
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 T = TypeVar("T")
 
 FAMILYWISE = 0.05

@@ -18,17 +18,13 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammaincinv, log_ndtr
 
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
-Truth = NDArray[np.bool_]
 
 REACHES = (0.15, 0.5)
 """Distances, in largest torques, over which a discrepancy is alike."""

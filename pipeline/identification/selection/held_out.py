@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
@@ -22,9 +22,6 @@ from pipeline.identification.selection.carried_over import expected_misfit
 from pipeline.identification.selection.criteria import Judge, Selection
 from pipeline.identification.selection.model_selection import Selector, parts_of
 from pipeline.identification.selection.statements.remainder import position_scatter
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 STAGES = ("declared", "recalibrated", "after")
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Truth, Whole
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
@@ -17,10 +17,6 @@ from pipeline.identification.selection.criteria import ODDS, Judge, Selection, T
 from pipeline.identification.selection.evidence import Covariance, Evidence
 from pipeline.identification.selection.pairs import promising_pairs
 from pipeline.identification.selection.screening import Promise, screen_effects
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
-Truth = NDArray[np.bool_]
 
 NEAR_MISFIT = 1.5
 """Further starts are followed where their misfit is within this ratio of the best."""

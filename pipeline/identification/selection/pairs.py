@@ -7,15 +7,12 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.screening import Promise, Screening
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 LARGEST_AMOUNT = 1.5
 """Size of an effect, in that which it would need alone, up to which its change of the curves is scaled."""

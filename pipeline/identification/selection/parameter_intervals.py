@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri  # quantiles: scipy.stats is slow to import
 
+from pipeline.arrays import Real
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import values_at_shares
 from pipeline.identification.selection.criteria import FORM, Trial
 from pipeline.identification.selection.evidence import CONFIDENCE
-
-Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

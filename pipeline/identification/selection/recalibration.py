@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtri  # scipy.stats is slow to import
 
+from pipeline.arrays import Truth
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import SCALE_REACH, Fit
 from pipeline.identification.selection.evidence import CONFIDENCE, Evidence
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 LAWS = ("deflection of the pins' contacts", "deflection of the output's contacts")
 """Titles of the scales after those of the calibrated numbers."""

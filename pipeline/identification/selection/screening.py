@@ -8,18 +8,15 @@ from itertools import product
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Fit, Vector, values_at_shares
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.model.load_history.load_cycle import ARCMIN
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 STEPS = (1e-3, 1e-2, 1e-1)
 """Lengths of the secants, as shares of the way from no effect to a bound."""

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.measurement.turning.motion import TURN_DEG
 from pipeline.identification.selection.baselines import Cycles
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 HARMONICS = 6
 """Orders of the crank that a description without a reducer has."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, TERMS
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.criteria import FEWEST_BLOCKS
@@ -23,8 +23,6 @@ from pipeline.identification.series.shared_effects import (
 from pipeline.identification.series.states import Series, series_of
 from pipeline.identification.series.trends import Trend, trends_of
 from pipeline.statistics.jackknife import jackknife_interval
-
-Real = NDArray[np.float64]
 
 NOT_SHARED = "no shared effect shown"
 DIFFERS = 0.05

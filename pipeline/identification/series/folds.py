@@ -11,15 +11,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, TERMS
 from pipeline.identification.generic.shared_fit import SharedFit, fitted_together
 from pipeline.identification.series.states import Series
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.engine.progress import say
 from pipeline.identification.fitting.offered import rate_changes
 from pipeline.identification.generic.crank_loops import CrankLoops
@@ -26,9 +26,6 @@ from pipeline.identification.selection.criteria import FEWEST_BLOCKS
 from pipeline.identification.series.folds import Folds, StateFolds, held_numbers, reversed_numbers, state_folds
 from pipeline.identification.series.states import Series
 from pipeline.statistics.blocks import max_t
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 MOST_FOLDS = 6
 """Folds at most: of more positions several are left out together."""

@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.errors import InputError
 from pipeline.identification.change.loops import State
 from pipeline.identification.change.results import comparable_states
 from pipeline.identification.fitting.measured_loops import crank_loops
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.measurement.measurement import Measurement
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 TEMPERATURE = "temperature_C"
 """Variable of the environment that may order states."""

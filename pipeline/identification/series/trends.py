@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.change.comparison import CONFIDENCE, FAMILYWISE
 from pipeline.identification.change.table import LoopNumber, LoopTable, loop_table
 from pipeline.identification.series.states import Series
-
-Real = NDArray[np.float64]
 
 BENT = 0.05
 """p of the states' departures from a straight line below which the trend is called no straight line."""

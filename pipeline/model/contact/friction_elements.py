@@ -13,8 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer
 
 TANGENTIAL = 0.8

@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.arrays import Real
 
 SHARE_OF_LIMIT = 0.9
 """The tangent continues a law at this share of the force at which its slope would vanish."""

@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.compiled import entry, part
 from pipeline.model.effects.effect import LOOPS, RATE, TIME, Conditions, Effect, Parameter, largest_twist
 from pipeline.model.elements import Hysteresis, Path
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN
 

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.arrays import Real
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.registry import EFFECTS

@@ -6,8 +6,8 @@ the round section by Cowper, J. Appl. Mech. 33 (1966) 335.
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.contact.laws import Material
-from pipeline.model.geometry.cycloid_profile import Real
 
 SHORTEST, LONGEST = 1.0, 10.0
 """Free length over diameter: below, the pin's root deforms more than the beam does (a cantilever's shear is 36 % of its

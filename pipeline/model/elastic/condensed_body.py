@@ -15,11 +15,10 @@ from scipy.sparse import csc_array, hstack
 from skfem import Basis, ElementTriP2, ElementVector, FacetBasis, LinearForm, MeshTri
 from skfem.models.elasticity import lame_parameters, linear_elasticity, plane_stress
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.model.elastic.cyclic_symmetry import CyclicBody, SectorNodes
-from pipeline.model.elastic.polygon import Index
 from pipeline.model.elastic.pressure_patches import Patches
 from pipeline.model.elastic.supported_factors import SupportedFactors
-from pipeline.model.geometry.cycloid_profile import Complex, Real
 
 Stress = Literal["plane_stress", "plane_strain"]
 ELEMENT = ElementVector(ElementTriP2())

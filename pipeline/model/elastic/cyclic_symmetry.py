@@ -17,9 +17,8 @@ import numpy as np
 from scipy.sparse import block_diag, csc_array, csr_array, eye_array, kron
 from scipy.sparse.linalg import splu
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.errors import ModelError
-from pipeline.model.elastic.polygon import Index
-from pipeline.model.geometry.cycloid_profile import Complex, Real
 
 SAME_PLACE = 1e-9  # of the body's size: how far a turned node may lie from the one that it should be
 

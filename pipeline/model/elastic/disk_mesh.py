@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from skfem import MeshTri
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.errors import ModelError
-from pipeline.model.elastic.polygon import ClosedPolygon, Index, arc_length, coordinates, cross
+from pipeline.model.elastic.polygon import ClosedPolygon, arc_length, coordinates, cross
 from pipeline.model.elastic.triangulation import cyclic_triangulation, patch_centroids
-from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
 ROW_HEIGHT = np.sqrt(3) / 2  # of a row of equilateral triangles, in edge lengths
 BORE_EDGES = 180  # at least: its corners cost a compliance less than 0.01 of 2/(pi E' t), 0.04 with 64 edges

@@ -11,11 +11,11 @@ import numpy as np
 from scipy.spatial import KDTree
 from skfem import MeshTri
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.errors import ModelError
 from pipeline.model.elastic.disk_mesh import CLEARANCE, ROW_HEIGHT
-from pipeline.model.elastic.polygon import ClosedPolygon, Index, coordinates
+from pipeline.model.elastic.polygon import ClosedPolygon, coordinates
 from pipeline.model.elastic.triangulation import patch_centroids, triangles_between
-from pipeline.model.geometry.cycloid_profile import Complex, Real
 
 SPACING = 0.75  # in edge lengths: of two nodes that come closer, one of the disk and one of a hole's rings, one goes
 SMOOTHING_PASSES = 12  # the smallest quality gains nothing after that

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
+from pipeline.arrays import Complex, Index, Real
 
 
 def coordinates(points: Complex) -> Real:

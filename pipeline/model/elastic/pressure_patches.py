@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 from skfem import MeshTri
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.errors import ModelError
-from pipeline.model.elastic.polygon import ClosedPolygon, Index, coordinates, cross
-from pipeline.model.geometry.cycloid_profile import Complex, Real
+from pipeline.model.elastic.polygon import ClosedPolygon, coordinates, cross
 
 QUADRATURE_POINTS = 128  # per patch: compliances within 1e-4 of 2/(pi E' t), wherever the nodes lie under the patch
 SPREADING_STEPS = 100  # each leaves 1 - cos(slope) of the error: enough up to a slope of 75 degrees

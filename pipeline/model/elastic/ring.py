@@ -6,7 +6,7 @@ strain, table of circular rings, has the same ring under single loads, with fact
 
 import numpy as np
 
-from pipeline.model.geometry.cycloid_profile import Complex, Real
+from pipeline.arrays import Complex, Real
 
 THICKEST = 0.25
 """Wall over mean radius: Roark's factors for shear and hoop force make two opposite loads go 10 % farther there."""

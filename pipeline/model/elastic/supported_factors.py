@@ -7,9 +7,8 @@ import numpy as np
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.model.compiled import entry
-from pipeline.model.elastic.polygon import Index
-from pipeline.model.geometry.cycloid_profile import Complex, Real
 
 
 @entry

@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.spatial import Delaunay
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.errors import ModelError
-from pipeline.model.elastic.polygon import Index, coordinates, cross
-from pipeline.model.geometry.cycloid_profile import Complex, Real
+from pipeline.model.elastic.polygon import coordinates, cross
 
 STRIP = 5  # sectors triangulated at once: what lies beyond two neighbours does not touch a triangle of the middle one
 TIE_BREAK = 1e-5  # of a flank edge, off the nodes' places: nodes on one circle have several Delaunay triangulations

@@ -24,8 +24,8 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
+from pipeline.arrays import Real, Whole
+
 AnyElement = TypeVar("AnyElement", bound="Element")
 
 NODES = 8

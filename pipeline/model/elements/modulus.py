@@ -5,7 +5,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from pipeline.model.elements.element import Element, Real
+from pipeline.arrays import Real
+from pipeline.model.elements.element import Element
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.model.elements.element import Real, Spring
+from pipeline.arrays import Real
+from pipeline.model.elements.element import Spring
 
 
 @dataclass(frozen=True)

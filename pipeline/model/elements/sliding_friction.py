@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.arrays import Real, Whole
 from pipeline.model.compiled import entry
-from pipeline.model.elements.element import Element, Real, Whole
+from pipeline.model.elements.element import Element
 
 STAGES = 5
 """Friction elements in series where their thresholds are spread."""

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.arrays import Index, Real
 from pipeline.model.compiled import algebraic_part
-from pipeline.model.geometry.cycloid_profile import Index, Real
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 import numpy as np
 import scipy  # its functions are slow to import: they are when they are called
 
+from pipeline.arrays import Real
 from pipeline.model.equilibrium.solve import ElasticReducer
-from pipeline.model.geometry.cycloid_profile import Real
 
 TOUCHING = 1e-7
 """Gap [mm] that is left of a contact which limits the play: the accuracy of the linear program."""

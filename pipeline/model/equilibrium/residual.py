@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.arrays import Index, Real
 from pipeline.model.compiled import algebraic_part, merged_part
 from pipeline.model.equilibrium.blocks import count, deflections_of, moves, part_of
 from pipeline.model.equilibrium.return_mapping import resist
-from pipeline.model.geometry.cycloid_profile import Index, Real
 
 EXPONENT_BITS, EXPONENT_BIAS = 52, 1023
 """Place and bias of the exponent in a double (IEEE 754)."""

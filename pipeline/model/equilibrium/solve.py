@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from numba import typeof
 
+from pipeline.arrays import Index, Real
 from pipeline.model.compiled import algebraic_part, borrowing_entry, compiled_before
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws
@@ -34,7 +35,6 @@ from pipeline.model.equilibrium.blocks import count, coupled_blocks, part_of
 from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL, activate, converge, reset
 from pipeline.model.equilibrium.residual import Friction, System, workspace
 from pipeline.model.equilibrium.restart import solved_afresh
-from pipeline.model.geometry.cycloid_profile import Index, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
 
 ROUNDING = 1e-15

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.arrays import Complex, Real
 from pipeline.model.compiled import entry
 from pipeline.model.geometry.contacts import Contacts, DiskPose
-from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real, pin_lobes
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, pin_lobes
 from pipeline.model.geometry.deviating_distances import deviating_distances
 from pipeline.model.geometry.drawn_flank import deviation_table, material_off
 from pipeline.model.geometry.flank_modification import NOMINAL

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.model.geometry.cycloid_profile import Complex, Index
+from pipeline.arrays import Complex, Index
 
 COINCIDENT = 1e-9
 """Distance of holes or contacts that coincide, over the radius of their circle."""

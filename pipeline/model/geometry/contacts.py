@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.model.geometry.cycloid_profile import Complex, PinContacts, Real
+from pipeline.arrays import Complex, Real
+from pipeline.model.geometry.cycloid_profile import PinContacts
 
 PIN, OUTPUT = "pin", "output"
 HOUSING = "housing"

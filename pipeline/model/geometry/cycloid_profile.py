@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipeline.arrays import Index
 from pipeline.model.geometry.flank_modification import NOMINAL, FlankModification
 
 Real = NDArray[Any]  # float64; numpy's stubs lose the type in arithmetic with complex numbers
 Complex = NDArray[Any]  # complex128
-Index = NDArray[np.intp]
 
 KEPT_ANGLES = 512
 """Crank angles whose nominal geometry is kept: above the 212 of a study, which every chunk visits in the same order."""

@@ -9,8 +9,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from pipeline.arrays import Index, Real
 from pipeline.model.compiled import entry, part
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, Index, Real
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.drawn_flank import STEPS
 from pipeline.model.geometry.foot_points import Valleys, _rotate
 

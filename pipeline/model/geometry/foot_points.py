@@ -12,8 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.compiled import entry, part
-from pipeline.model.geometry.cycloid_profile import KEPT_ANGLES, CycloidProfile, Real, disk_rotation, pin_contacts
+from pipeline.model.geometry.cycloid_profile import KEPT_ANGLES, CycloidProfile, disk_rotation, pin_contacts
 
 BEYOND_THE_TIP = 1.25
 """Reach of a valley's points, squared in units of half a lobe: well over the tips, and within the lobes."""

@@ -6,9 +6,10 @@ order in both; the flank as drawn stands for it here. The pins' places count in 
 
 import numpy as np
 
+from pipeline.arrays import Complex, Real
 from pipeline.model.compiled import entry, part
 from pipeline.model.geometry.contacts import DiskPose
-from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real, disk_rotation
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.model.geometry.foot_points import valley_points
 from pipeline.model.geometry.reducer import Reducer
 

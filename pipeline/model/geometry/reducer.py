@@ -12,14 +12,12 @@ from typing import Protocol
 
 import numpy as np
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.model.geometry.contacts import DISK, HOUSING, Contacts, DiskPose, joined_contacts, pin_list
 from pipeline.model.geometry.cycloid_profile import (
     KEPT_ANGLES,
-    Complex,
     CycloidProfile,
-    Index,
     PinContacts,
-    Real,
     disk_rotation,
     pin_contacts,
 )

@@ -5,8 +5,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.equilibrium.solve import Equilibria
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import LIMIT_TORQUE, LoadCycle, solve_cycle
 

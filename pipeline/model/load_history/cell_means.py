@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from pipeline.arrays import Index, Real
 from pipeline.model.compiled import entry, part
-from pipeline.model.geometry.cycloid_profile import Index, Real
 
 SMALLEST_SPACING = 1e-6
 """Share of the curve's range below which a stretch is a point."""

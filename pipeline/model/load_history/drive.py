@@ -9,12 +9,13 @@ from functools import cached_property
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws, stiffened_laws
 from pipeline.model.elements import ElasticModulus, Element, Friction, Hysteresis, Spring
 from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria, solve
 from pipeline.model.geometry.clearance import Errors, gaps
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
 from pipeline.model.geometry.rigid_play.finite_motion import backlash_change
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.equilibrium.loaded_start import loaded_poses
 from pipeline.model.equilibrium.solve import Equilibria
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.rigid_play.rigid_backlash import RigidPlay, rigid_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN as ARCMIN

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.arrays import Real
 from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES
 from pipeline.model.load_history.response import CycleResponse
 from pipeline.model.metrics import Definitions, LoopReadings

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.elements import Path, polyline
 from pipeline.model.equilibrium.solve import Equilibria
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import NO_TORQUE, Drive
 from pipeline.model.load_history.friction.frictional_cycle import refined_cycle, solve_frictional_cycle
 from pipeline.model.load_history.load_cycle import BRANCHES, LoadCycle, solve_cycle

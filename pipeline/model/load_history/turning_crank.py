@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.arrays import Real
 from pipeline.model.load_history.backbone import Backbone
 from pipeline.model.load_history.drive import Drive
 

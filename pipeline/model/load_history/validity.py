@@ -13,9 +13,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.contacts import PIN
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import NO_TORQUE, Drive
 from pipeline.model.load_history.load_cycle import BRANCHES
 from pipeline.model.load_history.response import CycleResponse

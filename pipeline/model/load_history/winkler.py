@@ -12,8 +12,8 @@ of a cycloid disk: Blanche, Yang, Cycloid drives with machining tolerances, J. M
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.compiled import entry
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import ARM_FLOOR, rigid_play
 from pipeline.model.load_history.drive import NO_TORQUE, Drive

@@ -1,6 +1,7 @@
 """The metrics of a loop."""
 
-from pipeline.model.metrics.metric import Definitions, LoopReadings, Metric, Real
+from pipeline.arrays import Real
+from pipeline.model.metrics.metric import Definitions, LoopReadings, Metric
 
 
 def _rigidity(loop: LoopReadings, torque: Definitions) -> Real:

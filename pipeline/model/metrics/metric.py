@@ -8,9 +8,8 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.registry import METRICS
-
-Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.effects.effect import LOOPS, Conditions, Effect, Parameter, largest_twist
 from pipeline.model.elements import Hysteresis, Path
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN, NMM_PER_NM
 

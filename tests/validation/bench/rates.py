@@ -12,10 +12,11 @@ import numpy as np
 from scipy.linalg.lapack import dposv
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.config import Study
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.clearance import Errors, gaps
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import RigidPlay, rigid_play
 from pipeline.sampling import Errors as SampledErrors

@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Whole
 from pipeline.identification.measurement.cells import CELLS_PER_SENSE
 from pipeline.model.effects import Conditions
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 ROWS = 2000
 """Rows of one position."""

@@ -9,17 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.config import Study, load_study, parse_study
 from pipeline.config.designs.design import Design
 from pipeline.config.reading import parse_design
 from pipeline.engine.runner import Resources, run
 from stages.chain import STAGES
 from stages.tables.keys import COMPLIANCE_FILE, full_compliance
-
-Real = NDArray[np.float64]
 
 UNCERTAIN = ("bearing.stiffness_N_per_mm_power", "disk.thickness_mm", "output.roller_length_mm")
 """Numbers that the model must calibrate."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
@@ -17,7 +17,6 @@ from pipeline.identification.fitting.problem import Model, Problem
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile, load_measured_unit
 
-Real = NDArray[np.float64]
 Compliances = Callable[[Study, Sequence[float]], Sequence[Real]]
 
 SMALLEST_AMPLITUDE = 1e-6

@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.study import Study
 from pipeline.sampling import Errors
 from tests.validation.blind.bench import Bench, quantised
 
-Real = NDArray[np.float64]
 Reading = Callable[[Real, float, float, np.random.Generator], Real]
 """Angles, standard deviation of their noise, step and random numbers to what is read."""
 

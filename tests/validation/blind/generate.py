@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.build import refittable_keys
 from pipeline.identification.fitting.problem import candidates
@@ -25,7 +25,6 @@ from tests.validation.blind.rigid_drive.noise import readings
 from tests.validation.blind.rigid_unit import RigidUnit, machined, rigid_unit
 from tests.validation.blind.true_unit import TrueUnit, UnsoundError, true_unit
 
-Real = NDArray[np.float64]
 Compliances = Callable[[Study, Sequence[float]], Sequence[Real]]
 
 NONE, ONE, TWO, OUTSIDE_KIND = "none", "one", "two", "outside"

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.fitter import Fitter
@@ -23,8 +23,6 @@ from pipeline.identification.measurement.unit_file import load_measured_unit
 from tests.validation.blind.effect_size import problem_of
 from tests.validation.blind.files import DIMENSIONS
 from tests.validation.blind.generate import OUTSIDE_KIND, Made
-
-Real = NDArray[np.float64]
 
 NEAREST = 3
 """Effects that are fitted in full, the best of a linearised look."""

@@ -6,12 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from tests.validation.blind.bench import Ramp
 from tests.validation.blind.true_unit import Outside, Track
-
-Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.problem import Candidate
@@ -21,8 +21,6 @@ from tests.validation.blind.rigid_drive.line_contact import LineContact
 from tests.validation.blind.rigid_drive.outputs import CrossedSlides, Output, PinsInHoles
 from tests.validation.blind.rigid_drive.readings import Loading, Position
 from tests.validation.blind.true_unit import Outside, Track, UnsoundError, encoder_places
-
-Real = NDArray[np.float64]
 
 ON_DIAMETER = 0.5
 """Material off the flank for an error of the disk's size on its diameter."""

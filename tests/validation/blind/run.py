@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.engine import progress
 from pipeline.engine.fingerprint import package_versions, source_hashes
 from pipeline.engine.store import write_atomic
@@ -27,8 +27,6 @@ from pipeline.identification.selection.statements.verdict import ADEQUATE, NOT_T
 from tests.validation.blind import oracle
 from tests.validation.blind.catalogue import CatalogueReducer, catalogue, condense
 from tests.validation.blind.generate import FULL, NONE, ONE, OUTSIDE_KIND, TWO, Made, Maker, generate
-
-Real = NDArray[np.float64]
 
 FULL_RUN = sum(FULL.values())
 VISIBLE = 3.0

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.fitting.problem import Candidate, Model
@@ -25,7 +26,6 @@ from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
 from pipeline.mounting import drive_of
 from tests.validation.blind.bench import Bench, Ramp
 
-Real = NDArray[np.float64]
 STEPS = 64
 """Nodes of the frictionless curve in each sense of the torque; with friction every row is a step."""
 PLAYS = 400

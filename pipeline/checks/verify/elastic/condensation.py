@@ -5,12 +5,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline import elastic
+from pipeline.arrays import Real
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, at_least, largest_difference, vanishing
 from pipeline.config import Study
 from pipeline.model.contact.laws import Material
 from pipeline.model.elastic.pressure_patches import boundary_patches
-from pipeline.model.geometry.cycloid_profile import Real
 
 FINER = np.sqrt(2)
 """Edges are shorter by this factor everywhere in each refinement: twice the triangles."""

@@ -4,13 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, relative, reported_number
 from pipeline.model.contact.laws import LineContact, Material, meshed_share
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import lobed_disk_mesh
 from pipeline.model.elastic.pressure_patches import boundary_patches
-from pipeline.model.geometry.cycloid_profile import Real
 
 RADIUS = 5.0
 """Of the cylinder [mm]."""

@@ -5,11 +5,12 @@ from collections.abc import Iterator
 import numpy as np
 from skfem import Basis, ElementTriP2, ElementVector, FacetBasis, Functional, LinearForm, MeshTri
 
+from pipeline.arrays import Real
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, largest_difference, vanishing
 from pipeline.model.elastic.condensed_body import ElasticBody, Stress, elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
 YOUNG, POISSON = 206e3, 0.3
 """Young's modulus [MPa] and Poisson's ratio of steel."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import elastic
+from pipeline.arrays import Complex, Real
 from pipeline.checks.calculix import INSTALL, PROGRAM, calculix_program
 from pipeline.checks.calculix.pressed_disk import Press, PressedDisk
 from pipeline.checks.calculix.quadtree_mesh import Curve, curved_mesh
@@ -17,7 +18,7 @@ from pipeline.checks.verify.findings import Finding, largest_difference, relativ
 from pipeline.checks.verify.geometry import li_guan_flank
 from pipeline.config import load_study
 from pipeline.model.geometry.contacts import PIN
-from pipeline.model.geometry.cycloid_profile import Complex, Real, disk_rotation
+from pipeline.model.geometry.cycloid_profile import disk_rotation
 
 ROOT = Path(__file__).parents[4]
 STUDY = "pin_in_hole"

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array, hstack
 from scipy.sparse.linalg import splu
 
+from pipeline.arrays import Real
 from pipeline.checks.specimen import Specimen
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 
 BALANCE_TOLERANCE = 1e-11

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, largest_difference, relative
 from pipeline.checks.verify.reducers.two_disks import (
@@ -19,7 +20,6 @@ from pipeline.checks.verify.reducers.two_disks import (
 from pipeline.config import Study
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.clearance import Errors, gaps
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, separated_play
 from pipeline.model.load_history.drive import Drive

@@ -7,12 +7,12 @@ import numpy as np
 import pandas as pd
 
 from pipeline import assembly, elastic
+from pipeline.arrays import Real
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, largest_difference, relative, reported_number
 from pipeline.config import Study, load_study
 from pipeline.model.equilibrium.solve import ElasticReducer, solve
 from pipeline.model.geometry.clearance import Errors, gaps
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.units import NMM_PER_NM
 

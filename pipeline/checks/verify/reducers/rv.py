@@ -7,6 +7,7 @@ from typing import Any, cast
 import numpy as np
 
 from pipeline import assembly
+from pipeline.arrays import Complex, Real
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, largest_difference, relative
 from pipeline.checks.verify.reducers.two_disks import (
@@ -21,7 +22,6 @@ from pipeline.config import Study
 from pipeline.config.mechanisms.carrier import Carrier
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.contacts import OUTPUT, PIN
-from pipeline.model.geometry.cycloid_profile import Complex, Real
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play
 from pipeline.model.load_history.drive import Drive

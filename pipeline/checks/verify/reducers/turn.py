@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline import assembly, elastic
+from pipeline.arrays import Real
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, largest_difference, relative, vanishing
 from pipeline.model.geometry.clearance import Errors, gaps
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 from pipeline.populations.output_turn import PHASES
 from pipeline.populations.turn_drives import places, turned_blocks

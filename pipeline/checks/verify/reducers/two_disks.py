@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import assembly, elastic
+from pipeline.arrays import Real
 from pipeline.checks.verify.findings import Finding, largest_difference
 from pipeline.config import Study, load_study
-from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer
 
 ROOT = Path(__file__).parents[4]

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Truth
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
 from pipeline.identification.measurement.rows import Rows
-
-Truth = NDArray[np.bool_]
 
 FEWEST_BLOCKS = 8
 """Blocks below which no effect can be accepted (design of the identification)."""

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Truth
 from pipeline.config.files.text_file import LARGEST_VALUE
 from pipeline.identification.measurement.cells import FEWEST_ROWS
 from pipeline.identification.measurement.faults.branch_faults import branch_faults
@@ -28,8 +29,6 @@ from pipeline.identification.measurement.repeated_branches import FEWEST_CELLS, 
 from pipeline.identification.measurement.row_filters import SATURATION_RULE
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.unit_file import UnitFile
-
-Truth = NDArray[np.bool_]
 
 CLIPPED_SHARE = 0.05
 """Share of rows at the end of the angle's range from which nothing is known of the curve under load."""

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.identification.measurement.columns import ANGLE_UNITS, TORQUE_UNITS
-
-Real = NDArray[np.float64]
 
 LARGEST_TORQUE = 20.0
 """Times the rated torque: no reducer stands more."""

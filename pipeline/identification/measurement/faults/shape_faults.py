@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.identification.measurement.repeated_branches import Loop, loop_distance
 from pipeline.model.units import ARCMIN
-
-Real = NDArray[np.float64]
 
 LOW, HIGH = 0.2, 0.5
 """Shares of the largest torque below which a row is near zero torque, and above which it is loaded."""

@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.config.files.table_file import shortened_list
 from pipeline.errors import InputError
 from pipeline.identification.measurement.branches import BranchBlocks
@@ -28,10 +28,6 @@ from pipeline.identification.measurement.turning.motion import (
 from pipeline.identification.measurement.turning.motion import motion as motion_of
 from pipeline.identification.measurement.turning.turning_noise import turning_noise
 from pipeline.identification.measurement.unit_file import UnitFile
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
-Truth = NDArray[np.bool_]
 
 ARCMIN_A_DEGREE = 60.0
 """Minutes of arc in a degree."""

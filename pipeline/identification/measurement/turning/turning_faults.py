@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.faults.data_faults import recording_faults
@@ -14,8 +13,6 @@ from pipeline.identification.measurement.faults.plausibility import implausible_
 from pipeline.identification.measurement.faults.shape_faults import largest_span
 from pipeline.identification.measurement.turning.motion import FEWEST_ROWS, HELD_SHARE, TURN_DEG, fewest_pitches
 from pipeline.identification.measurement.turning.turned_rows import TurnedRows
-
-Truth = NDArray[np.bool_]
 
 FEWEST_INTERVALS = 5
 """Intervals of a turn from which two orders of the crank are told apart."""

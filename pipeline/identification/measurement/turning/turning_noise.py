@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Whole
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.estimate import UNKNOWN_NOISE, rms, robust
 from pipeline.identification.measurement.repeatability import Noise
 from pipeline.identification.measurement.repeated_branches import Difference, centred_differences
 from pipeline.identification.measurement.turning.motion import TURN_DEG
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 FEWEST_COMMON = 3
 """Intervals that two turns must share to be held against each other."""

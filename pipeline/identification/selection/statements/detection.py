@@ -6,16 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri  # scipy.stats is slow to import
 
+from pipeline.arrays import Real
 from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.criteria import LARGEST_CLASS, ODDS, Trial, prior_log_odds
 from pipeline.identification.selection.evidence import CONFIDENCE
-
-Real = NDArray[np.float64]
 
 START = 0.01
 """First size that is looked at, in parts of an effect's bounds."""

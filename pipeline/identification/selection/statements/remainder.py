@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.statistics.curve_scatter import CurveScatter, curve_scatter
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 TORQUE_BINS = 12
 """Intervals of the range of the torque, of each sense of loading, over which residuals are compared."""

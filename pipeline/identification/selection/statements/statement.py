@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.measurement.faults.fault import Fault
@@ -22,9 +22,6 @@ from pipeline.identification.selection.statements.verdict import (
     WITHIN_TOLERANCE,
     Verdict,
 )
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 EXPECTED_RATIO = 1.1
 """Expected error in noise from which it is said."""

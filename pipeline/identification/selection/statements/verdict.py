@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Truth
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.selection.criteria import Selection
@@ -19,9 +19,6 @@ from pipeline.identification.selection.recalibration import (
     refit_with_free_numbers,
     tolerance_share,
 )
-
-Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 
 ADEQUATE = "adequate"
 IDENTIFIED = "identified"

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.contact.laws import (
     SHARE_OF_LIMIT,
     ContactLaws,
@@ -11,7 +12,6 @@ from pipeline.model.contact.laws import (
     meshed_share,
 )
 from pipeline.model.contact.line_laws.contact_law import ContactLaw
-from pipeline.model.geometry.cycloid_profile import Real
 
 HALF_WIDTH_LIMIT = 0.5
 """Largest half width over cylinder radius: 30 degrees of arc, where Hertz' parabola leaves the circle

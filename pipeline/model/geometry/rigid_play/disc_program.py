@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # its functions are slow to import: they are when they are called
 
-from pipeline.model.geometry.cycloid_profile import Index, Real
+from pipeline.arrays import Index, Real
 
 CONE_TOLERANCE = 1e-9
 """The bearing's disc is cut until it is met to this share of the clearance."""

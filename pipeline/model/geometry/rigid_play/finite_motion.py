@@ -13,9 +13,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.model.geometry.clearance import Errors, pin_gaps
 from pipeline.model.geometry.contacts import DiskPose
-from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Index, Real
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Reducer, of_each_disk
 from pipeline.model.geometry.rigid_play.rigid_backlash import TOUCHING, RigidPlay, rigid_play, rotation_play
 

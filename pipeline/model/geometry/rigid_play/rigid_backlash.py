@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.arrays import Index, Real
 from pipeline.model.compiled import entry
 from pipeline.model.geometry.contacts import PIN
-from pipeline.model.geometry.cycloid_profile import Index, Real
 from pipeline.model.geometry.reducer import Reducer, of_each_disk
 from pipeline.model.geometry.rigid_play.disc_program import cut_program
 from pipeline.model.geometry.rigid_play.vertex_program import optimal_points

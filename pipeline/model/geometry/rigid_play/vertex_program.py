@@ -9,8 +9,8 @@ A disc is replaced by its tangents at the optima so far (Kelley, J. SIAM 8 (1960
 import numpy as np
 import scipy  # its functions are slow to import: they are when they are called
 
+from pipeline.arrays import Index, Real
 from pipeline.model.compiled import entry, part
-from pipeline.model.geometry.cycloid_profile import Index, Real
 from pipeline.model.geometry.rigid_play.disc_program import CONE_TOLERANCE
 
 FEASIBLE = 1e-10

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.compiled import entry, part
 from pipeline.model.contact.friction_elements import Sliders
-from pipeline.model.geometry.cycloid_profile import Real
 
 WAVE = 32
 """Corners of a ripple's period: between two of them a chord is off by 0.5 % of the amplitude at most."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.model.metrics.metric import Real
+from pipeline.arrays import Real
 from pipeline.model.metrics.turn.turn_metric import BALANCE, FRICTION, RATING, SPEED, TURN, TurnMetric, TurnReadings
 
 LARGEST_LOAD = 0.5

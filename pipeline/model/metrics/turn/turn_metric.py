@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.model.metrics.metric import Limited, Real
+from pipeline.arrays import Real
+from pipeline.model.metrics.metric import Limited
 from pipeline.registry import TURN_METRICS
 
 FEWEST_ANGLES = 8
