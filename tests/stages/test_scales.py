@@ -39,8 +39,8 @@ def test_more_tolerances_have_fewer_units_for_the_same_time():
     few, many = load_study("quick", ROOT), load_study("rv_80e", ROOT)
     assert units_looked_at(few) == 16_000 // len(few.cycle.crank_deg)
     points = 1 + len(SCALES) * len(scaled_tolerances(many))
-    assert points == 97
-    assert units_looked_at(many) == 880_000 // 97 // 323
+    assert points == 103
+    assert units_looked_at(many) == 880_000 // 103 // 323
 
 
 @pytest.fixture(scope="module")
