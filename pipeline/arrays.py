@@ -1,10 +1,12 @@
 """Arrays by the kind of their elements. Shapes and units are in the docstrings of the functions that take them."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[Any]  # complex128; numpy's stubs lose the type in arithmetic with real numbers
 Whole = NDArray[np.int64]
 Index = NDArray[np.intp]
 Truth = NDArray[np.bool_]

@@ -77,7 +77,7 @@ class PressedDisk:
         shape = np.stack([(1 - part) * (1 - 2 * part), 4 * part * (1 - part), part * (2 * part - 1)])
         nodes = np.stack([loop.corner[edge], loop.middle[edge], np.roll(loop.corner, -1)[edge]])
         number, node_index = np.unique(nodes, return_inverse=True)
-        return number, np.bincount(node_index.ravel(), (shape * weight).ravel())
+        return number, np.asarray(np.bincount(node_index.ravel(), (shape * weight).ravel()), float)
 
     @cached_property
     def bore(self) -> tuple[np.ndarray, Real]:

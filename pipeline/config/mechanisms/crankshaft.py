@@ -37,7 +37,7 @@ class Shaft(Section):
 
     def planes(self, disks: int) -> Real:
         """Distances (n_planes,) [mm] of the planes in which forces act, the disks' first, from the first support."""
-        return self.plane_mm + self.disk_pitch_mm * np.arange(disks)
+        return self.plane_mm + self.disk_pitch_mm * np.arange(disks, dtype=float)
 
     def shares(self, disks: int) -> Real:
         """Share (n_planes, 2) of each support in a force in each of the planes."""

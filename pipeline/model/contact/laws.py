@@ -107,7 +107,8 @@ class ContactLaws:
         force = np.maximum(np.asarray(force, float), 0.0)
         proper_force = np.minimum(force, self.force_limit)
         proper, further_force = self._proper_deflection(proper_force), force - proper_force
-        return proper + further_force * self._proper_compliance(proper_force) if np.any(further_force) else proper
+        further = further_force * self._proper_compliance(proper_force) if np.any(further_force) else 0.0
+        return np.asarray(proper + further, float)
 
     def compliance(self, force: ArrayLike) -> Real:
         """Tangent d delta / dF [mm/N] at ``force`` (..., n) [N]; positive everywhere."""
@@ -153,7 +154,7 @@ class ContactLaws:
         )
         excess = force - proper_force
         at_limit, slope = self._proper_deflection(proper_force), self._proper_compliance(proper_force)
-        return proper + excess * at_limit + 0.5 * excess**2 * slope
+        return np.asarray(proper + excess * at_limit + 0.5 * excess**2 * slope, float)
 
     def peak_pressure(self, force: ArrayLike) -> Real:
         """Peak Hertz pressure [MPa] at ``force`` (..., n) [N]."""

@@ -106,7 +106,7 @@ def cyclic_triangulation(lobe: Complex, inner: Complex, n_bore: int, n_sectors: 
     turns, pitch = np.arange(n_strip) - n_strip // 2, 2 * np.pi / n_sectors
     number = _numbers(n_strip, len(lobe), len(inner))
     bore = number[:, len(nodes) - n_bore : -1].ravel()
-    points = _rotated_nodes(number, nodes + shift, turns * pitch, n_bore == 0)
+    points = _rotated_nodes(number, nodes + shift, np.asarray(turns * pitch, float), n_bore == 0)
     strip = triangles_between(points, n_strip * len(lobe), [bore])
     turn, node = np.full(number.max() + 1, np.nan), np.full(number.max() + 1, len(nodes))
     turn[number[:, :-1]] = turns[:, None]
@@ -116,7 +116,7 @@ def cyclic_triangulation(lobe: Complex, inner: Complex, n_bore: int, n_sectors: 
     sector = np.arange(n_sectors)[:, None, None] + np.nan_to_num(corner_turn[is_in_sector]).astype(int)
     number = _numbers(n_sectors, len(lobe), len(inner))
     triangles = number[sector % n_sectors, corner[is_in_sector]].reshape(-1, 3)
-    points = _rotated_nodes(number, nodes, np.arange(n_sectors) * pitch, n_bore == 0)
+    points = _rotated_nodes(number, nodes, pitch * np.arange(n_sectors, dtype=float), n_bore == 0)
     n_boundary = n_sectors * (len(lobe) + n_bore)
     if len(triangles) != 2 * len(points) - n_boundary - 2 * (n_bore == 0):  # Euler's formula
         raise ModelError(

@@ -5,16 +5,12 @@ crank angle 0 it is parallel to the housing frame. Array order: (n_pins,) or the
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pipeline.arrays import Index
+from pipeline.arrays import Complex, Index, Real
 from pipeline.model.geometry.flank_modification import NOMINAL, FlankModification
-
-Real = NDArray[Any]  # float64; numpy's stubs lose the type in arithmetic with complex numbers
-Complex = NDArray[Any]  # complex128
 
 KEPT_ANGLES = 512
 """Crank angles whose nominal geometry is kept: above the 212 of a study, which every chunk visits in the same order."""
