@@ -21,8 +21,9 @@ from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
 from stages.sample import SAMPLED_TABLES, errors_of_columns
 from stages.springs import laws_of_columns
+from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 from stages.tables.curves import CONTACTS, CURVES, Solved, contact_rows, curve_rows
-from stages.tables.keys import COMPLIANCE_FILE, CRANK, SAMPLE, STATUS, full_compliance, repeated_axes
+from stages.tables.keys import CRANK, SAMPLE, STATUS, repeated_axes
 from stages.tables.running import RUNNING, TURN_CONTACTS, contacts_at_angle, running_columns, turn_contact_rows
 from stages.tables.transmission import BEARINGS, bearing_rows
 

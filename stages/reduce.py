@@ -14,7 +14,9 @@ from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.reducer import Reducer
-from stages.tables.keys import COMPLIANCE_FILE, CONTACT, CRANK, UM_PER_MM, matrix_name
+from pipeline.model.units import UM_PER_MM
+from stages.tables.condensed import COMPLIANCE_FILE, matrix_name
+from stages.tables.keys import CONTACT, CRANK
 
 if TYPE_CHECKING:
     from pipeline.model.elastic.condensed_body import ElasticBody

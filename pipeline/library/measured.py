@@ -40,7 +40,7 @@ from pipeline.report.unit.page import write_page
 from pipeline.report.unit.population import write_population_page
 from pipeline.report.unit.record import write_record_page
 from pipeline.report.unit.series import write_series_page
-from stages.tables.keys import COMPLIANCE_FILE, full_compliance
+from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES
 from pipeline.model.load_history.response import CycleResponse
 from pipeline.model.load_history.validity import beyond_limit_share
-from pipeline.model.units import NM_PER_NMM
-from stages.tables.keys import CONTACT, CRANK, FORCE, PRESSURE, SAMPLE, UM_PER_MM, labels, repeated_axes
+from pipeline.model.units import NM_PER_NMM, UM_PER_MM
+from stages.tables.keys import CONTACT, CRANK, FORCE, PRESSURE, SAMPLE, labels, repeated_axes
 
 STEP = Column("step", "int32", "1", "step of the load cycle")
 TORQUE = Column("torque_Nm", "float64", "N m", "torque on the output; 0 stands for its limit from the branch's side")

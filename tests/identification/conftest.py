@@ -13,7 +13,7 @@ from pipeline.config import load_study
 from pipeline.config.studies.study import Study
 from pipeline.engine.runner import Resources, run
 from stages.chain import STAGES
-from stages.tables.keys import full_compliance
+from stages.tables.condensed import full_compliance
 
 
 @pytest.fixture(scope="session")

@@ -379,4 +379,4 @@ FITTED = {
     ],
 )
 def test_judgement_of_a_fitted_effect(changes, judgement):
-    assert candidate_row({**FITTED, **changes})["judgement"] == judgement
+    assert candidate_row({**FITTED, **changes}, {})["judgement"] == judgement

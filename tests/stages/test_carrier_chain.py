@@ -23,7 +23,7 @@ from pipeline.report.inputs import reducer_facts
 from pipeline.sampling import draw
 from stages.chain import STAGES
 from stages.sample import columns_of_errors, errors_of_columns
-from stages.tables.keys import COMPLIANCE_FILE, full_compliance
+from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 ROOT = Path(__file__).parents[2]
 DESIGN = tomllib.loads((ROOT / "data/designs/rv_81_two_disks.toml").read_text(encoding="utf-8"))

@@ -148,9 +148,12 @@ def test_a_file_that_was_copied_and_not_renamed_is_refused(kind: Kind, tmp_path:
             kind.declarations()
 
 
-def test_the_library_of_the_project_needs_no_registration(folder: Path) -> None:
+def test_effects_of_every_file_of_the_project_are_in_the_library_without_registration(folder: Path) -> None:
     files = {path.stem for path in (ROOT / "pipeline/model/effects").rglob("*.py")}
-    assert set(library()) == {name for name in files if not name.startswith("_")} - {"effect"}
+    assert {effect.apply.__module__.rpartition(".")[2] for effect in library().values()} == files - {
+        "effect",
+        "__init__",
+    }
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from pipeline.checks.response import Condensed
 from pipeline.config import load_study
 from pipeline.engine.runner import Resources, run
 from stages.chain import STAGES
-from stages.tables.keys import COMPLIANCE_FILE, full_compliance
+from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 ROOT = Path(__file__).parents[2]
 PUBLISHED = ROOT / "data" / "published"

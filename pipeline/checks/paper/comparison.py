@@ -18,7 +18,7 @@ from pipeline.checks.response import Condensed, solve_cases
 from pipeline.config import Study
 from pipeline.engine.store import Output, write_atomic
 from pipeline.report.layout.rendering import drawn_picture
-from stages.tables.keys import COMPLIANCE_FILE, full_compliance
+from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 STUDY = "paper_tables"
 TARGETS, PARAMETERS, CONTACTS = "pham2017_table2.csv", "pham2017_fitted.csv", "pham2017_contacts.csv"

@@ -110,7 +110,7 @@ def test_a_number_at_the_bound_of_the_fit_is_not_claimed(tmp_path):
     torque = np.tile(path_of([0.0, 12.0, -12.0, 0.0], 80)[1:], 3)
     carried, angle = 0.0, []
     for load in torque:
-        carried = min(max(carried, load - 7.0), load + 7.0)
+        carried = min(max(carried, load - 9.0), load + 9.0)
         angle.append(2.0 * carried)
     for number in range(4):
         noise = 0.01 * np.random.default_rng(number).standard_normal(torque.size)

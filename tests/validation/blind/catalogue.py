@@ -17,7 +17,7 @@ from pipeline.config.designs.design import Design
 from pipeline.config.reading import parse_design
 from pipeline.engine.runner import Resources, run
 from stages.chain import STAGES
-from stages.tables.keys import COMPLIANCE_FILE, full_compliance
+from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 UNCERTAIN = ("bearing.stiffness_N_per_mm_power", "disk.thickness_mm", "output.roller_length_mm")
 """Numbers that the model must calibrate."""
