@@ -4,8 +4,7 @@ import argparse
 
 from pipeline import settings
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.identification.measurement.turning.reading import read_measurement
-from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
+from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement, read_measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.record.turn_record import TurnRecord
 

@@ -16,10 +16,10 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Problem, candidates
 from pipeline.identification.fitting.stations import stations_of
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.identification.measurement.turning.reading import read_measurement
+from pipeline.identification.measurement.turning.turning_measurement import read_measurement
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.selection.adequacy import failed_test
-from pipeline.identification.selection.baselines import METHODS, Cycles, baselines
+from pipeline.identification.selection.baselines import METHODS, TURN_METHODS, Cycles, baselines
 from pipeline.identification.selection.criteria import Selection, without_names
 from pipeline.identification.selection.held_out import AngleError, Folds, angle_error, predicted_folds, splits_of
 from pipeline.identification.selection.model_selection import Selector
@@ -40,7 +40,6 @@ from pipeline.identification.selection.statements.verdict import (
     judge,
     verdict_without_test,
 )
-from pipeline.identification.selection.turn_baselines import TURN_METHODS
 
 Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]
 """Compliances of a study's design at crank angles [deg]: each (n_contacts, n_contacts) [mm/N]."""

@@ -24,8 +24,7 @@ from pipeline.decisions.certificate import (
 )
 from pipeline.decisions.certificate import certificate as certificate_of
 from pipeline.decisions.lots import results
-from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot
-from pipeline.decisions.lots.ovalities import with_separate_ovalities
+from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot, with_separate_ovalities
 from pipeline.decisions.selective_assembly import Assembly, best_assembly, write_pairs
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError

@@ -19,7 +19,7 @@ from pipeline.identification.described.description import Description, describe
 from pipeline.identification.identify import FaultyUnit, identify_measured
 from pipeline.identification.measurement.faults.fault import linear_algebra_faults
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.identification.measurement.turning.reading import read_measurement
+from pipeline.identification.measurement.turning.turning_measurement import read_measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit, load_measured_units
 from pipeline.identification.record import results as record_results
 from pipeline.identification.record.answer import RecordAnswer, record_answer

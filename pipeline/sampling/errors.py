@@ -14,8 +14,7 @@ from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Samples
 from pipeline.config.studies.tolerances import Tolerances
-from pipeline.sampling.correlation import correlated_numbers
-from pipeline.sampling.designs import uniforms
+from pipeline.sampling.designs import correlated_numbers, uniforms
 
 
 @dataclass(frozen=True)

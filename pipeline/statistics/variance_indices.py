@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Real
 from pipeline.config.studies.study import FEWEST_BASE_SAMPLES
-from pipeline.statistics.blocks import resampled_means
+from pipeline.statistics.resampling import resampled_means
 
 FIRST_ORDER, TOTAL = "first_order", "total"
 """Names of the two kinds of index in tables."""

@@ -21,7 +21,7 @@ from pipeline.cli.boundary import answer
 from pipeline.config import load_design, load_study
 from pipeline.errors import InputError
 from pipeline.identification.described.description import describe
-from pipeline.identification.measurement.turning.reading import read_measurement
+from pipeline.identification.measurement.turning.turning_measurement import read_measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.populations.comparison import load_population, metric_comparisons
 

@@ -23,8 +23,7 @@ from pipeline.identification.series.answer import (
     trend_sentence,
 )
 from pipeline.identification.series.folds import Folds
-from pipeline.identification.series.states import series_of
-from pipeline.identification.series.trends import trends_of
+from pipeline.identification.series.states import series_of, trends_of
 
 TEXT = """
 title = "A state"

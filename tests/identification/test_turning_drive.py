@@ -14,7 +14,7 @@ from pipeline.identification.bench.course import slid_torque
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.identification.measurement.turning.reading import read_measurement
+from pipeline.identification.measurement.turning.turning_measurement import read_measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.results.write import findings, write
 from pipeline.identification.selection import model_selection

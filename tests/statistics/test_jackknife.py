@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pipeline.statistics.jackknife import jackknife_interval
+from pipeline.statistics.resampling import jackknife_interval
 
 
 def test_the_interval_of_a_mean_is_that_of_student():

@@ -15,14 +15,13 @@ from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.lots.dimension_fit import correlation_length, dimension_fit
 from pipeline.decisions.lots.fitted_distribution import fitted_kinds
 from pipeline.decisions.lots.lot_yield import limit_passes, lot_yield, study_of_lot
-from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot
-from pipeline.decisions.lots.ovalities import with_separate_ovalities
+from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot, with_separate_ovalities
 from pipeline.decisions.lots.results import lot_fits, study_text
 from pipeline.decisions.selective_assembly import best_assembly
 from pipeline.errors import InputError
 from pipeline.library.lots import lots
 from pipeline.sampling import draw
-from pipeline.sampling.correlation import correlated_numbers
+from pipeline.sampling.designs import correlated_numbers
 
 ROOT = Path(__file__).parents[2]
 STUDY = load_study("quick", ROOT)

@@ -24,8 +24,7 @@ from pipeline.sampling import (
     unmeasured_dimensions,
     usual_beside,
 )
-from pipeline.sampling.correlation import correlated_numbers
-from pipeline.sampling.designs import uniforms
+from pipeline.sampling.designs import correlated_numbers, uniforms
 from stages.sample import columns_of_errors, errors_of_columns
 
 ROOT = Path(__file__).parents[2]

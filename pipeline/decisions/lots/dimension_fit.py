@@ -20,7 +20,7 @@ from pipeline.config.dimensions import Dimension
 from pipeline.config.distributions import Distribution, Spread
 from pipeline.decisions.lots.fitted_distribution import FittedKind, fitted_kinds
 from pipeline.decisions.lots.measured_lot import FEWEST_PARTS
-from pipeline.sampling.correlation import correlated_numbers
+from pipeline.sampling.designs import correlated_numbers
 from pipeline.statistics import Estimate
 
 REPLICATES = 399

@@ -1,10 +1,10 @@
-"""Measured parts: the columns of a table of parts as deviations of toleranced dimensions."""
+"""Measured parts as deviations of toleranced dimensions, and the ovalities of measured pin circles."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.files.section import nearest_name
 from pipeline.config.files.table_file import TableFile, shortened_list
+from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
 
 PART = "part"
@@ -146,3 +147,42 @@ def _by_part(
             f"a part has {of_one_part}"
         )
     return np.array([group if len(group) else np.full(of_one_part, np.nan) for group in groups])
+
+
+FIRST_FREE_ORDER, FREE_ORDERS = 4, 14
+"""Orders beyond the ovalities from whose power the chance part is extrapolated: 4 to 17."""
+
+
+def with_separate_ovalities(lot: MeasuredLot, study: Study) -> MeasuredLot:
+    """The lot with ovalities taken out of the pins' radial positions, where the study varies them.
+
+    A lot whose rings are not measured whole, or that states the ovalities itself, is returned as it is.
+    """
+    name = "pin_radial"
+    library, values = dimension_library(), lot.values.get(name)
+    orders = {
+        other_name: int(other_name.rsplit("_", 1)[1])
+        for other_name, dimension in library.items()
+        if dimension.acts_on == name and getattr(study.tolerances, other_name).varies
+    }
+    if values is None or values.shape[1] < 2 * (FIRST_FREE_ORDER + FREE_ORDERS) or set(orders) & set(lot.values):
+        return lot
+    measured_values = {**lot.values, name: values.copy()}
+    coefficients = 2 * np.fft.rfft(values, axis=1) / values.shape[1]
+    free_orders = np.arange(FIRST_FREE_ORDER, FIRST_FREE_ORDER + FREE_ORDERS)
+    power_of_pins = np.nanmean(np.abs(coefficients[:, free_orders]) ** 2, axis=0)
+    slope, offset = np.polyfit(free_orders**2, 1 / power_of_pins, 1, w=power_of_pins)
+    largest_power = float(power_of_pins.max())
+    turn = 2j * np.pi * np.arange(values.shape[1]) / values.shape[1]
+    for other_name, order in orders.items():
+        wave = coefficients[:, order]
+        inverse = offset + slope * order**2
+        chance = 1 / inverse if inverse > 0 else largest_power
+        size = np.abs(wave)
+        amplitude = np.sqrt(np.maximum(size**2 - chance, 0.0))
+        remainder = wave * (1 - np.divide(amplitude, size, out=np.zeros_like(size), where=size > 0))
+        power = np.nanmean(np.abs(remainder) ** 2)
+        kept_wave = remainder * np.sqrt(chance / power) if power > 0 else remainder
+        measured_values[name] -= ((wave - kept_wave)[:, None] * np.exp(order * turn)).real
+        measured_values[other_name] = amplitude[:, None]
+    return replace(lot, values=measured_values)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Real, Truth
-from pipeline.identification.fitting.cell_torques import followed_torques
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.data import Data
+from pipeline.identification.fitting.measured_loops import followed_torques
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.drive_terms import BASIC, BENCH
 from pipeline.identification.generic.generic_drive import LoopModel
@@ -26,8 +26,7 @@ from pipeline.identification.selection.held_out import AngleError, angle_error, 
 from pipeline.identification.selection.parameter_intervals import CONFIDENCE
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy
 from pipeline.identification.selection.statements.verdict import UNEXPLAINED
-from pipeline.statistics.blocks import max_t
-from pipeline.statistics.jackknife import jackknife_interval
+from pipeline.statistics.resampling import jackknife_interval, max_t
 
 FULLY_DESCRIBED, PARTLY_DESCRIBED = "described", "partly described"
 RESAMPLES, SEED = 2000, 81

@@ -16,8 +16,8 @@ from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
 from pipeline.identification.bench.course import Course, CrankMotion
 from pipeline.identification.bench.simulator import BEYOND, Forward
-from pipeline.identification.fitting.cell_torques import within_cells
 from pipeline.identification.fitting.cells_in_noise import data_of
+from pipeline.identification.fitting.measured_loops import within_cells
 from pipeline.identification.fitting.offered import met_needs
 from pipeline.identification.fitting.problem import PriorModes, Problem, first_states
 from pipeline.identification.fitting.scaled_drives import drives_of

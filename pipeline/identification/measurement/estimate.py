@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.arrays import Real
 from pipeline.identification.measurement.scatter import MAD_TO_STD
-from pipeline.statistics.blocks import resampled_counts, resampled_means
+from pipeline.statistics.resampling import resampled_counts, resampled_means
 
 RESAMPLES = 1000
 """Of the block bootstrap of the noise."""

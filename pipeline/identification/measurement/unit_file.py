@@ -22,7 +22,11 @@ from pipeline.config.mechanisms.carrier import Carrier
 from pipeline.config.reading import found_file, raise_if, read_toml, validate_sections, with_tuples
 from pipeline.config.studies.cases import Case, case_problems
 from pipeline.errors import InputError
-from pipeline.identification.measurement.unit_problems import (
+from pipeline.identification.measurement.unit_sections import (
+    NEITHER,
+    UNKNOWN_STATUS,
+    DataFile,
+    UnitSettings,
     collect,
     crank_of_design_problems,
     crank_problems,
@@ -32,12 +36,6 @@ from pipeline.identification.measurement.unit_problems import (
     output_problems,
     table_problems,
     turning_problems,
-)
-from pipeline.identification.measurement.unit_sections import (
-    NEITHER,
-    UNKNOWN_STATUS,
-    DataFile,
-    UnitSettings,
 )
 
 UNIT_FILE = "unit.toml"

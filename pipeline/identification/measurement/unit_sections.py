@@ -1,15 +1,18 @@
-"""Sections of the file `unit.toml` of a measured unit."""
+"""Sections of a unit.toml, and contradictions between values that are each allowed."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field
 
-from pipeline.config.files.section import (
-    Positive,
-    Section,
-)
+from pipeline.config.designs.design import Design
+from pipeline.config.files.section import MISSING, Mistake, Positive, Section
+from pipeline.config.files.table_file import read_table
+from pipeline.errors import InputError
 from pipeline.identification.measurement.columns import Columns, Text
 
 UNKNOWN_STATUS = "unknown"
@@ -131,3 +134,174 @@ class UnitSettings(Section):
     held_out: HeldOut = HeldOut()
     files: tuple[DataFile, ...] = ()
     columns: Columns = Columns()
+
+
+T = TypeVar("T")
+
+
+def collect(lines: list[str], read: Callable[[], T], is_required: bool) -> T | None:
+    """What `read` returns; None if it is not wanted, or raises InputError, whose problems are added to `lines`."""
+    try:
+        return read() if is_required else None
+    except InputError as error:
+        lines += error.problems
+        return None
+
+
+def file_problems(files: tuple[DataFile, ...], folder: Path) -> list[Mistake]:
+    """No data, files that are missing, and separators that cannot be told from the decimal mark."""
+    if not files:
+        return [Mistake("files", None, "no data: put CSV files into the unit's folder, or list them as [[files]]")]
+    problems = []
+    for number, file in enumerate(files):
+        if not (folder / file.path).is_file():
+            problems.append(
+                Mistake(f"files[{number}].path", file.path, "no such file; a path is relative to unit.toml")
+            )
+        if file.separator == file.decimal:
+            problems.append(Mistake(f"files[{number}].decimal", file.decimal, "must differ from the separator"))
+    return problems
+
+
+def table_problems(files: tuple[DataFile, ...], folder: Path) -> list[str]:
+    """Why data files are no tables; for the one answer that has all problems of a unit."""
+    lines: list[str] = []
+    for file in files:
+        path = folder / file.path
+        collect(lines, partial(read_table, path, file.path, file.separator, file.decimal), path.is_file())
+    return lines
+
+
+def drive_problems(raw: Mapping[str, Any]) -> list[Mistake]:
+    """A drive has a design with all that belongs to it, or is generic."""
+    keys = ("design", "study", "as_measured")
+    if "generic" in raw:
+        return [
+            Mistake(key, raw[key], "a drive with [generic] has none; leave out one of both")
+            for key in keys
+            if key in raw
+        ]
+    advice = "add it, or [generic] with ratio and rated_torque_Nm for a drive without a design"
+    return [Mistake(key, MISSING, advice) for key in keys if key not in raw]
+
+
+def output_problems(design: Design | None, turns: bool) -> list[Mistake]:
+    """Outputs of the design whose angle a bench does not read as the model has it."""
+    if design is None or (turns and design.output.carries_disks):
+        return []
+    if design.output.carries_disks:
+        requirement = (
+            f"loops of a {design.output.name} are not identified: its disk has no bearing of its own to separate the "
+            'play by; give a record of both encoders with locked = "neither"'
+        )
+        return [Mistake("design", None, requirement)]
+    if design.cycloid.fixed == "housing":
+        return []
+    requirement = 'its cycloid.fixed must be "housing": measured angles are read at the flange against the housing'
+    return [Mistake("design", None, requirement)]
+
+
+def turning_problems(parts: Mapping[str, Any], design: Design | None) -> list[Mistake]:
+    """A record of a turning drive has one zero; other units are held out by position or cycle."""
+    record = bool(parts.get("generic")) or (design is not None and design.output.carries_disks)
+    held_out_by, turns = parts.get("held_out", HeldOut()).by, parts.get("locked") == NEITHER
+    side, locked_end = parts.get("side", "output"), parts.get("locked")
+    refusals: tuple[tuple[bool, str, Any, str], ...]
+    if not turns:
+        refusals = (
+            (
+                side == "input" == locked_end,
+                "side",
+                side,
+                'must be "output" where the input is locked: only that moves',
+            ),
+            (
+                held_out_by in ("torque", "sense", "temperature"),
+                "held_out.by",
+                held_out_by,
+                'must be "position" or "cycle"',
+            ),
+            (parts.get("angle") == "absolute", "angle", "absolute", 'requires locked = "neither"'),
+        )
+    else:
+        offset, crank_angles = parts.get("offset", "common"), parts.get("crank_angles", "measured")
+        refusals = (
+            (
+                held_out_by == "position",
+                "held_out.by",
+                held_out_by,
+                'must be "cycle", "torque" or "sense" where the crank turns',
+            ),
+            (
+                held_out_by == "temperature" and not record,
+                "held_out.by",
+                held_out_by,
+                'must be "cycle", "torque" or "sense" of a design',
+            ),
+            (
+                held_out_by == "cycle" and record,
+                "held_out.by",
+                held_out_by,
+                'must be "torque", "sense" or "temperature" of a record',
+            ),
+            (offset != "common", "offset", offset, 'must be "common" where the crank turns: all rows have one zero'),
+            (
+                crank_angles != "measured",
+                "crank_angles",
+                crank_angles,
+                "a crank that turns is read from the drawing's zero",
+            ),
+            (side == "input" and not record, "side", side, 'must be "output" where the crank of a design turns'),
+        )
+    return [Mistake(key, value, requirement) for is_wrong, key, value, requirement in refusals if is_wrong]
+
+
+def crank_problems(parts: Mapping[str, Any]) -> list[Mistake]:
+    """A crank that moves has a signed ratio; it follows the angle at the motor's side of a locked output alone."""
+    crank = parts.get("crank", CrankSection())
+    moves = crank.moves != "fixed"
+    refusals: tuple[tuple[bool, str, Any, str], ...] = (
+        (
+            moves and not crank.ratio,
+            "crank.ratio",
+            crank.ratio,
+            "where the crank moves, a number such as -13",
+        ),
+        (
+            crank.moves == "follows_angle" and parts.get("locked") != "output",
+            "crank.moves",
+            crank.moves,
+            'requires locked = "output": the crank follows the angle of the motor\'s side',
+        ),
+        (
+            (crank.moves == "column") != (crank.column is not None),
+            "crank.column",
+            crank.column,
+            'name it with moves = "column", and only then',
+        ),
+    )
+    return [Mistake(key, value, requirement) for is_wrong, key, value, requirement in refusals if is_wrong]
+
+
+def crank_of_design_problems(parts: Mapping[str, Any], design: Design | None) -> list[Mistake]:
+    """The crank of a design turns by its own ratio, and in loops against a locked output alone."""
+    crank = parts.get("crank", CrankSection())
+    if design is None or crank.moves == "fixed":
+        return []
+    lobes = float(design.cycloid.lobes)
+    problems = []
+    if crank.ratio and crank.ratio != -lobes:
+        problems.append(Mistake("crank.ratio", crank.ratio, f"the design has {lobes:g} lobes; give {-lobes:g}"))
+    if parts.get("locked") != "output":
+        problems.append(Mistake("crank.moves", crank.moves, 'with a design it requires locked = "output"'))
+    return problems
+
+
+def held_out_problems(parts: Mapping[str, Any]) -> list[Mistake]:
+    """Training values without what they are of, or twice the same."""
+    held_out = parts.get("held_out", HeldOut())
+    if held_out.train and held_out.by is None:
+        return [Mistake("held_out.by", None, 'must be "position" or "cycle" where train is listed')]
+    if len(set(held_out.train)) < len(held_out.train):
+        return [Mistake("held_out.train", held_out.train, "values must differ")]
+    return []

@@ -18,17 +18,17 @@ from pipeline.identification.results import tables
 from pipeline.identification.results.corrected_design import (
     DESIGN_FILES,
     Corrected,
+    WrittenStudy,
     best_trial,
     corrected_trial,
     study_file,
     write_best,
     write_corrected,
+    written_study,
 )
 from pipeline.identification.results.prediction_errors import LoopError, loop_errors
 from pipeline.identification.results.residual_signatures import Signature, signatures
-from pipeline.identification.results.turn_errors import turn_errors
-from pipeline.identification.results.turn_signatures import turn_signatures
-from pipeline.identification.results.written_study import WrittenStudy, written_study
+from pipeline.identification.results.turn_signatures import turn_errors, turn_signatures
 from pipeline.identification.selection.held_out import STAGES
 
 VERDICT_FILE = "verdict.json"

@@ -20,9 +20,8 @@ from pipeline.identification.series.shared_effects import (
     TriedEffect,
     share_effects,
 )
-from pipeline.identification.series.states import Series, series_of
-from pipeline.identification.series.trends import Trend, trends_of
-from pipeline.statistics.jackknife import jackknife_interval
+from pipeline.identification.series.states import Series, Trend, series_of, trends_of
+from pipeline.statistics.resampling import jackknife_interval
 
 NOT_SHARED = "no shared effect shown"
 DIFFERS = 0.05

@@ -16,7 +16,7 @@ from pipeline.identification.generic.drive_terms import BASIC
 from pipeline.identification.results.write import finite
 from pipeline.identification.series.answer import SeriesAnswer, effect_sizes
 from pipeline.identification.series.shared_effects import TriedEffect, fold_groups
-from pipeline.statistics.jackknife import jackknife_interval
+from pipeline.statistics.resampling import jackknife_interval
 
 VERDICT_FILE = "verdict.json"
 STATES = Table(

@@ -25,7 +25,7 @@ from pipeline.identification.generic.shared_fit import fitted_together
 from pipeline.identification.selection.criteria import FEWEST_BLOCKS
 from pipeline.identification.series.folds import Folds, StateFolds, held_numbers, reversed_numbers, state_folds
 from pipeline.identification.series.states import Series
-from pipeline.statistics.blocks import max_t
+from pipeline.statistics.resampling import max_t
 
 MOST_FOLDS = 6
 """Folds at most: of more positions several are left out together."""

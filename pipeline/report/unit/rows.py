@@ -11,7 +11,7 @@ from pipeline.figures.labels import METRICS
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.results.prediction_errors import SEPARATION, LoopError
 from pipeline.identification.results.residual_signatures import Signature
-from pipeline.identification.results.turn_errors import ORDER, ORDERS, SPAN
+from pipeline.identification.results.turn_signatures import ORDER, ORDERS, SPAN
 from pipeline.identification.results.write import Findings
 from pipeline.identification.selection.held_out import STAGES, AngleError
 from pipeline.identification.selection.statements.detection import DetectionLimit

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from pipeline.figures.measured_turn import orders_figure, turn_residual_figure, turns_figure
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import Identification
-from pipeline.identification.results.turn_errors import mean_turns
+from pipeline.identification.results.turn_signatures import mean_turns
 from pipeline.model.turn import orders
 
 TURNING_CAPTIONS = {

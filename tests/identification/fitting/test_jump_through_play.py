@@ -5,9 +5,9 @@ import pytest
 from measured_bench import measured, path_of, write_unit
 from synthetic_unit import ROOT, Bench, make_unit, problem_of
 
-from pipeline.identification.fitting.cell_torques import within_cells
 from pipeline.identification.fitting.cells_in_noise import STEP_SCATTER, data_of, step_scatter
 from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.measured_loops import within_cells
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.model_selection import Selector

@@ -10,8 +10,15 @@ from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.studies.tolerances import Tolerances
 from pipeline.decisions.bounds.box import Box, coordinate_search
-from pipeline.decisions.bounds.largest_play import largest_play
-from pipeline.decisions.bounds.play import ATTAINED_BOUND, BY_PROGRAM, LEAST_BOUND, LEAST_FOUND, backlash, play_bounds
+from pipeline.decisions.bounds.play import (
+    ATTAINED_BOUND,
+    BY_PROGRAM,
+    LEAST_BOUND,
+    LEAST_FOUND,
+    backlash,
+    largest_play,
+    play_bounds,
+)
 
 ROOT = Path(__file__).parent.parent.parent.parent
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import binom
 
-from pipeline.statistics.blocks import confidence_set, max_t, resampled_means
+from pipeline.statistics.resampling import confidence_set, max_t, resampled_means
 
 RUNS = 300
 RESAMPLES = 300

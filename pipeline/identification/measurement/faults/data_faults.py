@@ -12,15 +12,13 @@ from pipeline.config.files.text_file import LARGEST_VALUE
 from pipeline.identification.measurement.cells import FEWEST_ROWS
 from pipeline.identification.measurement.faults.branch_faults import branch_faults
 from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
-from pipeline.identification.measurement.faults.plausibility import (
-    doubtful_side,
-    implausible_angle,
-    implausible_torque,
-)
 from pipeline.identification.measurement.faults.shape_faults import (
     LIKELY_TWIST,
     columns_exchanged,
+    doubtful_side,
     gains_energy,
+    implausible_angle,
+    implausible_torque,
     largest_span,
     standing_out,
 )

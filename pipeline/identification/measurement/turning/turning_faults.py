@@ -9,8 +9,7 @@ import numpy as np
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.faults.data_faults import recording_faults
 from pipeline.identification.measurement.faults.fault import Fault, fault_of_rows
-from pipeline.identification.measurement.faults.plausibility import implausible_angle, implausible_torque
-from pipeline.identification.measurement.faults.shape_faults import largest_span
+from pipeline.identification.measurement.faults.shape_faults import implausible_angle, implausible_torque, largest_span
 from pipeline.identification.measurement.turning.motion import FEWEST_ROWS, HELD_SHARE, TURN_DEG, fewest_pitches
 from pipeline.identification.measurement.turning.turned_rows import TurnedRows
 
