@@ -135,7 +135,7 @@ class SingleChanges:
                 f"Change an allowance or a limit, or several tolerances together. {self._sureness}"
             )
         return (
-            f"No single tolerance reaches a yield of {percent(self.target)}. The most comes from this change: "
+            f"No single tolerance reaches a yield of {percent(self.target)}. The largest estimated gain: "
             f"{self._change_text(self.largest_yield_change)}. {self._sureness}"
         )
 
@@ -145,7 +145,8 @@ class SingleChanges:
         )
         verb = "tighten" if change.scale < 1 else "loosen"
         cost = f" The cost rises by {change.cost:.3g}" if change.cost >= 0 else f" The cost falls by {-change.cost:.3g}"
-        cost = f"{cost}, as [costs] states it" if np.isfinite(change.cost) else " The study states no cost of it"
+        priced = np.isfinite(change.cost)
+        cost = f"{cost}, by the prices under [costs]" if priced else " The study states no price for it under [costs]"
         return (
             f"{verb} the {PARAMETERS[change.tolerance]} alone from {stated_text} µm to {scaled_text} µm "
             f"({change.scale:.3g} times its limits): estimated yield {percent(change.value)} "
@@ -168,7 +169,7 @@ class SingleChanges:
         warning = f" It predicts the {' and the '.join(poor)} poorly." if poor else ""
         return (
             f"This is an estimate: a surrogate rescales {units:,} units without solving them again.{warning} "
-            "The interval leaves out the surrogate's error."
+            "The interval does not include the error of the surrogate."
         )
 
     @property
