@@ -10,7 +10,7 @@ from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.priced import Priced
 from pipeline.figures.labels import LIMITED_METRICS, PARAMETERS
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import percent, percent_interval, plain_number
+from pipeline.report.layout.wording import percent, percent_interval, rounded_number
 
 SCALED_YIELDS = "scales/yields"
 TARGETS = (0.9, 0.95, 0.99, 0.999)
@@ -141,7 +141,7 @@ class SingleChanges:
 
     def _change_text(self, change: SingleChange) -> str:
         stated_text, scaled_text = (
-            " to ".join(plain_number(float(f"{end:.3g}")) for end in ends) for ends in self._ends(change)
+            " to ".join(rounded_number(end) for end in ends) for ends in self._ends(change)
         )
         verb = "tighten" if change.scale < 1 else "loosen"
         cost = f" The cost rises by {change.cost:.3g}" if change.cost >= 0 else f" The cost falls by {-change.cost:.3g}"

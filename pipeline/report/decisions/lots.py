@@ -14,7 +14,7 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import lots_figure
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.report.layout.rendering import drawn_picture, render
-from pipeline.report.layout.wording import DASH, listed_text
+from pipeline.report.layout.wording import listed_text, rounded_number
 
 TEMPLATE = "decisions/lots.html"
 DRIFT_LEVEL = 0.05
@@ -109,7 +109,7 @@ def _percent(share: float) -> str:
 
 
 def _points(share: float) -> str:
-    return f"{100 * share:.2g}"
+    return rounded_number(100 * share)
 
 
 def _title(metric: str) -> str:
@@ -146,8 +146,8 @@ def _fit(row: dict) -> dict[str, object]:
     short = {"mean_um": "mean", "std_um": "std", "cp": "cp", "cpk": "cpk", "drift_um": "drift"}
     for name, key in {**short, "correlation_length_mm": "length"}.items():
         is_known = math.isfinite(row[name])
-        cells[key] = f"{row[name]:.3g}" if is_known else DASH
-        cells[f"{key}_ends"] = f"{row[f'{name}_ci_low']:.3g} to {row[f'{name}_ci_high']:.3g}" if is_known else ""
+        cells[key], *ends = (rounded_number(row[column]) for column in (name, f"{name}_ci_low", f"{name}_ci_high"))
+        cells[f"{key}_ends"] = " to ".join(ends) if is_known else ""
     return cells
 
 
@@ -161,8 +161,8 @@ def _differences(study: Study, findings: Sequence[LotFindings]) -> dict[str, obj
             {
                 "title": _title(row["metric"]),
                 "statistic": {"std": "standard deviation"}.get(row["statistic"], row["statistic"]),
-                "ends": f"{row['ci_low']:.3g} to {row['ci_high']:.3g}",
-                **{key: f"{row[key]:.3g}" for key in ("a", "b", "difference")},
+                "ends": f"{rounded_number(row['ci_low'])} to {rounded_number(row['ci_high'])}",
+                **{key: rounded_number(row[key]) for key in ("a", "b", "difference")},
             }
             for row in rows.to_dict("records")
         ],
