@@ -137,4 +137,5 @@ def tails(
     rows = pd.DataFrame(up_to_date(asked_study, ["tails"], jobs).outputs["tails"].read("tails"))
     table = settings.RUNS / "tails" / f"{study.name}.csv"
     write_atomic(table, rows.to_csv(index=False).encode())
-    return Answer(asked_study, (*tail_sentences(rows), f"table: {settings.shown(table)}"), table.parent, {"tails": rows}, page="")
+    lines = (*tail_sentences(rows), f"table: {settings.shown(table)}")
+    return Answer(asked_study, lines, table.parent, {"tails": rows}, page="")

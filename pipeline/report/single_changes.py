@@ -134,9 +134,11 @@ class SingleChanges:
                 "No tolerance, scaled alone between a quarter and twice its limits, raises the yield noticeably. "
                 f"Change an allowance or a limit, or several tolerances together. {self._sureness}"
             )
+        is_shown = self.largest_yield_change.ci_low > self.stated_yield[0]
+        doubt = "" if is_shown else " Its interval contains the present yield: the gain is not significant."
         return (
             f"No single tolerance reaches a yield of {percent(self.target)}. The largest estimated gain: "
-            f"{self._change_text(self.largest_yield_change)}. {self._sureness}"
+            f"{self._change_text(self.largest_yield_change)}.{doubt} {self._sureness}"
         )
 
     def _change_text(self, change: SingleChange) -> str:

@@ -106,7 +106,7 @@ def test_a_unit_that_probably_fails_is_not_sent_to_the_controller(certified):
         replace(certified, metrics=chances, meets_all=share)
         for share in (Estimate(0.005, 0.0, 0.03, 200), Estimate(0.95, 0.91, 0.98, 200), None)
     )
-    assert "it probably fails, first on lost motion (0.5 % meet that limit)" in next_step(failing)
+    assert "it probably fails, first on lost motion (met with a probability of 0.5 %)" in next_step(failing)
     assert "compensation.csv" not in next_step(failing)
     assert next_step(passing) == next_step(unlimited) == "Load compensation.csv into the controller."
 

@@ -36,8 +36,8 @@ def next_step(unit: Certificate) -> str:
     chances = unit.metrics.dropna(subset=["probability"]).set_index("metric")["probability"]
     worst = {**METRICS, **turn_library()}[str(chances.idxmin())].inline
     return (
-        f"Do not use the unit as it is: it probably fails, first on {worst} ({100 * chances.min():.3g} % meet that "
-        "limit). Exchange a measured part, or measure more dimensions."
+        f"Do not use the unit as it is: it probably fails, first on {worst} (met with a probability of "
+        f"{100 * chances.min():.3g} %). Exchange a measured part."
     )
 
 

@@ -21,13 +21,13 @@ DRIFT_LEVEL = 0.05
 """Familywise level of the drifts that the page names, over all dimensions of a lot (Bonferroni)."""
 
 
-def sentences(lot_result: LotFindings, study: Study) -> list[str]:
+def sentences(lot_result: LotFindings) -> list[str]:
     """The yield of a lot, what costs most of it, and what to do next."""
     made_yield, drawn_yield = lot_result.outcome.as_made[ALL_LIMITS], lot_result.outcome.as_drawn[ALL_LIMITS]
     text = (
-        f"{lot_result.lot.name}: {_percent(made_yield.value)} of units made from these parts meet every limit (95 % CI "
-        f"{_percent(made_yield.ci_low)} to {_percent(made_yield.ci_high)}); with the tolerances of {study.name} it is "
-        f"{_percent(drawn_yield.value)}."
+        f"Lot {lot_result.lot.name}: {_percent(made_yield.value)} of units made from these parts meet every limit "
+        f"(95 % CI {_percent(made_yield.ci_low)} to {_percent(made_yield.ci_high)}); with the tolerances of the study "
+        f"it is {_percent(drawn_yield.value)}."
     )
     costly = [cost for cost in lot_result.outcome.costs if cost.gain.ci_low > 0]
     if not costly:
@@ -87,7 +87,7 @@ def write_lots_page(study: Study, findings: Sequence[LotFindings], files: Sequen
     page = render(
         TEMPLATE,
         study=study,
-        sentences=[text for lot_result in findings for text in sentences(lot_result, study)],
+        sentences=[text for lot_result in findings for text in sentences(lot_result)],
         files=files,
         units=findings[0].outcome.as_made[ALL_LIMITS].n,
         yields=_yields(yield_rows(findings)),

@@ -211,6 +211,9 @@ def test_a_target_out_of_reach_of_every_single_change_is_said_so(frames):
     assert changes.best_change is None
     assert changes.largest_yield_change.tolerance == "pin_tangential"
     assert changes.sentence.startswith("No single tolerance reaches a yield of 90.0 %. The largest estimated gain: ti")
+    assert "Its interval contains the present yield: the gain is not significant." in changes.sentence
+    sure = replace(changes, stated_yield=(0.7, 0.65, 0.75))
+    assert "not significant" not in sure.sentence
     assert "No tolerance, scaled alone" in scaled(frames, {"pin_radial": [0.8, 0.8]}).sentence
     assert scaled(frames, {}).sentence == ""
 
