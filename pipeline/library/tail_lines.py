@@ -10,6 +10,7 @@ import pandas as pd
 from pipeline.figures.labels import METRICS
 
 MILLION = 1_000_000
+"""Units that a share beyond a limit is stated of."""
 NO_INTERVAL = "no interval: too few failing units are expected; raise --units and --solve"
 
 
