@@ -151,9 +151,18 @@ class SingleChanges:
         cost = f"{cost}, by the prices under [costs]" if priced else " The study states no price for it under [costs]"
         return (
             f"{verb} the {PARAMETERS[change.tolerance]} alone from {stated_text} µm to {scaled_text} µm "
-            f"({change.scale:.3g} times its limits): estimated yield {percent(change.value)} "
+            f"({change.scale:.3g} times its limits{self._moved_middle(change)}): "
+            f"estimated yield {percent(change.value)} "
             f"(interval {percent_interval(change.ci_low, change.ci_high)}).{cost}"
         )
+
+    def _moved_middle(self, change: SingleChange) -> str:
+        """Where the middle of an unsymmetric zone moves to, which changes the metrics too; else empty."""
+        (low, high), (scaled_low, scaled_high) = self._ends(change)
+        if low + high == 0:
+            return ""
+        before, after = (rounded_number(0.5 * total) for total in (low + high, scaled_low + scaled_high))
+        return f", so that its middle moves from {before} to {after} µm"
 
     def _ends(self, change: SingleChange) -> tuple[tuple[float, float], tuple[float, float]]:
         low, high = getattr(self.study.tolerances, change.tolerance).limits_um

@@ -46,7 +46,7 @@ def write_population_page(
     """
     quantiles = quantile_frame(comparisons)
     quantiles["label"] = [
-        METRICS[metric].title + ("" if np.isnan(crank) else f"\ncrank at {crank:g}°")
+        _at_crank(METRICS[metric].title, crank, separator="\n")
         for metric, crank in zip(quantiles["metric"], quantiles["crank_deg"], strict=True)
     ]
     quantiles["unit"] = [METRICS[metric].unit for metric in quantiles["metric"]]
@@ -66,9 +66,9 @@ def write_population_page(
         units=units,
         biases=_biases(comparisons),
         angles=_angles(study, turn_statistic, closings),
-        sentences=[(_where("", crank, turn_statistic), sentence(closing)) for crank, closing in closings.items()],
-        comparisons=[_comparison(row, turn_statistic) for row in comparison_frame(comparisons).to_dict("records")],
-        single=[(_where("", group.crank_deg, turn_statistic), group.sentence) for group in single],
+        sentences=[(_where(crank, turn_statistic), sentence(closing)) for crank, closing in closings.items()],
+        comparisons=[_comparison(row) for row in comparison_frame(comparisons).to_dict("records")],
+        single=[(_where(group.crank_deg, turn_statistic), group.sentence) for group in single],
         candidates=[
             _candidate(candidate, crank)
             for crank, found in closings.items()
@@ -93,11 +93,8 @@ def _angles(study: Study, turn_statistic: str, cranks: Iterable[float | None]) -
     )
 
 
-def _where(title: str, crank: float | None, turn_statistic: str) -> str:
-    crank_text = (
-        f"{turn_statistic} over the crank angles" if crank is None or np.isnan(crank) else f"crank at {crank:g}°"
-    )
-    return f"{title}, {crank_text}" if title else crank_text
+def _where(crank: float | None, turn_statistic: str) -> str:
+    return f"{turn_statistic} over the crank angles" if crank is None or np.isnan(crank) else f"crank at {crank:g}°"
 
 
 def _range(low: float, high: float) -> str:
@@ -105,10 +102,15 @@ def _range(low: float, high: float) -> str:
     return "" if ends == (DASH, DASH) else f"{ends[0]} to {ends[1]}"
 
 
-def _comparison(row: Mapping[str, object], turn_statistic: str) -> dict[str, object]:
+def _at_crank(title: str, crank: float | None, separator: str = ", ") -> str:
+    """A title with the crank angle; without one it is that of the note on the angles."""
+    return title if crank is None or np.isnan(crank) else f"{title}{separator}crank at {crank:g}°"
+
+
+def _comparison(row: Mapping[str, object]) -> dict[str, object]:
     numbers = pd.Series(row)
     return {
-        "title": _where(METRICS[str(row["metric"])].title, numbers["crank_deg"], turn_statistic),
+        "title": _at_crank(METRICS[str(row["metric"])].title, numbers["crank_deg"]),
         "unit": METRICS[str(row["metric"])].unit,
         "units": numbers["units"],
         "means": (digits(numbers["units_mean"]), digits(numbers["samples_mean"])),
@@ -133,10 +135,9 @@ def _biases(comparisons: Sequence[MetricComparison]) -> str:
 
 
 def _candidate(candidate: Candidate, crank: float | None) -> dict[str, object]:
-    title = PARAMETERS[candidate.tolerance]
     allowed = f", up to the limit of {digits(candidate.room_um)} µm" if candidate.is_beyond_room else ""
     return {
-        "title": title if crank is None else f"{title}, crank at {crank:g}°",
+        "title": _at_crank(PARAMETERS[candidate.tolerance], crank),
         "shift": digits(candidate.shift_um),
         "shift_range": _range(candidate.shift_low_um, candidate.shift_high_um),
         "room": digits(candidate.room_um),

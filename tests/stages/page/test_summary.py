@@ -195,6 +195,9 @@ def test_the_cheapest_single_change_that_reaches_the_target_is_named_with_its_co
     assert changes.best_change.scale == pytest.approx(0.5)
     assert changes.best_change.cost == pytest.approx(1.0)
     assert "tighten the radial pin position alone from −3 to 3 µm to −1.5 to 1.5 µm (0.5 times" in changes.sentence
+    assert "so that its middle moves" not in changes.sentence
+    one_sided = scaled(frames, {"roller_diameter": [0.95, 0.5]})
+    assert "times its limits, so that its middle moves from −1 to −0.667 µm)" in one_sided.sentence
     assert "The cost rises by 1, by the prices under [costs]" in changes.sentence
     assert "This is an estimate: a surrogate rescales 12 units" in changes.sentence
 
