@@ -135,9 +135,10 @@ def _what(torque: float) -> str:
 
 def _say(study: Study, curves: dict[float, OutputTurn]) -> None:
     for torque, turn in curves.items():
-        spans = " and ".join(f"{span:.2f}" for span in np.ptp(turn.error, axis=1))
+        spans = " and ".join(f"{span:.3g}" for span in np.ptp(turn.error, axis=1))
         print(
-            f"{_what(torque)}: {spans} arcsec peak to peak in the senses + and -, from {len(turn.crank)} crank angles"
+            f"transmission error over a turn of the output, {_what(torque)}: {spans} arcsec peak to peak in the senses "
+            f"+ and -, from {len(turn.crank):,} crank angles"
         )
         harmonics = orders(turn.error, turns=study.design.cycloid.lobes)
         strongest = np.argsort(-harmonics.amplitude[0], kind="stable")[:MOST_ROWS]

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
 from pipeline.config.distributions import Distribution
@@ -83,7 +84,7 @@ def certificate_figure(
         axes.fill_between(torque, low, high, color=colour, alpha=0.25, linewidth=0)
         axes.plot(torque, np.median(angle[:, sense], axis=0), color=colour, label=label)
     axes.axhline(0, color=INK, linewidth=0.8, linestyle=":")
-    axes.set(xlabel="torque / N m", ylabel="angle of the output / arcmin", title=f"crank at {crank_deg:g}°")
+    axes.set(xlabel="torque (N m)", ylabel="angle of the output (arcmin)", title=f"crank at {crank_deg:g}°")
     legend_below(figure, axes)
     return figure
 
@@ -109,7 +110,7 @@ def lots_figure(dimensions: Sequence[tuple[str, Sequence[LotValues], Distributio
         axes.set_visible(False)
     for axes, (name, lots, drawing) in zip(panels, dimensions, strict=False):
         _dimension(axes, lots, drawing)
-        axes.set(title=PARAMETERS[name], xlabel="deviation / µm", ylabel="share of parts below")
+        axes.set(title=PARAMETERS[name], xlabel="deviation (µm)", ylabel="share of parts below")
     legend_below(figure, panels[0])
     return figure
 
@@ -152,7 +153,7 @@ def margins_figure(margins: Mapping[str, NDArray[np.float64]]) -> Figure:
             label=label,
         )
     axes.axvline(0, color=INK, linewidth=1, linestyle=":")
-    axes.set(xlabel="margin / % of the limit", ylabel="share of units below")
+    axes.set(xlabel="margin (% of the limit)", ylabel="share of units below")
     legend_below(figure, axes)
     return figure
 
@@ -182,6 +183,8 @@ def tradeoff_figure(
         )
     axes.axvline(100 * (1 - target), color=MUTED_INK, linestyle=":", label="wanted")
     axes.set(xlabel="units beyond a limit (%)", ylabel="cost, as stated", xscale="log")
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))  # the page has no mathtext
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.invert_xaxis()
     axes.legend()
     return figure

@@ -66,9 +66,7 @@ def _draw_curves(axes: Axes, curves: Mapping[str, NDArray[np.float64]], target: 
     axes.annotate(f"{100 * target:g} %", (1, 100 * target), (-2, 2), xycoords=("axes fraction", "data"), ha="right",
                   textcoords="offset points", color=MUTED_INK, fontsize=8)  # fmt: skip
     axes.axvline(1.0, color=INK, linewidth=0.8)
-    axes.set(
-        xlabel="limits of the tolerance, as a multiple of those stated", ylabel="yield (%), estimated", xscale="log"
-    )
+    axes.set(xlabel="factor on the limits of the tolerance (1: as stated)", ylabel="yield (%), estimated", xscale="log")
     ticks = list(shown_curves[0][1][0]) if shown_curves else [1.0]
     axes.xaxis.set_major_locator(FixedLocator(ticks))
     axes.xaxis.set_minor_locator(NullLocator())

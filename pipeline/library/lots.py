@@ -83,7 +83,7 @@ def lots(
         write_atomic(folder / f"{name}.toml", text.encode())
     write_atomic(folder / DESIGN_FILE, toml_of(study.design.model_dump()).encode())
     write_lots_page(study, findings, [f"{name}.toml" for name in names], folder)
-    lines = tuple(line for lot_findings in findings for line in sentences(lot_findings, study))
+    lines = tuple(line for lot_findings in findings for line in sentences(lot_findings))
     return Answer(findings, lines, folder, frames)
 
 

@@ -15,6 +15,7 @@ from pipeline.engine.store import Output, write_atomic
 from pipeline.errors import InputError
 from pipeline.library.answer import Answer
 from pipeline.library.running import Workers, study_of, up_to_date
+from pipeline.library.tail_lines import tail_sentences
 
 
 @dataclass(frozen=True)
@@ -136,5 +137,5 @@ def tails(
     rows = pd.DataFrame(up_to_date(asked_study, ["tails"], jobs).outputs["tails"].read("tails"))
     table = settings.RUNS / "tails" / f"{study.name}.csv"
     write_atomic(table, rows.to_csv(index=False).encode())
-    text = rows.to_string(index=False, float_format=lambda value: f"{value:.6g}")
-    return Answer(asked_study, (text, f"table: {settings.shown(table)}"), table.parent, {"tails": rows}, page="")
+    lines = (*tail_sentences(rows), f"table: {settings.shown(table)}")
+    return Answer(asked_study, lines, table.parent, {"tails": rows}, page="")

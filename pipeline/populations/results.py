@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from pipeline.config.dimensions import dimension_library
 from pipeline.engine.frames import write_csv
 from pipeline.populations.comparison import TESTS, MetricComparison
 from pipeline.populations.single_units import SingleUnits
-from pipeline.populations.tolerance_shift import Closing
+from pipeline.populations.tolerance_shift import Candidate, Closing
 
 
 def comparison_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
@@ -74,15 +75,25 @@ def sentence(closing: Closing) -> str:
     closers = [candidate for candidate in closing.candidates if candidate.closes]
     if not closers:
         return (
-            f"The units differ from the study (p = {closing.p_value:.2g}) and no single tolerance closes the "
-            "difference within its limits: it takes an effect, or several tolerances. Measure one unit's loops."
+            f"The units differ from the study (p = {closing.p_value:.2g}). No shift of a single dimension within its "
+            "limits explains the difference: the cause is an effect, or several dimensions. Measure one unit's loops."
         )
-    differences_text = "; or ".join(
-        f"{candidate.tolerance} shifted by {candidate.shift_um:.2g} um "
-        f"({candidate.shift_low_um:.2g} to {candidate.shift_high_um:.2g})"
-        for candidate in closers
+    shifts = "; or ".join(map(_shift_text, closers))
+    return (
+        f"The units differ from the study (p = {closing.p_value:.2g}). One shifted mean would explain the difference: "
+        f"{shifts}."
     )
-    return f"The units differ from the study (p = {closing.p_value:.2g}); it would be closed by {differences_text}."
+
+
+def _shift_text(candidate: Candidate) -> str:
+    """A shift with its interval, and how much of it the limits allow where that is less."""
+    shift, low, high = (
+        f"{value:{sign}.3g}".replace("-", "\u2212")
+        for value, sign in ((candidate.shift_um, "+"), (candidate.shift_low_um, ""), (candidate.shift_high_um, ""))
+    )
+    allowed = f"; the limits allow {candidate.room_um:.3g} \u00b5m" if candidate.is_beyond_room else ""
+    title = dimension_library()[candidate.tolerance].title
+    return f"{title} by {shift} \u00b5m (95 % interval {low} to {high}{allowed})"
 
 
 def single_frame(single: Sequence[SingleUnits]) -> pd.DataFrame:

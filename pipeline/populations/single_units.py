@@ -55,8 +55,8 @@ class SingleUnits:
             return f"Fewer than {FEWEST_UNITS} units have all metrics, too few to distinguish one unit from the rest."
         if self.samples < self.fewest_samples:
             return (
-                f"To name a single unit among {len(self.units)} the study needs {self.fewest_samples:,} samples; "
-                f"it has {self.samples:,}."
+                f"Whether a single unit differs from the {len(self.units)} units is not tested: that requires "
+                f"{self.fewest_samples:,} samples of the study, which has {self.samples:,}."
             )
         if not self.outlying:
             return (

@@ -62,6 +62,11 @@ class Candidate:
     p_value: float
 
     @property
+    def is_beyond_room(self) -> bool:
+        """Whether only a part of the interval, without the shift itself, lies within the limits."""
+        return self.within_limits and abs(self.shift_um) > self.room_um
+
+    @property
     def closes(self) -> bool:
         """Whether the shift is known to have its sense, keeps the limits and leaves no significant difference.
 

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from pipeline.config.studies.study import ALL_LIMITS, ANGLES_TO_CONTINUE
+from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.labels import LIMITED_METRICS, METRICS
 from pipeline.model.metrics import signed_number
 from pipeline.report.frames import HEADLINES, Frames, case_label
@@ -170,17 +170,6 @@ class Results:
             percent_interval(*expected_yield)
             if np.isfinite(expected_yield).all() and self.frames.turn_statistic == "worst"
             else ""
-        )
-
-    @cached_property
-    def too_few_angles(self) -> str:
-        """Why the effect of twice as many crank angles is not estimated, and what it takes; empty where it is."""
-        angles = self.frames.units.iloc[0]["n_angles"]
-        if self.frames.turn_statistic != "worst" or angles >= ANGLES_TO_CONTINUE:
-            return ""
-        return (
-            f"{count_text(int(angles), 'crank angle is', 'crank angles are')} too few to estimate the effect of more: "
-            f"that takes {ANGLES_TO_CONTINUE} or more, evenly over the turn"
         )
 
     @cached_property

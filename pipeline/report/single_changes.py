@@ -10,7 +10,7 @@ from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.priced import Priced
 from pipeline.figures.labels import LIMITED_METRICS, PARAMETERS
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import percent, percent_interval, plain_number
+from pipeline.report.layout.wording import percent, percent_interval, rounded_number
 
 SCALED_YIELDS = "scales/yields"
 TARGETS = (0.9, 0.95, 0.99, 0.999)
@@ -134,23 +134,33 @@ class SingleChanges:
                 "No tolerance, scaled alone between a quarter and twice its limits, raises the yield noticeably. "
                 f"Change an allowance or a limit, or several tolerances together. {self._sureness}"
             )
+        is_shown = self.largest_yield_change.ci_low > self.stated_yield[0]
+        doubt = "" if is_shown else " Its interval contains the present yield: the gain is not significant."
         return (
-            f"No single tolerance reaches a yield of {percent(self.target)}. The most comes from this change: "
-            f"{self._change_text(self.largest_yield_change)}. {self._sureness}"
+            f"No single tolerance reaches a yield of {percent(self.target)}. The largest estimated gain: "
+            f"{self._change_text(self.largest_yield_change)}.{doubt} {self._sureness}"
         )
 
     def _change_text(self, change: SingleChange) -> str:
-        stated_text, scaled_text = (
-            " to ".join(plain_number(float(f"{end:.3g}")) for end in ends) for ends in self._ends(change)
-        )
+        stated_text, scaled_text = (" to ".join(rounded_number(end) for end in ends) for ends in self._ends(change))
         verb = "tighten" if change.scale < 1 else "loosen"
         cost = f" The cost rises by {change.cost:.3g}" if change.cost >= 0 else f" The cost falls by {-change.cost:.3g}"
-        cost = f"{cost}, as [costs] states it" if np.isfinite(change.cost) else " The study states no cost of it"
+        priced = np.isfinite(change.cost)
+        cost = f"{cost}, by the prices under [costs]" if priced else " The study states no price for it under [costs]"
         return (
             f"{verb} the {PARAMETERS[change.tolerance]} alone from {stated_text} µm to {scaled_text} µm "
-            f"({change.scale:.3g} times its limits): estimated yield {percent(change.value)} "
+            f"({change.scale:.3g} times its limits{self._moved_middle(change)}): "
+            f"estimated yield {percent(change.value)} "
             f"(interval {percent_interval(change.ci_low, change.ci_high)}).{cost}"
         )
+
+    def _moved_middle(self, change: SingleChange) -> str:
+        """Where the middle of an unsymmetric zone moves to, which changes the metrics too; else empty."""
+        (low, high), (scaled_low, scaled_high) = self._ends(change)
+        if low + high == 0:
+            return ""
+        before, after = (rounded_number(0.5 * total) for total in (low + high, scaled_low + scaled_high))
+        return f", so that its middle moves from {before} to {after} µm"
 
     def _ends(self, change: SingleChange) -> tuple[tuple[float, float], tuple[float, float]]:
         low, high = getattr(self.study.tolerances, change.tolerance).limits_um
@@ -168,7 +178,7 @@ class SingleChanges:
         warning = f" It predicts the {' and the '.join(poor)} poorly." if poor else ""
         return (
             f"This is an estimate: a surrogate rescales {units:,} units without solving them again.{warning} "
-            "The interval leaves out the surrogate's error."
+            "The interval does not include the error of the surrogate."
         )
 
     @property

@@ -58,6 +58,11 @@ class Verdict:
         )
 
     @property
+    def no_contributor(self) -> str:
+        """What stands in place of a main contributor where none is determined."""
+        return f"no contributor is significant with {count_text(len(self.frames.over_turn), 'unit')}"
+
+    @property
     def share_note(self) -> str:
         """What the share of a main contributor is, of the first card that has one."""
         return next(filter(None, (share_note(self.frames, card.name) for card in self.cards)), "")
@@ -82,10 +87,10 @@ class Verdict:
         shares = {name: float(np.mean(broken[failing])) for name, broken in self.breaks.items() if name != ALL_LIMITS}
         worst_limit = max(shares, key=lambda name: shares[name])
         contributor = main_contributor(self.frames, worst_limit)
-        driver_text = f"; its main contributor is the {contributor}" if contributor else ""
+        driver_text = f"its main contributor is the {contributor}" if contributor else self.no_contributor
         return (
             f"{percent(1 - value)} of the units fail (95 % CI {percent_interval(1 - high, 1 - low)}); "
-            f"{percent(shares[worst_limit])} of these on {LIMITED_METRICS[worst_limit].inline}{driver_text}."
+            f"{percent(shares[worst_limit])} of these on {LIMITED_METRICS[worst_limit].inline}; {driver_text}."
         ).replace("95 % CI", f"{100 * self.frames.study.metrics.confidence:g} % CI")
 
     @property
@@ -113,24 +118,25 @@ class Verdict:
         if self.frames.turn_statistic != "worst":
             return f"It counts the {self.frames.turn_statistic} value of each unit over {self.results.angles}."
         if self.results.n_searched:
-            pitches = f"{self.results.n_searched:,} pitches of the pins"
-            n_audited = min(self.frames.study.cycle.audited_units, len(self.frames.over_turn))
-            return (
-                f"It holds for the whole turn of the output: {pitches} were ranked for each unit, and the most "
-                f"promising load-solved. {n_audited} random units, solved at all pitches, correct what that "
-                "misses; the interval includes it."
-            )
-        angles = count_text(int(self.frames.units.iloc[0]["n_angles"]), "loaded angle")
+            return "It holds for the whole turn of the output."
+        angles = count_text(int(self.frames.units.iloc[0]["n_angles"]), "loaded crank angle")
         doubled_yield = self.results.doubled_yield
-        doubling_text = f" With twice as many angles it would be an estimated {doubled_yield}." if doubled_yield else ""
-        warning_text = f" {self.results.too_few_angles} (cycle.loaded_angles)." if self.results.too_few_angles else ""
-        turn = self.frames.study.cycle.turn
-        beyond = (
-            "A unit repeats only after one turn of the output, over which more units fail"
-            if turn == "crank"
-            else "At the angles between them more units fail"
-        )
+        doubling_text = f" (with twice as many an estimated {doubled_yield})" if doubled_yield else ""
+        return f"It counts {angles}{doubling_text}; over the whole turn of the output at most as many units do."
+
+    @property
+    def angles_note(self) -> str:
+        """How the worst crank angle of each unit was searched, or how to search it; empty for other values."""
+        if self.frames.turn_statistic != "worst":
+            return ""
+        if not self.results.n_searched:
+            return (
+                "Units can fail between the loaded crank angles. To search the worst angle of each unit, state "
+                "loaded_angles = 31 under [cycle] of the study, without crank_deg and turn."
+            )
+        n_audited = min(self.frames.study.cycle.audited_units, len(self.frames.over_turn))
         return (
-            f"This is an upper bound: it counts the worst of {angles} of one turn of the {turn}. "
-            f"{beyond}.{doubling_text}{warning_text}"
+            f"The worst crank angle of each unit was searched: {self.results.n_searched:,} pitches of the pins were "
+            f"ranked, and the most promising load-solved. {n_audited} random units, solved at all pitches, correct "
+            "what that misses; the interval includes it."
         )

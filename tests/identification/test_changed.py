@@ -82,7 +82,7 @@ def pair(folder: Path, changes: dict[str, float], mounting: float = 0.04, seed: 
         ({"friction": 0.5, "load": 0.5}, "friction grows", "friction", 0.5),
         ({"friction": -0.5, "load": -0.5}, "friction falls", "friction", -0.5),
         ({"play": -0.3}, "play closes", "play", -6 / 26),
-        ({"compliance": 0.2}, "stiffness falls", "compliance", 0.2),
+        ({"compliance": 0.2}, "compliance grows", "compliance", 0.2),
     ],
 )
 def test_what_changed_is_named_with_its_sign_and_size(tmp_path, changes, words, kind, true):
@@ -122,7 +122,7 @@ def test_where_nothing_changed_nothing_is_named(tmp_path):
 
 def test_two_changes_are_named_together(tmp_path):
     result = pair(tmp_path, {"friction": 0.6, "load": 0.6, "compliance": 0.25}, mounting=0.02).comparison
-    assert {"friction grows", "stiffness falls"} <= {change.words for change in result.named_changes}
+    assert {"friction grows", "compliance grows"} <= {change.words for change in result.named_changes}
 
 
 def test_further_states_show_what_three_positions_alone_do_not(tmp_path):
@@ -134,7 +134,7 @@ def test_further_states_show_what_three_positions_alone_do_not(tmp_path):
     assert not alone.comparison.named_changes
     assert "friction grows" in [change.words for change in result.comparison.named_changes]
     assert result.comparison.freedom == 8
-    assert "chance of 80 %" in alone.limits_sentence
+    assert "80 % power" in alone.limits_sentence
     assert "2 states (2 degrees of freedom)" in alone.limits_sentence
     lacking = drive_measured(tmp_path / "lacking", {}, 0.04, 5001, CRANKS[:2])
     assert answer(state_before, state_after, [lacking]).comparison.freedom == 3

@@ -18,8 +18,15 @@ from pipeline.populations.comparison import (
     metrics_at,
     permutation_tests,
 )
-from pipeline.populations.results import comparison_frame
-from pipeline.populations.tolerance_shift import StudyPopulation, closing, mean_deviations, read_population_run
+from pipeline.populations.results import comparison_frame, sentence
+from pipeline.populations.tolerance_shift import (
+    Candidate,
+    Closing,
+    StudyPopulation,
+    closing,
+    mean_deviations,
+    read_population_run,
+)
 from pipeline.sampling import draw
 from stages.sample import columns_of_errors
 
@@ -279,3 +286,15 @@ def test_a_run_on_disk_is_read_without_its_nominal_reducer(tmp_path, study, popu
     result = read_population_run(run, study)
     assert result.metrics["sample"].min() == 1
     pd.testing.assert_frame_equal(result.deviations, population.deviations.loc[1:20], check_index_type=False)
+
+
+def test_the_answer_says_how_much_of_a_shift_the_limits_allow():
+    """A shift whose interval reaches into the limits, while the shift itself does not, is not claimed in full."""
+    inside = Candidate("disk_profile", 2.0, 1.0, 3.0, 2.5, True, 0.9, 0.5)
+    beyond = dataclasses.replace(inside, tolerance="ovality_3", room_um=1.5)
+    assert not inside.is_beyond_room
+    assert beyond.is_beyond_room
+    assert beyond.closes
+    text = sentence(Closing(True, 0.001, (inside, beyond)))
+    assert "disk profile (whole disk) by +2 µm (95 % interval 1 to 3);" in text
+    assert text.endswith("by +2 µm (95 % interval 1 to 3; the limits allow 1.5 µm).")

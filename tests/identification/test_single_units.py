@@ -43,7 +43,7 @@ def test_sound_populations_are_named_in_about_one_of_twenty():
 def test_too_few_samples_are_stated():
     (found,) = single_units(units_of(drawn(12, 1)), metrics_of(drawn(50, 0)), "mean")
     assert found.outlying == ()
-    assert "needs 239 samples; it has 50" in found.sentence
+    assert "requires 239 samples of the study, which has 50" in found.sentence
 
 
 def test_names_follow_holms_steps():

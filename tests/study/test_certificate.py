@@ -1,5 +1,6 @@
 """The certificate of a unit: its band holds units with the measured dimensions, compensation removes their error."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +15,9 @@ from pipeline.decisions.certificate import certificate, compensation, measured_v
 from pipeline.errors import InputError
 from pipeline.library.decisions import loaded_units
 from pipeline.library.lots import whole_loops
+from pipeline.report.decisions.certificate import next_step
 from pipeline.sampling import draw_with_parts
+from pipeline.statistics import Estimate
 from stages import hysteresis
 
 ROOT = Path(__file__).parents[2]
@@ -94,6 +97,18 @@ def test_measured_dimensions_narrow_the_band(certified):
     name = "clearance_backlash_arcmin"
     widths = [(c.metrics.set_index("metric").high - c.metrics.set_index("metric").low)[name] for c in (wide, certified)]
     assert widths[1] < 0.85 * widths[0]
+
+
+def test_a_unit_that_probably_fails_is_not_sent_to_the_controller(certified):
+    chances = certified.metrics.assign(probability=0.9)
+    chances.loc[chances["metric"] == "lost_motion_arcmin", "probability"] = 0.005
+    failing, passing, unlimited = (
+        replace(certified, metrics=chances, meets_all=share)
+        for share in (Estimate(0.005, 0.0, 0.03, 200), Estimate(0.95, 0.91, 0.98, 200), None)
+    )
+    assert "it probably fails, first on lost motion (met with a probability of 0.5 %)" in next_step(failing)
+    assert "compensation.csv" not in next_step(failing)
+    assert next_step(passing) == next_step(unlimited) == "Load compensation.csv into the controller."
 
 
 def load_case_of(study, text: str):

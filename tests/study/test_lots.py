@@ -1,6 +1,7 @@
 """Measured lots: parameters of drawn lots lie in their intervals, and yields are those of the true distributions."""
 
 import tempfile
+from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
 
@@ -20,8 +21,10 @@ from pipeline.decisions.lots.results import lot_fits, study_text
 from pipeline.decisions.selective_assembly import best_assembly
 from pipeline.errors import InputError
 from pipeline.library.lots import lots
+from pipeline.report.decisions.assembly import assembly_sentences, next_step
 from pipeline.sampling import draw
 from pipeline.sampling.designs import correlated_numbers
+from pipeline.statistics import Estimate
 
 ROOT = Path(__file__).parents[2]
 STUDY = load_study("quick", ROOT)
@@ -219,6 +222,21 @@ def test_the_assignment_is_the_best_of_all_and_its_yield_is_verified():
     expected = np.abs(first.values["disk_profile"] - 10 + second.values["eccentricity"].T) <= 1.0
     assert np.array_equal(assembly.passes, expected)
     assert assembly.selected_yield.value == pytest.approx(best / 6)
+
+
+def test_a_gain_is_claimed_only_where_the_intervals_do_not_overlap():
+    first, second = lots_for_assembly(6)
+    assembly = best_assembly(STUDY, first, second, play_of_a_fit, 1)
+    low, middle, high = (Estimate(share, share - 0.05, share + 0.05, 60) for share in (0.80, 0.88, 0.95))
+    shown, overlapping, worse = (
+        replace(assembly, random=random, selected_yield=chosen)
+        for random, chosen in ((low, high), (low, middle), (high, low))
+    )
+    assert "The difference is 15 percentage points." in assembly_sentences(shown, None)[0]
+    assert next_step(shown).startswith("Assemble the pairs")
+    assert "overlap, so the difference (8 percentage points) is not shown" in assembly_sentences(overlapping, None)[0]
+    for other in (overlapping, worse):
+        assert next_step(other).startswith("Assemble at random")
 
 
 def test_the_share_of_pairs_that_bind_is_that_above_the_force():

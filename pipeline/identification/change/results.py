@@ -114,7 +114,7 @@ class ChangeAnswer:
         if not limits:
             return ""
         return (
-            f"Would be shown with a chance of 80 %: {', '.join(limits)}, by the scatter over the positions of "
+            f"Detectable with 80 % power: {', '.join(limits)}, by the scatter over the positions of "
             f"{2 + len(self.further)} states ({self.comparison.freedom} degrees of freedom)."
         )
 
@@ -132,12 +132,13 @@ class ChangeAnswer:
         share = self.positions
         if not math.isfinite(share.p):
             return "Whether positions kept their pattern can be tested with 3 or more positions in both measurements."
-        rank = f"of {share.pairings} pairings of the positions {100 * share.p:.0f} % agree as well as the true one"
+        n_as_good = round(share.p * share.pairings)
+        rank = f"{n_as_good} of {share.pairings} pairings, the true one included, agree as well as it"
         if share.persists:
             return f"The positions kept their pattern: {rank}."
         return (
-            f"It is not shown that the positions kept their pattern ({rank}): a new assembly shuffles it, and so does "
-            "a mounting that does not return."
+            f"It is not shown that the positions kept their pattern ({rank}). A new assembly changes it, and so does a "
+            "mounting that is not repeatable."
         )
 
     @property
@@ -146,7 +147,7 @@ class ChangeAnswer:
         named_changes = self.comparison.named_changes
         if named_changes:
             kinds = dict.fromkeys(change.number.kind for change in named_changes)
-            return "A direct measurement: " + "; ".join(f"{kind.title}: {kind.measurement}" for kind in kinds) + "."
+            return "Measure it directly: " + "; ".join(f"{kind.title}, by {kind.measurement}" for kind in kinds) + "."
         if self.comparison.freedom < FEWEST_FREEDOM:
             return "Measure 3 or more crank positions in both states, or name further states of the drive."
         return (
@@ -168,7 +169,7 @@ def change_text(change: Change) -> str:
     """A change with its interval in words."""
     size = _percent_or_unit(change.mean, change, sign="+")
     low, high = (_percent_or_unit(value, change, sign="+") for value in (change.low, change.high))
-    return f"{change.words} ({size}, 95 % interval {low} to {high}; loops to {change.number.size.label})"
+    return f"{change.words} ({size}, 95 % interval {low} to {high}; loops up to {change.number.size.label})"
 
 
 def answer(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS
@@ -14,7 +13,7 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import tradeoff_figure
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.report.layout.rendering import Picture, drawn_pictures, render
-from pipeline.report.layout.wording import DASH
+from pipeline.report.layout.wording import rounded_number
 
 TEMPLATE = "decisions/allocation.html"
 CHOICES = {
@@ -52,7 +51,7 @@ def sentence(allocation: Allocation) -> str:
 def _yield(choice: Choice) -> str:
     estimate = choice.yield_estimate
     interval = f"{100 * estimate.ci_low:.1f} to {_share(estimate.ci_high)}"
-    return f"{_share(estimate.value)} ({interval}, {estimate.n:,} fresh units)"
+    return f"{_share(estimate.value)} ({interval}, {estimate.n:,} new units)"
 
 
 def _share(value: float) -> str:
@@ -71,12 +70,8 @@ def write_allocation_page(allocation: Allocation, file: str, folder: Path) -> No
         rows=[
             {
                 "title": PARAMETERS[row["dimension"]],
-                "limits": f"{row['lower_um']:.4g} to {row['upper_um']:.4g}",
-                "was": f"{row['was']:.4g}",
-                "width": f"{row['width_um']:.4g}",
-                "was_cost": f"{row['was_cost']:.4g}",
-                "cost": f"{row['cost']:.4g}",
-                "price": f"{row['price_per_um']:.3g}",
+                "limits": f"{rounded_number(row['lower_um'])} to {rounded_number(row['upper_um'])}",
+                **{key: rounded_number(row[key]) for key in ("was", "width_um", "was_cost", "cost", "price_per_um")},
             }
             for row in rows
         ],
@@ -87,12 +82,12 @@ def write_allocation_page(allocation: Allocation, file: str, folder: Path) -> No
                 "yield": _share(row["yield"]),
                 "ends": f"{_share(row['ci_low'])} to {_share(row['ci_high'])}",
                 "n": f"{row['n']:,}",
-                "cost": f"{row['cost']:.4g}",
+                "cost": rounded_number(row["cost"]),
             }
             for row in checks
         ],
         units=allocation.units,
-        tradeoff=[(_share(share), f"{cost:.4g}" if np.isfinite(cost) else DASH) for share, cost in allocation.tradeoff],
+        tradeoff=[(_share(share), rounded_number(cost)) for share, cost in allocation.tradeoff],
         examples=[PARAMETERS[tolerance.name] for tolerance in allocation.priced_dimensions if tolerance.cost.example],
         unmoved=[(PARAMETERS[name], reason) for name, reason in allocation.unmoved_reasons.items()],
         solved=allocation.solved_units,

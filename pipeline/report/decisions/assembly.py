@@ -11,6 +11,7 @@ from pipeline.decisions.selective_assembly import DRAWS, Assembly, pair_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import margins_figure
 from pipeline.report.layout.rendering import drawn_picture, render
+from pipeline.report.layout.wording import rounded_number
 from pipeline.statistics import Estimate
 
 TEMPLATE = "decisions/assembly.html"
@@ -18,12 +19,33 @@ SHOWN_PAIRS = 30
 """Pairs of the page, those with the smallest margins."""
 
 
+def is_difference_shown(assembly: Assembly) -> bool:
+    """Whether the intervals of the two yields do not overlap."""
+    chosen, random = assembly.selected_yield, assembly.random
+    return chosen.ci_low > random.ci_high or random.ci_low > chosen.ci_high
+
+
+def next_step(assembly: Assembly) -> str:
+    """What to do with the assignment."""
+    if assembly.selected_yield.value > assembly.random.value and is_difference_shown(assembly):
+        return "Assemble the pairs of pairs.csv, and measure the units of the pairs with the smallest margins."
+    return (
+        "Assemble at random, or measure more dimensions of the parts, those with the largest share of the variance "
+        "first, and repeat the command."
+    )
+
+
 def assembly_sentences(assembly: Assembly, mounting_limit: float | None) -> list[str]:
-    """How much the assignment raises the yield, and how many pairs bind."""
-    gain = assembly.selected_yield.value - assembly.random.value
+    """Yields of the assignment and of random assembly, whether they differ, and how many pairs bind."""
+    gain = f"{rounded_number(100 * (assembly.selected_yield.value - assembly.random.value))} percentage points"
     texts = [
-        f"The assignment raises the yield from {_percent(assembly.random)} with random assembly to "
-        f"{_percent(assembly.selected_yield)} ({100 * gain:+.2g} percentage points)."
+        f"The assignment gives a yield of {_percent(assembly.selected_yield)}, random assembly "
+        f"{_percent(assembly.random)}. "
+        + (
+            f"The difference is {gain}."
+            if is_difference_shown(assembly)
+            else f"The intervals overlap, so the difference ({gain}) is not shown."
+        )
     ]
     if mounting_limit is not None:
         texts.append(
@@ -44,7 +66,7 @@ def write_assembly_page(study: Study, assembly: Assembly, mounting_limit: float 
         {
             "first": row.first,
             "second": row.second,
-            "margin": f"{100 * row.margin:.3g} %" if np.isfinite(row.margin) else "no equilibrium",
+            "margin": f"{rounded_number(100 * row.margin)} %" if np.isfinite(row.margin) else "no equilibrium",
             "passes": row.passes,
             "force": f"{row.mounting_force_N:.3g}",
         }
@@ -59,6 +81,7 @@ def write_assembly_page(study: Study, assembly: Assembly, mounting_limit: float 
         first=assembly.first_lot.name,
         second=assembly.second_lot.name,
         sentences=assembly_sentences(assembly, mounting_limit),
+        next_step=next_step(assembly),
         draws=DRAWS,
         yields=[
             {

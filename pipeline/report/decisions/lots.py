@@ -14,20 +14,20 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import lots_figure
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.report.layout.rendering import drawn_picture, render
-from pipeline.report.layout.wording import DASH, listed_text
+from pipeline.report.layout.wording import listed_text, rounded_number
 
 TEMPLATE = "decisions/lots.html"
 DRIFT_LEVEL = 0.05
 """Familywise level of the drifts that the page names, over all dimensions of a lot (Bonferroni)."""
 
 
-def sentences(lot_result: LotFindings, study: Study) -> list[str]:
+def sentences(lot_result: LotFindings) -> list[str]:
     """The yield of a lot, what costs most of it, and what to do next."""
     made_yield, drawn_yield = lot_result.outcome.as_made[ALL_LIMITS], lot_result.outcome.as_drawn[ALL_LIMITS]
     text = (
-        f"{lot_result.lot.name}: {_percent(made_yield.value)} of units made from these parts meet every limit (95 % CI "
-        f"{_percent(made_yield.ci_low)} to {_percent(made_yield.ci_high)}); with the tolerances of {study.name} it is "
-        f"{_percent(drawn_yield.value)}."
+        f"Lot {lot_result.lot.name}: {_percent(made_yield.value)} of units made from these parts meet every limit "
+        f"(95 % CI {_percent(made_yield.ci_low)} to {_percent(made_yield.ci_high)}); with the tolerances of the study "
+        f"it is {_percent(drawn_yield.value)}."
     )
     costly = [cost for cost in lot_result.outcome.costs if cost.gain.ci_low > 0]
     if not costly:
@@ -87,7 +87,7 @@ def write_lots_page(study: Study, findings: Sequence[LotFindings], files: Sequen
     page = render(
         TEMPLATE,
         study=study,
-        sentences=[text for lot_result in findings for text in sentences(lot_result, study)],
+        sentences=[text for lot_result in findings for text in sentences(lot_result)],
         files=files,
         units=findings[0].outcome.as_made[ALL_LIMITS].n,
         yields=_yields(yield_rows(findings)),
@@ -109,7 +109,7 @@ def _percent(share: float) -> str:
 
 
 def _points(share: float) -> str:
-    return f"{100 * share:.2g}"
+    return rounded_number(100 * share)
 
 
 def _title(metric: str) -> str:
@@ -146,8 +146,8 @@ def _fit(row: dict) -> dict[str, object]:
     short = {"mean_um": "mean", "std_um": "std", "cp": "cp", "cpk": "cpk", "drift_um": "drift"}
     for name, key in {**short, "correlation_length_mm": "length"}.items():
         is_known = math.isfinite(row[name])
-        cells[key] = f"{row[name]:.3g}" if is_known else DASH
-        cells[f"{key}_ends"] = f"{row[f'{name}_ci_low']:.3g} to {row[f'{name}_ci_high']:.3g}" if is_known else ""
+        cells[key], *ends = (rounded_number(row[column]) for column in (name, f"{name}_ci_low", f"{name}_ci_high"))
+        cells[f"{key}_ends"] = " to ".join(ends) if is_known else ""
     return cells
 
 
@@ -161,8 +161,8 @@ def _differences(study: Study, findings: Sequence[LotFindings]) -> dict[str, obj
             {
                 "title": _title(row["metric"]),
                 "statistic": {"std": "standard deviation"}.get(row["statistic"], row["statistic"]),
-                "ends": f"{row['ci_low']:.3g} to {row['ci_high']:.3g}",
-                **{key: f"{row[key]:.3g}" for key in ("a", "b", "difference")},
+                "ends": f"{rounded_number(row['ci_low'])} to {rounded_number(row['ci_high'])}",
+                **{key: rounded_number(row[key]) for key in ("a", "b", "difference")},
             }
             for row in rows.to_dict("records")
         ],

@@ -51,6 +51,11 @@ def plain_number(value: float | int) -> str:
     return f"{value:,.10g}".replace("-", "\u2212")
 
 
+def rounded_number(value: float) -> str:
+    """A number with three significant digits and grouped thousands; an en dash for none."""
+    return plain_number(float(f"{value:.3g}")) if math.isfinite(value) else DASH
+
+
 def count_text(count: int, singular: str, plural: str | None = None) -> str:
     """``1 sample``, ``2,000 samples``."""
     return f"{count:,} {singular if count == 1 else plural or singular + 's'}"

@@ -10,18 +10,18 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.measured_states import changes_figure, loops_figure
 from pipeline.identification.change.results import ChangeAnswer, content
 from pipeline.report.layout.rendering import drawn_pictures, render
-from pipeline.report.unit.numbers import digits, interval
+from pipeline.report.unit.numbers import digits, interval, p_value
 
 TEMPLATE = "unit/change.html"
 CAPTIONS = {
     "loops": (
         "Loops of both states",
-        "Mean loop at each crank position, its mean angle removed. Dashed: before. Full: after.",
+        "Mean loop at each crank position, less its mean angle. Dashed: before. Full: after.",
     ),
     "changes": (
         "Change of each number",
         "Dot and line: change and its 95 % interval over the positions; blue where the verdict names it. "
-        "Red strokes: changes that would be shown with a chance of 80 %.",
+        "Red strokes: changes that are detected with 80 % power.",
     ),
 }
 
@@ -68,9 +68,9 @@ def _change(row: dict) -> dict[str, str | bool]:
         "change_unit": unit,
         "change": digits(scale * row["change"]),
         "interval": interval(scale * row["ci_low"], scale * row["ci_high"]),
-        "p": digits(row["p"], 2),
-        "p_family": digits(row["p_family"], 2),
-        "detectable": digits(scale * row["detectable"], 2),
-        "scatter": digits(scale * row["scatter"], 2),
+        "p": p_value(row["p"]),
+        "p_family": p_value(row["p_family"]),
+        "detectable": f"{digits(scale * row['detectable'])} {unit}",
+        "scatter": f"{digits(scale * row['scatter'])} {unit}",
         "named": row["named"],
     }

@@ -10,20 +10,19 @@ import pandas as pd
 
 from pipeline.config.studies.study import Study
 from pipeline.engine.store import write_atomic
-from pipeline.figures.labels import METRICS
+from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.figures.measured_unit import quantiles_figure
 from pipeline.populations.comparison import MetricComparison
 from pipeline.populations.results import (
-    candidate_frame,
     comparison_frame,
     quantile_frame,
     sentence,
 )
 from pipeline.populations.single_units import SingleUnits
-from pipeline.populations.tolerance_shift import Closing
+from pipeline.populations.tolerance_shift import Candidate, Closing
 from pipeline.report.layout.rendering import drawn_picture, render
-from pipeline.report.layout.wording import DASH
-from pipeline.report.unit.numbers import digits
+from pipeline.report.layout.wording import DASH, listed_text
+from pipeline.report.unit.numbers import digits, p_value
 
 TEMPLATE = "unit/population.html"
 
@@ -47,30 +46,34 @@ def write_population_page(
     """
     quantiles = quantile_frame(comparisons)
     quantiles["label"] = [
-        _where(METRICS[metric].title, crank, turn_statistic)
+        _at_crank(METRICS[metric].title, crank, separator="\n")
         for metric, crank in zip(quantiles["metric"], quantiles["crank_deg"], strict=True)
     ]
     quantiles["unit"] = [METRICS[metric].unit for metric in quantiles["metric"]]
     caption = (
-        "Each dot is one probability, 5 % to 95 %. On the dashed line units and study are alike; beside it the units "
+        "Each dot is one probability, 5 % to 95 %. On the dashed line units and study are alike. Dots above it mean "
+        "larger values of the units; a steeper line of dots means more spread."
     )
     picture = drawn_picture(
         quantiles_figure(quantiles),
         "Quantiles of the units against the study",
-        f"{caption}are larger or smaller, and steeper or flatter means more or less spread.",
+        caption,
         folder / "figures" / "quantiles",
     )
     page = render(
         TEMPLATE,
         study=study,
         units=units,
+        biases=_biases(comparisons),
         angles=_angles(study, turn_statistic, closings),
-        sentences=[(_where("", crank, turn_statistic), sentence(closing)) for crank, closing in closings.items()],
-        comparisons=[_comparison(row, turn_statistic) for row in comparison_frame(comparisons).to_dict("records")],
-        single=[(_where("", group.crank_deg, turn_statistic), group.sentence) for group in single],
+        sentences=[(_where(crank, turn_statistic), sentence(closing)) for crank, closing in closings.items()],
+        comparisons=[_comparison(row) for row in comparison_frame(comparisons).to_dict("records")],
+        single=[(_where(group.crank_deg, turn_statistic), group.sentence) for group in single],
         candidates=[
-            _candidate(row, turn_statistic)
-            for row in candidate_frame({k: found for k, found in closings.items() if found.has_bias}).to_dict("records")
+            _candidate(candidate, crank)
+            for crank, found in closings.items()
+            if found.has_bias
+            for candidate in found.candidates
         ],
         pictures={"quantiles": picture},
     )
@@ -90,11 +93,8 @@ def _angles(study: Study, turn_statistic: str, cranks: Iterable[float | None]) -
     )
 
 
-def _where(title: str, crank: float | None, turn_statistic: str) -> str:
-    crank_text = (
-        f"{turn_statistic} over the crank angles" if crank is None or np.isnan(crank) else f"crank at {crank:g}°"
-    )
-    return f"{title}, {crank_text}" if title else crank_text
+def _where(crank: float | None, turn_statistic: str) -> str:
+    return f"{turn_statistic} over the crank angles" if crank is None or np.isnan(crank) else f"crank at {crank:g}°"
 
 
 def _range(low: float, high: float) -> str:
@@ -102,10 +102,15 @@ def _range(low: float, high: float) -> str:
     return "" if ends == (DASH, DASH) else f"{ends[0]} to {ends[1]}"
 
 
-def _comparison(row: Mapping[str, object], turn_statistic: str) -> dict[str, object]:
+def _at_crank(title: str, crank: float | None, separator: str = ", ") -> str:
+    """A title with the crank angle; without one it is that of the note on the angles."""
+    return title if crank is None or np.isnan(crank) else f"{title}{separator}crank at {crank:g}°"
+
+
+def _comparison(row: Mapping[str, object]) -> dict[str, object]:
     numbers = pd.Series(row)
     return {
-        "title": _where(METRICS[str(row["metric"])].title, numbers["crank_deg"], turn_statistic),
+        "title": _at_crank(METRICS[str(row["metric"])].title, numbers["crank_deg"]),
         "unit": METRICS[str(row["metric"])].unit,
         "units": numbers["units"],
         "means": (digits(numbers["units_mean"]), digits(numbers["samples_mean"])),
@@ -113,18 +118,30 @@ def _comparison(row: Mapping[str, object], turn_statistic: str) -> dict[str, obj
         "bias_range": _range(numbers["bias_ci_low"], numbers["bias_ci_high"]),
         "spread": digits(numbers["spread_ratio"]),
         "spread_range": _range(numbers["spread_ratio_ci_low"], numbers["spread_ratio_ci_high"]),
-        "p": digits(numbers["anderson_darling_p"]),
+        "p": p_value(numbers["anderson_darling_p"]),
     }
 
 
-def _candidate(row: Mapping[str, object], turn_statistic: str) -> dict[str, object]:
-    numbers = pd.Series(row)
+def _biases(comparisons: Sequence[MetricComparison]) -> str:
+    """Differences of the means with their intervals, in a sentence; empty where there are too many for one."""
+    if len({comparison.metric for comparison in comparisons}) < len(comparisons):
+        return ""
+    texts = [
+        f"{METRICS[one.metric].inline} {'+' * (one.bias.value > 0)}{digits(one.bias.value)} {METRICS[one.metric].unit} "
+        f"(95 % interval {_range(one.bias.ci_low, one.bias.ci_high)})"
+        for one in comparisons
+    ]
+    return f"Mean of the units less mean of the study: {listed_text(texts)}."
+
+
+def _candidate(candidate: Candidate, crank: float | None) -> dict[str, object]:
+    allowed = f", up to the limit of {digits(candidate.room_um)} µm" if candidate.is_beyond_room else ""
     return {
-        "title": _where(str(row["tolerance"]).replace("_", " "), numbers["crank_deg"], turn_statistic),
-        "shift": digits(numbers["shift_um"]),
-        "shift_range": _range(numbers["shift_low_um"], numbers["shift_high_um"]),
-        "room": digits(numbers["room_um"]),
-        "explained": f"{100 * numbers['explained']:.0f} %",
-        "p": digits(numbers["p_value"]),
-        "closes": bool(row["closes"]),
+        "title": _at_crank(PARAMETERS[candidate.tolerance], crank),
+        "shift": digits(candidate.shift_um),
+        "shift_range": _range(candidate.shift_low_um, candidate.shift_high_um),
+        "room": digits(candidate.room_um),
+        "explained": f"{100 * candidate.explained:.0f} %",
+        "p": p_value(candidate.p_value),
+        "closes": f"yes{allowed}" if candidate.closes else "no",
     }

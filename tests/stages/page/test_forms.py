@@ -83,7 +83,7 @@ def test_differences_are_those_of_the_same_units(tables):
 def test_the_first_screen_has_both_intervals_and_a_table_follows(page, frames):
     first = page.partition('id="summary"')[2].partition("</section>")[0]
     results = FormResults(frames, Results(frames))
-    assert f"model form: {results.yield_range(is_rescaled=False).text})" in first
+    assert f"other forms of the model</a>: {results.yield_range(is_rescaled=False).text})" in first
     table = page.partition('id="forms"')[2].partition("</section>")[0]
     for title in ("line contact after Palmgren", "plane strain in the disk", "rigid disk"):
         assert title in table

@@ -139,7 +139,7 @@ def test_how_a_worst_would_move_is_said_where_the_angles_tell(frames):
         ]
     )
     text = written(replace(frames, convergence=table))
-    assert "With twice as many angles it would be an estimated 61.0 to 71.0 %" in text
+    assert "(with twice as many an estimated 61.0 to 71.0 %)" in text
     assert "the lost motion by 0.012 to 0.003 arcmin" in text
     assert "With twice as many" not in written(replace(frames, convergence=table[~table["extrapolated"]]))
 

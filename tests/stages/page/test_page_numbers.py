@@ -147,8 +147,8 @@ def test_paths_of_the_page_are_read_by_pandas(page, page_runs):
 
 def test_few_crank_angles_do_not_tell_what_more_would_leave_and_the_page_says_so(page, frames):
     assert frames.units["n_angles"].iloc[0] == 2
-    assert "2 crank angles are too few to estimate the effect of more: that takes 12 or more, evenly over" in page
-    assert "With twice as many angles it would be" not in page
+    assert "It counts 2 loaded crank angles; over the whole turn of the output at most as many units do." in page
+    assert "with twice as many an estimated" not in page
 
 
 def test_few_samples_leave_indices_and_bounds_undetermined_and_say_why(page, frames):

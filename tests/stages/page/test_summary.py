@@ -62,6 +62,8 @@ def test_every_limit_has_a_card_and_the_worst_yield_stands_first(frames):
     assert titles == [
         METRICS[name].title for name in ("peak_pressure_MPa", "lost_motion_arcmin", "clearance_backlash_arcmin")
     ]
+    n_named = cards.count("main contributor")
+    assert cards.count("no contributor is significant with 12 units") == len(titles) - n_named
     assert re.findall(r'<p class="big">([\d.]+ %)', cards) == ["66.7 %", "91.7 %", "100 %"]
     assert "main contributor: <b>tangential pin position (94.0 % of its variance, interactions included)</b>" in cards
 
@@ -90,11 +92,10 @@ def test_the_page_says_which_share_of_the_variance_a_contributor_has(frames):
 def test_the_yield_is_said_to_be_an_upper_bound_before_anything_else(frames):
     summary = written(frames).partition('id="summary"')[2]
     first = re.search(r'<p class="answer">(.*?)</p>', summary, re.DOTALL)[1]
-    turn = frames.study.cycle.turn
-    assert f"This is an upper bound: it counts the worst of 2 loaded angles of one turn of the {turn}." in first
+    assert "It counts 2 loaded crank angles; over the whole turn of the output at most as many units do." in first
     mean = frames.study.limits.model_copy(update={"over": "mean"})
     other = written(replace(frames, study=frames.study.model_copy(update={"limits": mean})))
-    assert "upper bound" not in other
+    assert "at most as many" not in other
 
 
 def test_a_study_of_preloaded_units_says_so_first(frames):
@@ -131,8 +132,9 @@ def test_the_yield_of_the_whole_turn_stands_before_that_of_the_angles(frames):
     page = written(searched)
     assert "41.2 %" in page
     assert "58.8 % of the units fail" in page
-    assert "It holds for the whole turn of the output: 6,320 pitches" in page
-    assert "upper bound" not in page
+    assert "It holds for the whole turn of the output." in page
+    assert "searched: 6,320 pitches of the pins were ranked" in page
+    assert "at most as many" not in page
     assert "whole turn: the search, corrected by the audited units" not in page  # no means
 
 
@@ -193,7 +195,10 @@ def test_the_cheapest_single_change_that_reaches_the_target_is_named_with_its_co
     assert changes.best_change.scale == pytest.approx(0.5)
     assert changes.best_change.cost == pytest.approx(1.0)
     assert "tighten the radial pin position alone from −3 to 3 µm to −1.5 to 1.5 µm (0.5 times" in changes.sentence
-    assert "The cost rises by 1, as [costs] states it" in changes.sentence
+    assert "so that its middle moves" not in changes.sentence
+    one_sided = scaled(frames, {"roller_diameter": [0.95, 0.5]})
+    assert "times its limits, so that its middle moves from −1 to −0.667 µm)" in one_sided.sentence
+    assert "The cost rises by 1, by the prices under [costs]" in changes.sentence
     assert "This is an estimate: a surrogate rescales 12 units" in changes.sentence
 
 
@@ -201,14 +206,17 @@ def test_without_costs_the_least_scaling_is_named(frames):
     changes = scaled(frames, {"pin_tangential": [0.95, 0.5], "pin_radial": [0.9, 0.7]}, costs=False)
     assert changes.best_change.tolerance == "pin_tangential"
     assert changes.best_change.scale == pytest.approx(1 - 0.5 * 0.1 / 0.15)
-    assert "The study states no cost of it" in changes.sentence
+    assert "The study states no price for it" in changes.sentence
 
 
 def test_a_target_out_of_reach_of_every_single_change_is_said_so(frames):
     changes = scaled(frames, {"pin_tangential": [0.85, 0.5], "pin_radial": [0.82, 0.7]})
     assert changes.best_change is None
     assert changes.largest_yield_change.tolerance == "pin_tangential"
-    assert changes.sentence.startswith("No single tolerance reaches a yield of 90.0 %. The most comes from this change")
+    assert changes.sentence.startswith("No single tolerance reaches a yield of 90.0 %. The largest estimated gain: ti")
+    assert "Its interval contains the present yield: the gain is not significant." in changes.sentence
+    sure = replace(changes, stated_yield=(0.7, 0.65, 0.75))
+    assert "not significant" not in sure.sentence
     assert "No tolerance, scaled alone" in scaled(frames, {"pin_radial": [0.8, 0.8]}).sentence
     assert scaled(frames, {}).sentence == ""
 
