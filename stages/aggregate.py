@@ -398,4 +398,5 @@ AGGREGATE = Stage(
     module="stages.aggregate",
     run=_run,
     proportional_to=("samples.count",),
+    unit_seconds=6e-4,
 )

@@ -202,4 +202,5 @@ CLEARANCE = Stage(
     chunk_reads=tuple(f"sample/{name}" for name in SAMPLED_TABLES),
     chunk_factor=4,
     proportional_to=("cycle.rigid_crank_deg", "design.cycloid.pins"),
+    unit_seconds=2e-7,
 )

@@ -145,4 +145,5 @@ DRIVERS = Stage(
     failures=_failures,
     chunk_factor=4,
     proportional_to=("cycle.crank_deg", "design.cycloid.pins"),
+    unit_seconds=4.6e-6,
 )

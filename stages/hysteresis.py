@@ -283,4 +283,5 @@ HYSTERESIS = Stage(
     chunk_reads=tuple(f"sample/{name}" for name in SAMPLED_TABLES),
     failures=_failures,
     proportional_to=("cycle.crank_deg", "design.cycloid.pins"),
+    unit_seconds=1.5e-6,
 )

@@ -15,6 +15,7 @@ from pipeline.config import Study
 from pipeline.config.studies.tails import Tails
 from pipeline.engine import runner
 from pipeline.errors import InputError
+from stages.hysteresis import HYSTERESIS
 from stages.tails import TAILS
 
 ROOT = Path(__file__).parent.parent.parent.parent
@@ -127,6 +128,20 @@ def test_tails_of_another_study_are_no_timing_of_one_that_asks_for_none(
     monkeypatch.setattr(runner.Output, "open", lambda folder: SimpleNamespace(record=record))
     assert runner._expected_seconds(TAILS, asking, tmp_path) == 119.0
     assert runner._expected_seconds(TAILS, study, tmp_path) is None
+
+
+def test_the_expected_time_of_a_stage_is_in_proportion_to_units_angles_and_pins(study: Study, tmp_path: Path) -> None:
+    """By the calibrated time of a unit, and by a record of a run with other numbers of units and angles."""
+    per_unit = HYSTERESIS.unit_seconds * study.design.cycloid.pins
+    assert runner._expected_seconds(HYSTERESIS, study, tmp_path) == pytest.approx(per_unit * study.samples.rows * 2)
+    wide = study.with_({"samples.count": 100, "cycle.crank_deg": [0.0, 1.0, 2.0, 3.0]})
+    settings_of_run = runner.fingerprint(HYSTERESIS, study, {}).settings
+    record = {"seconds": 3.0, "started": "2026", "settings": settings_of_run, "items": study.samples.rows}
+    (tmp_path / "former").mkdir()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runner.Output, "open", lambda folder: SimpleNamespace(record=record))
+        expected = runner._expected_seconds(HYSTERESIS, wide, tmp_path)
+    assert expected == pytest.approx(3.0 * wide.samples.rows / study.samples.rows * 2)
 
 
 def test_a_run_is_summed_up(own_runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
