@@ -36,6 +36,8 @@ from pipeline.errors import InputError
 
 SOURCES = "sources.json"
 """In the cache: what the sources do, as far as a run has read them."""
+LEAST_SHARE = 0.1
+"""Share of the work that a run must have had for its time to be scaled: a small run is mostly its beginning."""
 PICTURES = (".png", ".svg")
 """Endings of files that are looked at and never read: a new look of a figure must not run the stages after it."""
 
@@ -180,7 +182,8 @@ def _expected_seconds(stage: Stage, study: Any, runs: Path) -> float | None:
     units = _units(stage, settings, stage.items(job) if stage.items else 1)
     for record in records:
         former_units = _units(stage, record["settings"], record.get("items", 0) if stage.items else 1)
-        if former_units and _optional(record["settings"]) == _optional(settings):
+        is_comparable = former_units and _optional(record["settings"]) == _optional(settings)
+        if is_comparable and former_units >= LEAST_SHARE * units:
             return float(record["seconds"]) * units / former_units
     return stage.unit_seconds * units if stage.unit_seconds else None
 

@@ -134,14 +134,17 @@ def test_the_expected_time_of_a_stage_is_in_proportion_to_units_angles_and_pins(
     """By the calibrated time of a unit, and by a record of a run with other numbers of units and angles."""
     per_unit = HYSTERESIS.unit_seconds * study.design.cycloid.pins
     assert runner._expected_seconds(HYSTERESIS, study, tmp_path) == pytest.approx(per_unit * study.samples.rows * 2)
-    wide = study.with_({"samples.count": 100, "cycle.crank_deg": [0.0, 1.0, 2.0, 3.0]})
+    wide, widest = (
+        study.with_({"samples.count": count, "cycle.crank_deg": [0.0, 1.0, 2.0, 3.0]}) for count in (20, 1000)
+    )
     settings_of_run = runner.fingerprint(HYSTERESIS, study, {}).settings
     record = {"seconds": 3.0, "started": "2026", "settings": settings_of_run, "items": study.samples.rows}
     (tmp_path / "former").mkdir()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner.Output, "open", lambda folder: SimpleNamespace(record=record))
-        expected = runner._expected_seconds(HYSTERESIS, wide, tmp_path)
+        expected, expected_widest = (runner._expected_seconds(HYSTERESIS, item, tmp_path) for item in (wide, widest))
     assert expected == pytest.approx(3.0 * wide.samples.rows / study.samples.rows * 2)
+    assert expected_widest == pytest.approx(per_unit * widest.samples.rows * 4)  # a small run is mostly its beginning
 
 
 def test_a_run_is_summed_up(own_runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
