@@ -299,9 +299,10 @@ def _reversed_rms(series: Series, folds: Folds, effect: str) -> float:
 def _tried_by_states(series: Series, names: Sequence[str]) -> tuple[StateFolds, tuple[TriedEffect, ...]]:
     """Folds over states without and with each effect, beside all that the material may do.
 
-    A class is claimed where its best member predicts unused positions better than without it (t test over the states,
-    all effects counted by Bonferroni). Members are all that help, that hurt with their sign turned round, and that
-    are not significantly worse than the best.
+    Members of the class are all that help, that hurt with their sign turned round, and that are not significantly
+    worse than the best. It is claimed where one of them predicts unused positions better than without it (t test over
+    the states, all effects counted by Bonferroni): the test rejects that none of the effects is there, and which of the
+    members is there the data do not say.
     """
     companions = tuple(SOFT)
     folds_without = state_folds(series, companions)
@@ -314,7 +315,8 @@ def _tried_by_states(series: Series, names: Sequence[str]) -> tuple[StateFolds, 
         if not bounds[name] and gains[name].mean() > 0 > _gains(folds_without.loss, trial.reversed_loss).mean()
     ]
     best_name = min(helping, key=lambda name: trials[name].rms(), default="")
-    is_shown = bool(best_name) and len(names) * _left_out_p(gains[best_name]) < LEVEL
+    members = [name for name in helping if _left_out_p(_gains(trials[name].loss, trials[best_name].loss)) >= LEVEL]
+    is_shown = any(len(names) * _left_out_p(gains[name]) < LEVEL for name in members)
     effects = []
     for name, trial in trials.items():
         p = _left_out_p(gains[name])
@@ -323,7 +325,7 @@ def _tried_by_states(series: Series, names: Sequence[str]) -> tuple[StateFolds, 
             note = f"{', '.join(sorted(bounds[name]))} at a bound of the fit"
         elif name not in helping:
             note = "unused positions are not predicted better by the other states, or not worse with its sign reversed"
-        elif _left_out_p(_gains(trial.loss, trials[best_name].loss)) < LEVEL:
+        elif name not in members:
             note = f"significantly worse than: {title(best_name)}"
         elif not is_shown:
             note = NOT_SHOWN
