@@ -1,7 +1,7 @@
-"""The search of the worst over the output turn against every pitch of every unit, of drives unlike the paper's.
+"""The search of the worst over the output turn against every pitch of every unit.
 
-A drive of 20 pins without holes, and two disks of 40 pins with output pins in their holes. ``EVERY_PITCH_UNITS``
-units (300) of each are load-solved at all pitches, which takes some minutes of processor time.
+The paper's drive, a drive of 20 pins without holes, and two disks of 40 pins with output pins in their holes.
+``EVERY_PITCH_UNITS`` units (300) of each are load-solved at all pitches, which takes some minutes of processor time.
 """
 
 import os
@@ -29,7 +29,7 @@ PINS_20 = {
     "housing.outer_diameter_mm": 90.0,
 }
 """The paper's profile with a quarter of the pins: as much shortened, pins in proportion to their pitch."""
-DRIVES = {"20 pins": ("paper", PINS_20), "two disks with holes": ("two_disks", {})}
+DRIVES = {"paper": ("paper", {}), "20 pins": ("paper", PINS_20), "two disks with holes": ("two_disks", {})}
 
 
 def study_of(name: str, changes: dict[str, object]) -> Study:
