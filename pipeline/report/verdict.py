@@ -122,7 +122,7 @@ class Verdict:
         angles = count_text(int(self.frames.units.iloc[0]["n_angles"]), "loaded crank angle")
         doubled_yield = self.results.doubled_yield
         doubling_text = f" (with twice as many an estimated {doubled_yield})" if doubled_yield else ""
-        return f"It counts {angles}{doubling_text}; over the whole turn of the output at most as many units do."
+        return f"It counts {angles}{doubling_text}; over the whole turn of the output the yield is at most this."
 
     @property
     def angles_note(self) -> str:

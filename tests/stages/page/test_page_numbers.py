@@ -147,7 +147,7 @@ def test_paths_of_the_page_are_read_by_pandas(page, page_runs):
 
 def test_few_crank_angles_do_not_tell_what_more_would_leave_and_the_page_says_so(page, frames):
     assert frames.units["n_angles"].iloc[0] == 2
-    assert "It counts 2 loaded crank angles; over the whole turn of the output at most as many units do." in page
+    assert "It counts 2 loaded crank angles; over the whole turn of the output the yield is at most this." in page
     assert "with twice as many an estimated" not in page
 
 

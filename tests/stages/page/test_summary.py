@@ -92,7 +92,7 @@ def test_the_page_says_which_share_of_the_variance_a_contributor_has(frames):
 def test_the_yield_is_said_to_be_an_upper_bound_before_anything_else(frames):
     summary = written(frames).partition('id="summary"')[2]
     first = re.search(r'<p class="answer">(.*?)</p>', summary, re.DOTALL)[1]
-    assert "It counts 2 loaded crank angles; over the whole turn of the output at most as many units do." in first
+    assert "It counts 2 loaded crank angles; over the whole turn of the output the yield is at most this." in first
     mean = frames.study.limits.model_copy(update={"over": "mean"})
     other = written(replace(frames, study=frames.study.model_copy(update={"limits": mean})))
     assert "at most as many" not in other
