@@ -1,7 +1,6 @@
 """Running stages: what a target depends on, if it is missing or stale, and nothing else; and why a stage is stale."""
 
 import difflib
-import math
 import os
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,6 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from pipeline.engine import progress
 from pipeline.engine.cache import Cache
+from pipeline.engine.expected_time import expected_seconds
 from pipeline.engine.fingerprint import Fingerprint, fingerprint, remembered_sources
 from pipeline.engine.lock import lock_run
 from pipeline.engine.processes.cluster import solved_on_cluster
@@ -36,8 +36,6 @@ from pipeline.errors import InputError
 
 SOURCES = "sources.json"
 """In the cache: what the sources do, as far as a run has read them."""
-LEAST_SHARE = 0.1
-"""Share of the work that a run must have had for its time to be scaled: a small run is mostly its beginning."""
 PICTURES = (".png", ".svg")
 """Endings of files that are looked at and never read: a new look of a figure must not run the stages after it."""
 
@@ -165,38 +163,8 @@ def plan(stages: Sequence[Stage], study: Any, targets: Sequence[str], runs: Path
             reasons = [f"{', '.join(upstream)} may come out different"]
         if reasons:
             running.add(stage.name)
-        results.append(Planned(stage.name, tuple(reasons), _expected_seconds(stage, study, runs) if reasons else None))
+        results.append(Planned(stage.name, tuple(reasons), expected_seconds(stage, study, runs) if reasons else None))
     return results
-
-
-def _expected_seconds(stage: Stage, study: Any, runs: Path) -> float | None:
-    """Seconds of a stage by a record of this run, or the latest of any other, in proportion to its items and settings.
-
-    Without a record, by the calibrated time of one unit; None for a stage that has none.
-    """
-    folders = [runs / study.name, *(path for path in runs.glob("[!.]*") if path.name != study.name)]
-    records = [output.record for folder in folders if (output := Output.open(folder / stage.name))]
-    records[1:] = sorted(records[1:], key=lambda record: record["started"], reverse=True)
-    settings = fingerprint(stage, study, {}).settings
-    job = Job(Sections(study, (*stage.sections, "name")), 1, runs, {}, Cache(runs / ".cache", ""))
-    units = _units(stage, settings, stage.items(job) if stage.items else 1)
-    for record in records:
-        former_units = _units(stage, record["settings"], record.get("items", 0) if stage.items else 1)
-        is_comparable = former_units and _optional(record["settings"]) == _optional(settings)
-        if is_comparable and former_units >= LEAST_SHARE * units:
-            return float(record["seconds"]) * units / former_units
-    return stage.unit_seconds * units if stage.unit_seconds else None
-
-
-def _units(stage: Stage, settings: Mapping[str, Any], items: int) -> float:
-    """Product of the items and of the settings that the time of a stage is proportional to."""
-    sizes = [settings.get(name) for name in stage.proportional_to]
-    return float(items * math.prod(len(size) if isinstance(size, Sequence) else size for size in sizes if size))
-
-
-def _optional(settings: Mapping[str, Any]) -> frozenset[str]:
-    """Settings without a value: a run that had none of a section did not do its work."""
-    return frozenset(name for name, value in settings.items() if value is None)
 
 
 def _staleness(
@@ -326,7 +294,7 @@ def _execute(
     stage: Stage, study: Any, current: Fingerprint, inputs: Mapping[str, Output], runs: Path, resources: Resources
 ) -> Output:
     """Run a stage and publish its output."""
-    progress.announce(stage.name, _expected_seconds(stage, study, runs))
+    progress.announce(stage.name, expected_seconds(stage, study, runs))
     start_time = datetime.now(UTC).isoformat(timespec="seconds")
     # one BLAS thread: more would spin beside the other processes, and move last digits
     with progress.Meter() as meter, name_path_in_errors(runs / study.name / stage.name), threadpool_limits(1):

@@ -13,7 +13,8 @@ import pytest
 from pipeline import cli, settings
 from pipeline.config import Study
 from pipeline.config.studies.tails import Tails
-from pipeline.engine import runner
+from pipeline.engine import expected_time, runner
+from pipeline.engine.expected_time import expected_seconds
 from pipeline.errors import InputError
 from stages.hysteresis import HYSTERESIS
 from stages.tails import TAILS
@@ -125,15 +126,15 @@ def test_tails_of_another_study_are_no_timing_of_one_that_asks_for_none(
     asking = study.model_copy(update={"tails": Tails(units=100_000)})
     record = {"seconds": 119.0, "started": "2026", "settings": runner.fingerprint(TAILS, asking, {}).settings}
     (tmp_path / "asking").mkdir()
-    monkeypatch.setattr(runner.Output, "open", lambda folder: SimpleNamespace(record=record))
-    assert runner._expected_seconds(TAILS, asking, tmp_path) == 119.0
-    assert runner._expected_seconds(TAILS, study, tmp_path) is None
+    monkeypatch.setattr(expected_time.Output, "open", lambda folder: SimpleNamespace(record=record))
+    assert expected_seconds(TAILS, asking, tmp_path) == 119.0
+    assert expected_seconds(TAILS, study, tmp_path) is None
 
 
 def test_the_expected_time_of_a_stage_is_in_proportion_to_units_angles_and_pins(study: Study, tmp_path: Path) -> None:
     """By the calibrated time of a unit, and by a record of a run with other numbers of units and angles."""
     per_unit = HYSTERESIS.unit_seconds * study.design.cycloid.pins
-    assert runner._expected_seconds(HYSTERESIS, study, tmp_path) == pytest.approx(per_unit * study.samples.rows * 2)
+    assert expected_seconds(HYSTERESIS, study, tmp_path) == pytest.approx(per_unit * study.samples.rows * 2)
     wide, widest = (
         study.with_({"samples.count": count, "cycle.crank_deg": [0.0, 1.0, 2.0, 3.0]}) for count in (20, 1000)
     )
@@ -141,8 +142,8 @@ def test_the_expected_time_of_a_stage_is_in_proportion_to_units_angles_and_pins(
     record = {"seconds": 3.0, "started": "2026", "settings": settings_of_run, "items": study.samples.rows}
     (tmp_path / "former").mkdir()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner.Output, "open", lambda folder: SimpleNamespace(record=record))
-        expected, expected_widest = (runner._expected_seconds(HYSTERESIS, item, tmp_path) for item in (wide, widest))
+        patch.setattr(expected_time.Output, "open", lambda folder: SimpleNamespace(record=record))
+        expected, expected_widest = (expected_seconds(HYSTERESIS, item, tmp_path) for item in (wide, widest))
     assert expected == pytest.approx(3.0 * wide.samples.rows / study.samples.rows * 2)
     assert expected_widest == pytest.approx(per_unit * widest.samples.rows * 4)  # a small run is mostly its beginning
 
