@@ -193,8 +193,8 @@ def predicted_states(measurements: Mapping[str, Measurement], again: Mapping[str
     position 1 alone; ``effect`` and ``reversed`` with what the other states of the series say of the material and of
     the crank's angle, and with the sign of the latter turned round as a control; the baselines of position 1; ``floor``
     where position 1 was locked again: what its loops predict of themselves. ``left_out`` to ``left_out_replay`` predict
-    each position from all others of the state: refitted, with the effect (its numbers those of the other states of the
-    series, its own where there is none), and by replay.
+    each position from all others of the state: refitted, with the material of the other states of the series, with
+    their material and effect (its own effect where there is no other state), and by replay.
     """
     loops = {name: crank_loops(measurement) for name, measurement in measurements.items()}
     rows = []
@@ -203,7 +203,8 @@ def predicted_states(measurements: Mapping[str, Measurement], again: Mapping[str
         before = fitted_together([state.some(trained)])
         refitted = fitted_together([state.some(trained)], SOFT_TERMS)
         curves = {"before": before.predicted_angles[0], "refitted": refitted.predicted_angles[0]}
-        held = shared_numbers([loops[other] for other in loops if _beside(name, other)])
+        others = [loops[other] for other in loops if _beside(name, other)]
+        held = shared_numbers(others, EFFECT_TERMS)
         curves |= with_effect(state.some(trained), held)
         curves |= replays(measurement, trained)
         errors = {key: rms(state, curve, ~trained) for key, curve in curves.items()}
@@ -211,14 +212,15 @@ def predicted_states(measurements: Mapping[str, Measurement], again: Mapping[str
         if floor is not None:
             first = floor.training_cells
             errors["floor"] = rms(crank_loops(floor), replays(floor, first)["replay"], ~first)
-        rows.append({"state": name, **errors, **left_out(measurement, state, held)})
+        errors |= left_out(measurement, state, held, shared_numbers(others, SHARED_TERMS))
+        rows.append({"state": name, **errors})
     frame = pd.DataFrame(rows)
     return pd.concat([frame, pd.DataFrame([{"state": "median", **frame.median(numeric_only=True)}])], ignore_index=True)
 
 
-def shared_numbers(others: Sequence[CrankLoops]) -> dict[str, float]:
-    """Numbers of the material and of the crank angle that other states of a series share; none without any."""
-    return held_numbers(fitted_together(others, EFFECT_TERMS)) if others else {}
+def shared_numbers(others: Sequence[CrankLoops], terms: Sequence[str]) -> dict[str, float]:
+    """Numbers of some terms that other states of a series share; none without any."""
+    return held_numbers(fitted_together(others, terms)) if others else {}
 
 
 def with_effect(state: CrankLoops, held: Mapping[str, float]) -> dict[str, Real]:
@@ -227,15 +229,22 @@ def with_effect(state: CrankLoops, held: Mapping[str, float]) -> dict[str, Real]
     return {title: predicted_by_others(state, EFFECT_TERMS, values) for title, values in numbers.items()}
 
 
-def left_out(measurement: Measurement, state: CrankLoops, held: Mapping[str, float]) -> dict[str, float]:
-    """Errors [arcmin] of each position predicted from all others of its state, and from the numbers ``held``."""
-    terms = (*(SHARED_TERMS if held else SOFT_TERMS), EFFECT)
-    curves = {name: np.full(len(state.angle), np.nan) for name in ("left_out", "left_out_effect", "left_out_replay")}
+def left_out(
+    measurement: Measurement, state: CrankLoops, held: Mapping[str, float], material: Mapping[str, float]
+) -> dict[str, float]:
+    """Errors [arcmin] of each position predicted from all others of its state, and from what other states say.
+
+    ``held`` are their numbers of the material and of the effect fitted together, ``material`` without an effect.
+    """
+    models: dict[str, tuple[Sequence[str], Mapping[str, float]]] = {"left_out": (SOFT_TERMS, {})}
+    models |= {"left_out_material": (SHARED_TERMS, material)} if material else {}
+    models["left_out_effect"] = (EFFECT_TERMS if held else (*SOFT_TERMS, EFFECT), held)
+    curves = {name: np.full(len(state.angle), np.nan) for name in (*models, "left_out_replay")}
     for position in np.unique(state.position):
         cells = state.position == position
-        rest = [state.some(~cells)]
-        curves["left_out"][cells] = fitted_together(rest, SOFT_TERMS).predicted_angles[0][cells]
-        curves["left_out_effect"][cells] = fitted_together(rest, terms, held=held).predicted_angles[0][cells]
+        for name, (terms, numbers) in models.items():
+            fit = fitted_together([state.some(~cells)], terms, held=numbers)
+            curves[name][cells] = fit.predicted_angles[0][cells]
         curves["left_out_replay"][cells] = replays(measurement, ~cells)["replay"][cells]
     return {name: rms(state, curve, np.ones(len(curve), bool)) for name, curve in curves.items()}
 
