@@ -14,7 +14,7 @@ from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import TurnReadings, turn_library
 from pipeline.sampling import replicates
-from pipeline.statistics import Estimate, distribution, pass_share
+from pipeline.statistics.intervals import Estimate, distribution, pass_share
 from stages.tables.convergence import (
     CONVERGENCE,
     SAMPLE_CONVERGENCE,

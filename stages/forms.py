@@ -32,8 +32,8 @@ from pipeline.populations.model_forms import (
 from pipeline.populations.turn_drives import TurnDrives, Units, solved_metrics
 from pipeline.populations.turn_ranking import Ranking
 from pipeline.populations.turn_search import TRAINING_UNITS, lies_elsewhere, search, train_ranking, worst_at
-from pipeline.statistics import Estimate, distribution, pass_share
 from pipeline.statistics.differences import mean_difference, order_differences, share_difference
+from pipeline.statistics.intervals import Estimate, distribution, pass_share
 from stages.reduce import DiskMatrices
 from stages.sample import SAMPLED_TABLES
 from stages.tables.keys import SAMPLE, STATUS

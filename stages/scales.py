@@ -14,7 +14,7 @@ from pipeline.model.metrics import library
 from pipeline.populations.prediction import rough_metrics
 from pipeline.populations.scaled_tolerances import scaled_points, scaled_tolerances, scaled_yields, surrogate_values
 from pipeline.sampling import draw
-from pipeline.statistics import Estimate
+from pipeline.statistics.intervals import Estimate
 from stages.aggregate import OVER_ALL, over_turn
 from stages.hysteresis import prepare
 from stages.tables.keys import SAMPLE

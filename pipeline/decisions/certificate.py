@@ -28,7 +28,7 @@ from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling import Errors, draw_with_parts
-from pipeline.statistics import Estimate, pass_share
+from pipeline.statistics.intervals import Estimate, pass_share
 
 BAND = (0.025, 0.975)
 """Quantiles of the drawn units between which a band lies."""

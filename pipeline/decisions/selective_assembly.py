@@ -30,7 +30,7 @@ from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling import Errors, draw_with_parts
-from pipeline.statistics import Estimate, pass_share
+from pipeline.statistics.intervals import Estimate, pass_share
 
 Mounting = Callable[[Errors], Real]
 """Errors of ``n`` units to the largest contact force without torque (n,) [N]."""

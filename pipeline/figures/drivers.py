@@ -10,7 +10,7 @@ from pipeline.arrays import Real
 from pipeline.figures.labels import parameter_title
 from pipeline.figures.style import INK, MUTED_INK, new_figure, with_style
 from pipeline.model.metrics import signed_number
-from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
+from pipeline.statistics.sensitivity import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
 
 PANELS = {RANK_CORRELATION: "Rank correlation", TOTAL: "Share of the variance"}
 """Titles; the second panel has both shares."""

@@ -29,8 +29,7 @@ from pipeline.engine.store import Output, write_json
 from pipeline.errors import InputError
 from pipeline.model.equilibrium.solve import compile_solver, solver_is_compiled
 from pipeline.report.known_yield import yield_estimate
-from pipeline.statistics import Estimate
-from pipeline.statistics.sample_size import next_units
+from pipeline.statistics.intervals import Estimate, next_units
 from stages import hysteresis
 from stages.aggregate import AGGREGATE
 from stages.chain import STAGES

@@ -19,8 +19,8 @@ from pipeline.config.files.text_file import LARGEST_VALUE
 from pipeline.errors import InputError
 from pipeline.model.metrics import library, measurable_metrics
 from pipeline.model.units import ARCMIN
-from pipeline.statistics import Estimate
 from pipeline.statistics.differences import welch_interval
+from pipeline.statistics.intervals import Estimate
 
 TESTS = ("kolmogorov_smirnov", "cramer_von_mises", "anderson_darling")
 PERMUTATIONS = 1999

@@ -24,8 +24,8 @@ from pipeline.model.metrics import library
 from pipeline.populations.prediction import Tail, predicted_turn
 from pipeline.populations.tails import Population
 from pipeline.sampling import Errors, draw
-from pipeline.statistics import Estimate
 from pipeline.statistics.differences import share_difference
+from pipeline.statistics.intervals import Estimate
 
 Rough = Callable[[Errors], Mapping[str, Real]]
 

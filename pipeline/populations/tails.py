@@ -26,7 +26,7 @@ from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import LEVEL, Tail, TailPrediction
 from pipeline.sampling import Errors, draw
-from pipeline.statistics.replicated import FEWEST_BEYOND
+from pipeline.statistics.resampling import FEWEST_BEYOND
 from pipeline.statistics.two_phase import inclusion_probability, tail_quantile, tail_share
 
 Solve = Callable[[Errors], Mapping[str, Real]]

@@ -10,7 +10,7 @@ from pipeline.model.metrics import signed_number
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import DASH, UNDETERMINED_TEXT, percent, percent_interval
 from pipeline.report.results import Cell
-from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
+from pipeline.statistics.sensitivity import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
 
 MOST_NAMED = 3
 """Errors that a row names."""

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS
-from pipeline.statistics import Estimate
-from pipeline.statistics.sample_size import units_for_yield
+from pipeline.statistics.intervals import Estimate, units_for_yield
 
 HALF_WIDTHS = (0.02, 0.01, 0.005, 0.001)
 """Of the interval of a yield."""

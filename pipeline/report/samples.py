@@ -12,8 +12,7 @@ from pipeline.report.frames import Frames
 from pipeline.report.known_yield import needed_units, yield_estimate
 from pipeline.report.layout.wording import count_text, interval, number, percent_interval, plain_number
 from pipeline.report.results import Cell, Results
-from pipeline.statistics import Estimate
-from pipeline.statistics.sample_size import units_for_yield
+from pipeline.statistics.intervals import Estimate, units_for_yield
 
 MILLION = 1e6
 """Parts of a whole."""

@@ -12,7 +12,7 @@ from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling import drawn_units, error_groups, replicates
-from pipeline.statistics import (
+from pipeline.statistics.sensitivity import (
     FIRST_ORDER,
     RANK_CORRELATION,
     SUM,

@@ -8,8 +8,8 @@ import pandas as pd
 from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column, Columns
 from pipeline.model.metrics import library
-from pipeline.statistics import Estimate
-from pipeline.statistics.audited import audited_distribution, audited_share
+from pipeline.statistics.intervals import Estimate
+from pipeline.statistics.two_phase import audited_distribution, audited_share
 from stages.clearance import rigid_angles
 from stages.tables.turn import Turn
 from stages.worst import N_PHASES, OF_PITCHES

@@ -17,7 +17,7 @@ from pipeline.library.decisions import loaded_units
 from pipeline.library.lots import whole_loops
 from pipeline.report.decisions.certificate import next_step
 from pipeline.sampling import draw_with_parts
-from pipeline.statistics import Estimate
+from pipeline.statistics.intervals import Estimate
 from stages import hysteresis
 
 ROOT = Path(__file__).parents[2]

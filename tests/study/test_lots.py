@@ -24,7 +24,7 @@ from pipeline.library.lots import lots
 from pipeline.report.decisions.assembly import assembly_sentences, next_step
 from pipeline.sampling import draw
 from pipeline.sampling.designs import correlated_numbers
-from pipeline.statistics import Estimate
+from pipeline.statistics.intervals import Estimate
 
 ROOT = Path(__file__).parents[2]
 STUDY = load_study("quick", ROOT)

@@ -16,7 +16,7 @@ from pipeline.config.studies.study import Drivers
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.sampling import draw, draw_mixed, error_groups, oval_shift
-from pipeline.statistics.variance_indices import variance_indices
+from pipeline.statistics.sensitivity import variance_indices
 
 CRANKS = 0.0, 90.0, 180.0, 270.0
 STUDY = load_study("paper", Path(__file__).parents[2])

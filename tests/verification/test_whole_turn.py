@@ -20,7 +20,7 @@ from pipeline.populations.turn_gaps import SeparateGaps
 from pipeline.populations.turn_residuals import Correlation, fitted_correlation, upper_bounds
 from pipeline.populations.turn_search import audit, lies_elsewhere, worst_at
 from pipeline.sampling import draw
-from pipeline.statistics.audited import audited_distribution, audited_share
+from pipeline.statistics.two_phase import audited_distribution, audited_share
 from stages.chain import STAGES
 
 ROOT = Path(__file__).parents[2]

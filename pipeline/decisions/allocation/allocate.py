@@ -18,7 +18,7 @@ from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
 from pipeline.decisions.allocation.priced import Priced, priced_tolerances, with_scaled_tolerances
 from pipeline.decisions.allocation.search import TRUST, Rough, Search, Tell, Trial
 from pipeline.decisions.fresh_units import Solve
-from pipeline.statistics import Estimate
+from pipeline.statistics.intervals import Estimate
 
 REAIMS = 2
 """How often the aim is raised where fresh units miss the target."""

@@ -22,7 +22,7 @@ from pipeline.engine.processes.parallel import worker_results
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import Tail, predicted_turn
 from pipeline.sampling import Errors, draw
-from pipeline.statistics import Estimate, pass_share
+from pipeline.statistics.intervals import Estimate, pass_share
 
 Rough = Callable[[Errors], Angles]
 Tell = Callable[[str], None]

@@ -13,7 +13,7 @@ from pipeline.config.studies.study import Study
 from pipeline.decisions.bounds.box import PHASES, Box, Evaluate
 from pipeline.model.metrics import library
 from pipeline.sampling import deviations_at
-from pipeline.statistics import Estimate, pass_share
+from pipeline.statistics.intervals import Estimate, pass_share
 
 QUANTILE_LEVEL = 0.9973
 """Level of the far quantile: three standard deviations of a normal distribution on both sides."""

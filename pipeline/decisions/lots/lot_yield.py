@@ -23,8 +23,8 @@ from pipeline.decisions.fresh_units import Solve, fresh_values, yields
 from pipeline.decisions.lots.dimension_fit import DimensionFit
 from pipeline.decisions.lots.fitted_distribution import fitted_kinds
 from pipeline.errors import InputError
-from pipeline.statistics import Estimate
 from pipeline.statistics.differences import share_difference
+from pipeline.statistics.intervals import Estimate
 
 RESAMPLED_LOTS = 20
 """Lots drawn from the measured parts: their standard deviation is known to 16 %, which Student's t accounts for."""

@@ -23,7 +23,7 @@ from pipeline.decisions.run_comparison import DIFFERENCES, ComparedRun, differen
 from pipeline.engine.frames import write_tables
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
-from pipeline.statistics import Estimate
+from pipeline.statistics.intervals import Estimate
 
 NO_ESTIMATE = Estimate(np.nan, np.nan, np.nan, 0)
 

@@ -12,7 +12,7 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import margins_figure
 from pipeline.report.layout.rendering import drawn_picture, render
 from pipeline.report.layout.wording import rounded_number
-from pipeline.statistics import Estimate
+from pipeline.statistics.intervals import Estimate
 
 TEMPLATE = "decisions/assembly.html"
 SHOWN_PAIRS = 30

@@ -21,7 +21,7 @@ from pipeline.figures.labels import LIMITED_METRICS, METRICS, parameter_title
 from pipeline.model.metrics import Quantity, signed_number
 from pipeline.report.layout.rendering import Picture, drawn_pictures, render
 from pipeline.report.layout.wording import DASH, SHARE, count_text, interval, number, percent
-from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL
+from pipeline.statistics.sensitivity import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL
 
 TEMPLATE = "decisions/compare.html"
 KINDS = {

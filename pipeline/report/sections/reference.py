@@ -9,7 +9,7 @@ from pipeline.report import inputs
 from pipeline.report.sections.section import Page, Section
 from pipeline.report.stage_graph import BOX, stage_graph
 from pipeline.report.validity import beyond_law, overload_phrases
-from pipeline.statistics.replicated import FEWEST_BEYOND
+from pipeline.statistics.resampling import FEWEST_BEYOND
 
 FOLDER = Path(__file__).parent
 

@@ -16,7 +16,7 @@ from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import percent
 from pipeline.report.results import Results
 from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges, next_target
-from pipeline.statistics import pass_share
+from pipeline.statistics.intervals import pass_share
 
 
 def limited(frames: Frames, limits: Limits) -> Frames:
