@@ -3,7 +3,7 @@
 from typing import Any
 
 ROOMS = {
-    "Answer": "answer",
+    "Answer": "running",
     "Run": "studies",
     "Workers": "running",
     "allocate": "decisions",
@@ -12,9 +12,9 @@ ROOMS = {
     "certificate": "lots",
     "changed": "measured",
     "compare": "decisions",
-    "draw_distribution": "drawing",
-    "draw_drivers": "drawing",
-    "draw_loop": "drawing",
+    "draw_distribution": "studies",
+    "draw_drivers": "studies",
+    "draw_loop": "studies",
     "identify": "measured",
     "identify_series": "measured",
     "load_design": "studies",

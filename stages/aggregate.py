@@ -13,7 +13,7 @@ from pipeline.engine.stage import Job, Stage, WholeTables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import TurnReadings, turn_library
-from pipeline.sampling import replicates
+from pipeline.sampling.designs import replicates
 from pipeline.statistics.intervals import Estimate, distribution, pass_share
 from stages.tables.convergence import (
     CONVERGENCE,

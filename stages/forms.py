@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline import assembly
 from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
-from pipeline.engine.processes.parallel import worker_results
+from pipeline.engine.parallel import worker_results
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.errors import InputError

@@ -18,7 +18,7 @@ from pipeline.model.metrics import library
 from pipeline.model.turn import bearing_force, on_bearings, torque_shares
 from pipeline.model.units import NM_PER_NMM
 from pipeline.mounting import drive_of
-from pipeline.sampling import Errors
+from pipeline.sampling.errors import Errors
 from stages.sample import SAMPLED_TABLES, errors_of_columns
 from stages.springs import laws_of_columns
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance

@@ -9,7 +9,7 @@ from pipeline.config.dimensions.dimension import DISKS as OF_DISKS
 from pipeline.config.dimensions.dimension import REDUCER as OF_REDUCER
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 from stages.tables.keys import SAMPLE as SAMPLE_COLUMN
 from stages.tables.keys import repeated_axes
 

@@ -12,7 +12,7 @@ from pipeline.model.load_history.winkler import secant_compliance
 from pipeline.model.metrics import library
 from pipeline.populations import prediction
 from pipeline.populations.tails import far_tails, population
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 from stages.hysteresis import Shared, prepare, solve_samples, solved_loops
 from stages.tables.turn import loop_metrics
 

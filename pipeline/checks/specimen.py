@@ -17,7 +17,7 @@ from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 SHARES = np.array([0.03, 0.25, 0.5, 0.75, 1.0])
 """Of the rated torque: the loads of the checks."""

@@ -10,7 +10,7 @@ from pipeline import assembly, settings
 from pipeline.config import load_design
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
-from pipeline.figures.exports import outlines_dxf
+from pipeline.figures.mesh import outlines_dxf
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.drawn_flank import drawn_flank
 

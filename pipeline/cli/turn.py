@@ -15,12 +15,12 @@ from pipeline.engine.stage import Job
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
+from pipeline.figures.hysteresis import output_turn_figure
 from pipeline.figures.style import save
-from pipeline.figures.turn import output_turn_figure
 from pipeline.library.running import known_size
 from pipeline.model.turn import orders
 from pipeline.populations.output_turn import PHASES, OutputTurn, free_error, loaded_error
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 from stages.reduce import DiskMatrices
 from stages.tables.keys import CRANK
 from stages.tables.transmission import SENSE, SENSES, TORQUE

@@ -21,13 +21,12 @@ from pipeline.decisions.bounds.box import Box
 from pipeline.decisions.bounds.play import Bound, play_bounds
 from pipeline.decisions.fresh_units import Solve
 from pipeline.decisions.lots.lot_yield import limit_passes
-from pipeline.engine.frames import write_csv, write_tables
-from pipeline.engine.store import write_json
+from pipeline.engine.store import write_csv, write_json, write_tables
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
-from pipeline.sampling import Errors, draw_with_parts
+from pipeline.sampling.errors import Errors, draw_with_parts
 from pipeline.statistics.intervals import Estimate, pass_share
 
 BAND = (0.025, 0.975)

@@ -9,8 +9,8 @@ from joblib import delayed
 
 from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
-from pipeline.engine.processes.parallel import worker_results
-from pipeline.sampling import Errors, draw
+from pipeline.engine.parallel import worker_results
+from pipeline.sampling.errors import Errors, draw
 from pipeline.statistics.intervals import Estimate, pass_share
 
 Angles = Mapping[str, Real]

@@ -15,7 +15,8 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
-from pipeline.sampling import dimensions, replicates, uniforms
+from pipeline.sampling.designs import replicates, uniforms
+from pipeline.sampling.errors import dimensions
 from pipeline.statistics.differences import (
     Replicate,
     enough_beyond,

@@ -23,13 +23,13 @@ from pipeline.config.studies.study import Study
 from pipeline.decisions.fresh_units import BATCH, Solve
 from pipeline.decisions.lots.lot_yield import limit_passes
 from pipeline.decisions.lots.measured_lot import MeasuredLot
-from pipeline.engine.frames import write_tables
-from pipeline.engine.processes.parallel import worker_results
+from pipeline.engine.parallel import worker_results
+from pipeline.engine.store import write_tables
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
-from pipeline.sampling import Errors, draw_with_parts
+from pipeline.sampling.errors import Errors, draw_with_parts
 from pipeline.statistics.intervals import Estimate, pass_share
 
 Mounting = Callable[[Errors], Real]

@@ -13,12 +13,11 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from pipeline.engine import progress
-from pipeline.engine.cache import Cache
+from pipeline.engine.cache import Cache, lock_run
+from pipeline.engine.cluster import solved_on_cluster
 from pipeline.engine.expected_time import expected_seconds
 from pipeline.engine.fingerprint import Fingerprint, fingerprint, remembered_sources
-from pipeline.engine.lock import lock_run
-from pipeline.engine.processes.cluster import solved_on_cluster
-from pipeline.engine.processes.parallel import Backend, parts_of, solved_chunks
+from pipeline.engine.parallel import Backend, parts_of, solved_chunks
 from pipeline.engine.record import Manifest, valid, with_seal
 from pipeline.engine.stage import Chunk, Job, Sections, Stage
 from pipeline.engine.store import (

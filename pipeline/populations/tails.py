@@ -21,11 +21,11 @@ from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Samples, Study
 from pipeline.config.studies.tails import limited_under_load, without_tails
 from pipeline.config.studies.tolerances import Tolerances
-from pipeline.engine.processes.parallel import worker_results
+from pipeline.engine.parallel import worker_results
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import LEVEL, Tail, TailPrediction
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 from pipeline.statistics.resampling import FEWEST_BEYOND
 from pipeline.statistics.two_phase import inclusion_probability, tail_quantile, tail_share
 

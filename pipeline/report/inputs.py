@@ -17,7 +17,7 @@ from pipeline.model.contact.line_laws.contact_law import law_of
 from pipeline.model.effects import library
 from pipeline.report.drawing import flank_fact
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import DASH, count_text, listed_text, plain_number
+from pipeline.report.layout import DASH, count_text, listed_text, plain_number
 
 UNITS = {
     "_N_per_mm_power": "N/mmⁿ",

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.report.layout.wording import count_text
+from pipeline.report.layout import count_text
 
 BOX = 124, 62
 """Width and height of a stage's box [pixels of the drawing]."""

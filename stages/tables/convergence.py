@@ -9,7 +9,7 @@ from pipeline.config.studies.study import ALL_LIMITS, ANGLES_TO_CONTINUE, Study
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
-from pipeline.sampling import replicates
+from pipeline.sampling.designs import replicates
 from pipeline.statistics.intervals import Estimate, distribution, pass_share
 from stages.clearance import rigid_angles
 from stages.tables.turn import Turn

@@ -11,7 +11,8 @@ from pipeline.engine.stage import Job
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
-from pipeline.sampling import drawn_units, error_groups, replicates
+from pipeline.sampling.designs import replicates
+from pipeline.sampling.pick_freeze import drawn_units, error_groups
 from pipeline.statistics.sensitivity import (
     FIRST_ORDER,
     RANK_CORRELATION,

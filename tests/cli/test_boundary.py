@@ -12,7 +12,7 @@ import pytest
 
 from pipeline import cli, settings
 from pipeline.cli import boundary, studies
-from pipeline.engine.lock import lock_run
+from pipeline.engine.cache import lock_run
 from pipeline.errors import ChunkError, InputError
 
 ROOT = Path(__file__).parent.parent.parent
@@ -259,7 +259,7 @@ def test_clean_runs_during_a_run_removes_nothing(tmp_path: Path, monkeypatch, ca
     monkeypatch.setattr(settings, "RUNS", tmp_path)
     (tmp_path / "another").mkdir()
     (tmp_path / "another/a").touch()
-    script = "import sys; from pathlib import Path; from pipeline.engine.lock import lock_run\n"
+    script = "import sys; from pathlib import Path; from pipeline.engine.cache import lock_run\n"
     script += "with lock_run(Path(sys.argv[1])): print('locked', flush=True); input()"
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(

@@ -12,7 +12,7 @@ from measured_bench import ROOT, path_of
 
 from pipeline.config import load_study
 from pipeline.config.files.writing import toml_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from tests.validation.blind.files import DIMENSIONS
 from tests.validation.blind.rigid_drive.effects import EFFECTS
 from tests.validation.blind.rigid_drive.locked import LockedDrive

@@ -27,7 +27,7 @@ from pipeline.populations.tolerance_shift import (
     mean_deviations,
     read_population_run,
 )
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from stages.sample import columns_of_errors
 
 WIDTH, LOST, RIGIDITY = measurable_metrics()

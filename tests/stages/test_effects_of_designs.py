@@ -27,7 +27,7 @@ from pipeline.model.load_history.friction.frictional_cycle import refined_cycle,
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 from pipeline.mounting import drive_of
 from pipeline.report.inputs import design_numbers, reducer_facts
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from stages.hysteresis import prepare
 
 Outputs = dict[str, Output]

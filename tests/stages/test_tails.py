@@ -16,8 +16,8 @@ from pipeline.errors import InputError
 from pipeline.library import studies
 from pipeline.populations import tails
 from pipeline.populations.prediction import Tail, TailPrediction, rough_metrics
-from pipeline.report.samples import tail_lines
-from pipeline.sampling import draw
+from pipeline.report.sections.further import tail_lines
+from pipeline.sampling.errors import draw
 from stages import hysteresis
 from stages.tails import TRIAL, at_angles, springs
 

@@ -10,7 +10,7 @@ from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from tests.validation import bench
 from tests.validation.bench import preload, rates
 from tests.validation.bench.table import Result

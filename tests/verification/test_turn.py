@@ -15,7 +15,7 @@ from pipeline.config.designs.operation import FrictionSection, Operation, Rating
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
 from pipeline.model.geometry.clearance import gaps
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from stages.chain import STAGES
 from stages.tables.convergence import continuation
 

@@ -17,7 +17,7 @@ from pipeline.checks.paper.table2 import Tables
 from pipeline.checks.response import Condensed, solve_cases
 from pipeline.config import Study
 from pipeline.engine.store import Output, write_atomic
-from pipeline.report.layout.rendering import drawn_picture
+from pipeline.report.layout import drawn_picture
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 STUDY = "paper_tables"

@@ -16,8 +16,7 @@ from pipeline.config import Study
 from pipeline.figures.labels import METRICS
 from pipeline.model.metrics import signed_number
 from pipeline.report import inputs
-from pipeline.report.layout.rendering import Picture, render
-from pipeline.report.layout.wording import DASH
+from pipeline.report.layout import DASH, Picture, render
 
 METRICS_OF_TABLE = (BACKLASH, LOST_MOTION, RIGIDITY)
 HERE = Path(__file__).parent

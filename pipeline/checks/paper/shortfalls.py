@@ -16,7 +16,7 @@ from pipeline.config import Study
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 from pipeline.model.load_history.load_cycle import ARCMIN
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 RIGIDITY = "torsional_rigidity_Nm_per_arcmin"
 STUDY_CHOICES = ("metrics.rigidity_percent", "clearance.disk_reading", "clearance.roller_reading")

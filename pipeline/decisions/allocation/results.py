@@ -12,7 +12,7 @@ from pipeline.config import parse_study
 from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.study import Study
 from pipeline.decisions.allocation.allocate import Allocation
-from pipeline.engine.frames import write_tables
+from pipeline.engine.store import write_tables
 from pipeline.engine.table import Column, Columns, Table
 
 ALLOCATION = Table(

@@ -18,10 +18,10 @@ from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
 from pipeline.decisions.allocation.priced import Priced, with_scaled_tolerances
 from pipeline.decisions.fresh_units import BATCH, Angles, Solve, fresh_yields
-from pipeline.engine.processes.parallel import worker_results
+from pipeline.engine.parallel import worker_results
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import Tail, predicted_turn
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 from pipeline.statistics.intervals import Estimate, pass_share
 
 Rough = Callable[[Errors], Angles]

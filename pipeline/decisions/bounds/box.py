@@ -18,7 +18,7 @@ from pipeline.config.distributions import Distribution
 from pipeline.config.distributions.along_line import Uniform
 from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
-from pipeline.sampling import Errors, dimensions, errors_with_parts
+from pipeline.sampling.errors import Errors, dimensions, errors_with_parts
 
 Evaluate = Callable[[Real], Real]
 """Points of the box (n, n_columns) to a number each (n,)."""

@@ -12,7 +12,7 @@ from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.decisions.bounds.box import PHASES, Box, Evaluate
 from pipeline.model.metrics import library
-from pipeline.sampling import deviations_at
+from pipeline.sampling.errors import deviations_at
 from pipeline.statistics.intervals import Estimate, pass_share
 
 QUANTILE_LEVEL = 0.9973

@@ -15,10 +15,11 @@ from pipeline.config.studies.study import Study
 from pipeline.decisions.bounds.box import Box, Evaluate, coordinate_search
 from pipeline.decisions.bounds.linear import Capability, capability, stack, statistics_of
 from pipeline.decisions.bounds.play import Bound, play_bounds
-from pipeline.engine.frames import write_tables
+from pipeline.engine.store import write_tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
-from pipeline.sampling import Errors, dimensions, errors_at, uniforms
+from pipeline.sampling.designs import uniforms
+from pipeline.sampling.errors import Errors, dimensions, errors_at
 
 SolveAt = Callable[[float, Errors], Mapping[str, Real]]
 """Crank angle [deg] and errors of ``n`` units to each metric there (n,)."""

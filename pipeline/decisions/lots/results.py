@@ -20,7 +20,7 @@ from pipeline.decisions.lots.fitted_distribution import relative_bic
 from pipeline.decisions.lots.lot_yield import LotYield, lot_yield, study_of_lot
 from pipeline.decisions.lots.measured_lot import FEWEST_PARTS, MeasuredLot
 from pipeline.decisions.run_comparison import DIFFERENCES, ComparedRun, differences
-from pipeline.engine.frames import write_tables
+from pipeline.engine.store import write_tables
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
 from pipeline.statistics.intervals import Estimate

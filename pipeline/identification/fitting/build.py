@@ -30,8 +30,8 @@ from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.effect import LOOPS, RATE, STILL
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.backbone import Backbone
-from pipeline.sampling import Errors as SampledErrors
-from pipeline.sampling import draw, draw_as_measured, usual_beside
+from pipeline.sampling.errors import Errors as SampledErrors
+from pipeline.sampling.errors import draw, draw_as_measured, usual_beside
 
 MESHED_SECTIONS = ("cycloid.", "disk.bore_radius_mm", "housing.")
 """Calibrated numbers that a fit leaves alone: each value would need its own mesh."""

@@ -24,7 +24,7 @@ from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.load_history.drive import Drive
 from pipeline.mounting import drive_of
-from pipeline.sampling import Errors as SampledErrors
+from pipeline.sampling.errors import Errors as SampledErrors
 
 Scales = tuple[float, ...]
 

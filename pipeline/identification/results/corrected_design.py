@@ -42,7 +42,7 @@ from pipeline.model.effects import Effect
 from pipeline.model.effects.effect import TIME
 from pipeline.model.units import MM_PER_UM
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 
 @dataclass(frozen=True)

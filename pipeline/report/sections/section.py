@@ -5,11 +5,13 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 
+from markupsafe import Markup
+
 from pipeline.registry import REPORT_SECTIONS
 from pipeline.report.drawing import Drawing
-from pipeline.report.explorer.explorer import explorer_data
+from pipeline.report.explorer import explorer_data
 from pipeline.report.frames import Frames
-from pipeline.report.layout.rendering import LinkedPicture
+from pipeline.report.layout import REPORT, LinkedPicture, environment, one_file, plain_number
 from pipeline.report.results import Results
 from pipeline.report.stage_graph import StageNote
 
@@ -105,3 +107,23 @@ def drawings(frames: Frames) -> Iterable[Drawing]:
     """All figures that the frames have rows for, one after the other."""
     for section in sections_of(frames):
         yield from section.drawings(frames)
+
+
+def report_page(page: Page) -> str:
+    """The report as one self-contained HTML document."""
+    templates, study = environment(REPORT), page.frames.study
+    shared_values = {
+        "study": study,
+        "frames": page.frames,
+        "results": page.results,
+        "pictures": page.pictures,
+        "level": plain_number(100 * study.metrics.confidence),
+    }
+
+    def content(section: Section) -> Markup:
+        source = templates.from_string(f"{section.source}\n")  # a template loses its last line break
+        return Markup(source.render(shared_values | dict(section.values(page))))
+
+    parts = [(section, content(section)) for section in sections_of(page.frames)]
+    contents = [(section.name, section.title) for section, _ in parts]
+    return one_file(templates, "page.html", **shared_values, parts=parts, sections=contents, explorer=page.explorer)

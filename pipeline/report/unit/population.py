@@ -20,11 +20,8 @@ from pipeline.populations.results import (
 )
 from pipeline.populations.single_units import SingleUnits
 from pipeline.populations.tolerance_shift import Candidate, Closing
-from pipeline.report.layout.rendering import drawn_picture, render
-from pipeline.report.layout.wording import DASH, listed_text
+from pipeline.report.layout import DASH, drawn_picture, listed_text, render
 from pipeline.report.unit.numbers import digits, p_value
-
-TEMPLATE = "unit/population.html"
 
 
 def write_population_page(
@@ -61,7 +58,7 @@ def write_population_page(
         folder / "figures" / "quantiles",
     )
     page = render(
-        TEMPLATE,
+        "unit/population.html",
         study=study,
         units=units,
         biases=_biases(comparisons),

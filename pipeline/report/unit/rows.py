@@ -15,7 +15,7 @@ from pipeline.identification.results.turn_signatures import ORDER, ORDERS, SPAN
 from pipeline.identification.results.write import Findings
 from pipeline.identification.selection.held_out import STAGES, AngleError
 from pipeline.identification.selection.statements.detection import DetectionLimit
-from pipeline.report.layout.wording import DASH, plain_number
+from pipeline.report.layout import DASH, plain_number
 from pipeline.report.unit.numbers import digits, interval, shown_unit, with_capital
 
 OTHER_TITLES = {

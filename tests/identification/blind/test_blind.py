@@ -19,7 +19,7 @@ from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection import model_selection
 from pipeline.model.effects.effect import TIME
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from tests.validation.__main__ import main
 from tests.validation.blind import generate as generating
 from tests.validation.blind import run

@@ -11,7 +11,7 @@ from pipeline.identification.fitting.problem import candidates
 from pipeline.model.load_history.backbone import backbone, torque_levels
 from pipeline.model.load_history.turning_crank import CurvesOverCrank
 from pipeline.mounting import drive_of
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 from tests.validation.blind.bench import draw_bench
 from tests.validation.blind.catalogue import catalogue, no_compliance
 from tests.validation.blind.rigid_drive.drive import Bearing, Curve

@@ -21,7 +21,7 @@ from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Bearing, nominal_reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play, separated_play
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 ROOT = Path(__file__).parents[3]
 

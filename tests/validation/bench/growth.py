@@ -9,7 +9,7 @@ from pipeline import assembly
 from pipeline.config import Design, Study
 from pipeline.model.load_history.load_cycle import solve_cycle
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from tests.validation.bench.rates import seconds_of
 from tests.validation.bench.table import Result
 

@@ -16,7 +16,7 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import solve_cycle
 from pipeline.model.units import MM_PER_UM
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from stages import hysteresis
 from tests.validation.bench.rates import seconds_of
 from tests.validation.bench.table import Result

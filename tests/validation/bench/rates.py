@@ -19,8 +19,8 @@ from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import RigidPlay, rigid_play
-from pipeline.sampling import Errors as SampledErrors
-from pipeline.sampling import draw
+from pipeline.sampling.errors import Errors as SampledErrors
+from pipeline.sampling.errors import draw
 from stages import hysteresis
 from tests.validation.bench.table import Result
 

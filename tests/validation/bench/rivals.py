@@ -14,7 +14,7 @@ from pipeline.checks.specimen import SHARES, Specimen
 from pipeline.config import Study
 from pipeline.model.load_history.load_cycle import solve_cycle
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from tests.validation.bench.rates import seconds_of
 from tests.validation.bench.table import Result
 

@@ -14,7 +14,7 @@ from pipeline.arrays import Real
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.study import Study
-from pipeline.sampling import Errors
+from pipeline.sampling.errors import Errors
 from tests.validation.blind.bench import Bench, quantised
 
 Reading = Callable[[Real, float, float, np.random.Generator], Real]

@@ -15,7 +15,7 @@ from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.build import refittable_keys
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.fitting.scaled_drives import scaled_design
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 from tests.validation.blind.bench import draw_bench, rows_a_cell
 from tests.validation.blind.catalogue import OFF, CataloguedCompliances, CatalogueReducer, no_compliance
 from tests.validation.blind.effect_size import Yardstick, amplitude_of, at_amplitude, draw_shape

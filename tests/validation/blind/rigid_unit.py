@@ -12,7 +12,7 @@ from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.problem import Candidate
-from pipeline.sampling import Errors
+from pipeline.sampling.errors import Errors
 from tests.validation.blind.bench import Bench, Ramp
 from tests.validation.blind.rigid_drive.drive import Bearing, NoBalanceError, RigidDrive
 from tests.validation.blind.rigid_drive.effects import EFFECTS, MM_PER_UM, NMM_PER_NM, RAD_PER_ARCMIN

@@ -26,7 +26,7 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import first_poses
 from pipeline.model.units import MM_PER_UM
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 STUDY = "two_disks"
 EDGES_PER_LOBE = 24

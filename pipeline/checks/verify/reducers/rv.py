@@ -28,7 +28,7 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import first_poses
 from pipeline.model.turn import on_bearings
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 STUDY = "rv_two_disks"
 EDGES_PER_LOBE = 16

@@ -13,7 +13,7 @@ from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 from pipeline.populations.output_turn import PHASES
 from pipeline.populations.turn_drives import places, turned_blocks
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 CRANKS_DEG = 360.0 * np.arange(23) / 23
 """Crank angles [deg], coprime to the usual numbers of pins."""

@@ -9,7 +9,7 @@ from itertools import islice
 from typing import Any
 from urllib.parse import urlsplit
 
-from pipeline.engine.processes.parallel import Backend, SolvedChunk, Value, try_chunk
+from pipeline.engine.parallel import Backend, SolvedChunk, Value, try_chunk
 from pipeline.engine.stage import Chunk, Stage
 from pipeline.errors import ChunkError, InputError
 
