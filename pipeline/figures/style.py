@@ -132,7 +132,7 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
 
 
 def panel_grid(count: int, base: float, row: float, *, sharey: bool = False) -> tuple[Figure, NDArray[Any]]:
-    """An empty figure with ``count`` axes, at most three side by side; its height is ``base`` and ``row`` each [inches]."""
+    """An empty figure with ``count`` axes, three side by side, ``base`` and ``row`` inches high for each row."""
     rows = -(-count // ACROSS)
     figure = new_figure(base + row * rows)
     panels = figure.subplots(rows, min(count, ACROSS), squeeze=False, sharey=sharey).ravel()

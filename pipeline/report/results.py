@@ -11,7 +11,7 @@ from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.labels import LIMITED_METRICS, METRICS
 from pipeline.model.metrics import signed_number
 from pipeline.report.frames import HEADLINES, Frames, case_label
-from pipeline.report.layout.wording import (
+from pipeline.report.layout import (
     DASH,
     count_text,
     interval,
