@@ -4,7 +4,7 @@ import numpy as np
 
 from pipeline.assembly import definitions, profile
 from pipeline.config.designs.design import Design
-from pipeline.config.designs.operation import Operation
+from pipeline.config.designs.sections import Operation
 from pipeline.config.studies.study import Study
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.reducer import Reducer

@@ -14,7 +14,7 @@ import numpy as np
 from pipeline import assembly, elastic
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
-from pipeline.config.files.keys import with_value
+from pipeline.config.files.section import with_value
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.reducer import Reducer

@@ -13,9 +13,9 @@ from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.files.key_reference import Key, keys_of
 from pipeline.config.files.section import nearest_name
-from pipeline.config.notation.written import NOTATION
+from pipeline.config.stated_temperature import Temperature
 from pipeline.config.studies.study import Study
-from pipeline.config.temperature.stated import Temperature
+from pipeline.config.tolerance_notation import NOTATION
 from pipeline.errors import InputError
 from pipeline.identification.measurement.unit_sections import UnitSettings
 

@@ -13,7 +13,7 @@ from pipeline.cli.arguments import check_sample, print_answer, workers
 from pipeline.cli.kept_answers import keep_answer
 from pipeline.cli.parser import parser
 from pipeline.config import Study, load_study, load_unit
-from pipeline.config.files.text_file import READ
+from pipeline.config.files.table_file import READ
 from pipeline.engine.cache import lock_run
 from pipeline.engine.runner import damages, plan, set_aside, why
 from pipeline.engine.store import DAMAGED_SUFFIX, RECORD, Output, remove, write_atomic

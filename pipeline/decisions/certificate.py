@@ -15,8 +15,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.arrays import Real
-from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Study
+from pipeline.config.studies.tolerances import Case
 from pipeline.decisions.bounds.box import Box
 from pipeline.decisions.bounds.play import Bound, play_bounds
 from pipeline.decisions.fresh_units import Solve

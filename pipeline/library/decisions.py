@@ -13,7 +13,7 @@ import pandas as pd
 
 from pipeline import settings
 from pipeline.config import Study
-from pipeline.config.files.writing import toml_of
+from pipeline.config.changing import toml_of
 from pipeline.decisions.allocation import results as allocation_results
 from pipeline.decisions.allocation.allocate import Allocation
 from pipeline.decisions.allocation.allocate import allocate as cheapest_tolerances

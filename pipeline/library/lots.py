@@ -10,9 +10,9 @@ import numpy as np
 
 from pipeline import settings
 from pipeline.config import Study
+from pipeline.config.changing import toml_of
 from pipeline.config.files.section import NAME, NAME_RULE
 from pipeline.config.files.table_file import read_table
-from pipeline.config.files.writing import toml_of
 from pipeline.config.reading import load_case
 from pipeline.decisions.certificate import (
     Certificate,

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from pipeline import config, settings
 from pipeline.config import Design, Study
-from pipeline.config.studies.tails import Tails, without_tails
+from pipeline.config.studies.optional import Tails, without_tails
 from pipeline.engine.store import Output, write_atomic
 from pipeline.errors import InputError
 from pipeline.figures.distributions import draw_histogram

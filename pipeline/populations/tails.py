@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
-from pipeline.config.studies.cases import Case
+from pipeline.config.studies.optional import limited_under_load, without_tails
 from pipeline.config.studies.study import Samples, Study
-from pipeline.config.studies.tails import limited_under_load, without_tails
-from pipeline.config.studies.tolerances import Tolerances
+from pipeline.config.studies.tolerances import Case, Tolerances
 from pipeline.engine.parallel import worker_results
 from pipeline.errors import InputError
 from pipeline.model.metrics import library

@@ -8,10 +8,9 @@ from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions import Distribution
 from pipeline.config.files.section import number_at
-from pipeline.config.studies.cases import Case
 from pipeline.config.studies.consistency import number_keys
 from pipeline.config.studies.study import Cycle, Study
-from pipeline.config.studies.tolerances import Tolerances
+from pipeline.config.studies.tolerances import Case, Tolerances
 from pipeline.figures.labels import PARAMETERS
 from pipeline.model.contact.line_laws.contact_law import law_of
 from pipeline.model.effects import library

@@ -11,7 +11,7 @@ import pandas as pd
 from measured_bench import ROOT, path_of
 
 from pipeline.config import load_study
-from pipeline.config.files.writing import toml_of
+from pipeline.config.changing import toml_of
 from pipeline.sampling.errors import draw
 from tests.validation.blind.files import DIMENSIONS
 from tests.validation.blind.rigid_drive.effects import EFFECTS

@@ -16,7 +16,7 @@ from measured_bench import measured, write_unit
 
 from pipeline import cli, settings
 from pipeline.config import load_study
-from pipeline.config.files.writing import toml_of
+from pipeline.config.changing import toml_of
 from pipeline.engine.store import Output
 from pipeline.identification.results import corrected_design, tables
 from pipeline.identification.results.residual_signatures import (

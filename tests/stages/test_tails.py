@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from pipeline import assembly, cli, settings
+from pipeline.config.studies.optional import Tails
 from pipeline.config.studies.study import Limits
-from pipeline.config.studies.tails import Tails
 from pipeline.engine.cache import Cache
 from pipeline.engine.stage import Job
 from pipeline.errors import InputError

@@ -1,9 +1,13 @@
-"""Effects of a design against the library of effects: names and parameters."""
+"""Effects and contact laws of a design against their libraries: names, parameters, stiffnesses that are needed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from math import inf
+from typing import Annotated
+
+from pydantic import AfterValidator
+from pydantic_core import PydanticKnownError
 
 from pipeline.config.files.section import MISSING, Mistake
 
@@ -76,3 +80,26 @@ def study_effect_problems(effects: Effects, disks: int, temperature_rise: float)
         for need, reason in reasons.items():
             if need in effect.needs:
                 yield Mistake(f"design.effects.{name}", None, f"{reason}; delete it from the design of the study")
+
+
+def _check_law_name(name: str) -> str:
+    from pipeline.model.contact.line_laws import library  # most programs that read a study need no mechanics
+
+    if name not in library():
+        raise PydanticKnownError("literal_error", {"expected": " or ".join(repr(law) for law in library())})
+    return name
+
+
+LawName = Annotated[str, AfterValidator(_check_law_name)]
+
+
+def stiffness_problems(law: str, stiffness: float | None) -> Iterator[Mistake]:
+    """A stiffness that the law asks for and is missing, or one that it derives."""
+    from pipeline.model.contact.line_laws import library
+
+    takes_stiffness = library()[law].of_stiffness is not None
+    if takes_stiffness and stiffness is None:
+        yield Mistake("springs.stiffness_N_per_mm", MISSING, f'law = "{law}" needs the stiffness of a contact')
+    elif stiffness is not None and not takes_stiffness:
+        requirement = f'law = "{law}" derives it from geometry and material; delete it, or take law = "linear"'
+        yield Mistake("springs.stiffness_N_per_mm", stiffness, requirement)

@@ -8,7 +8,7 @@ from typing import Any
 
 from pipeline.config.designs.design import Cycloid, Disk, Housing
 from pipeline.config.designs.flank import flank_problems
-from pipeline.config.designs.operation import Operation
+from pipeline.config.designs.sections import Operation
 from pipeline.config.files.section import Mistake, nearest_name
 from pipeline.config.mechanisms import OutputMechanism
 from pipeline.config.mechanisms.crankshaft import Shaft

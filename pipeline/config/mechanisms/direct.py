@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Literal
 
 from pipeline.arrays import Index
 from pipeline.config.files.section import Mistake
-from pipeline.config.mechanisms.drawing import Panel
-from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
+from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Panel, Words
 from pipeline.model.contact.laws import ContactLaws, no_laws
 from pipeline.model.geometry.contacts import Contacts, DiskPose, no_contacts
 
 if TYPE_CHECKING:
-    from pipeline.config.designs.cycloid import Cycloid
     from pipeline.config.designs.design import Disk
+    from pipeline.config.designs.sections import Cycloid
 
 
 class Direct(OutputMechanism):

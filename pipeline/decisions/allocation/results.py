@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config import parse_study
-from pipeline.config.files.writing import toml_of
+from pipeline.config.changing import toml_of
 from pipeline.config.studies.study import Study
 from pipeline.decisions.allocation.allocate import Allocation
 from pipeline.engine.store import write_tables

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config import parse_study
+from pipeline.config.changing import toml_of
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.study import Study
 from pipeline.decisions.fresh_units import Solve
 from pipeline.decisions.lots.dimension_fit import DimensionFit, dimension_fit

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.arrays import Real, Truth
-from pipeline.config.designs.design import Design
-from pipeline.config.designs.plausible_range import LAWS, plausible_range
-from pipeline.config.studies.cases import Case
+from pipeline.config.designs.design import LAWS, Design, plausible_range
 from pipeline.config.studies.study import Study
+from pipeline.config.studies.tolerances import Case
 from pipeline.errors import InputError
 from pipeline.identification.bench.course import Course, CrankMotion
 from pipeline.identification.bench.simulator import BEYOND, Forward

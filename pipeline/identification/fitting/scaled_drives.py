@@ -15,8 +15,7 @@ import numpy as np
 from pipeline import assembly
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
-from pipeline.config.files.keys import with_value
-from pipeline.config.files.section import number_at
+from pipeline.config.files.section import number_at, with_value
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws, concatenated_laws, scaled_laws
 from pipeline.model.effects import Conditions

@@ -20,7 +20,7 @@ from pipeline.config.files.section import (
 )
 from pipeline.config.mechanisms.carrier import Carrier
 from pipeline.config.reading import found_file, raise_if, read_toml, validate_sections, with_tuples
-from pipeline.config.studies.cases import Case, case_problems
+from pipeline.config.studies.tolerances import Case, case_problems
 from pipeline.errors import InputError
 from pipeline.identification.measurement.unit_sections import (
     NEITHER,

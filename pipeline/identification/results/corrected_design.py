@@ -12,13 +12,12 @@ import numpy as np
 from pipeline import assembly
 from pipeline.arrays import Real
 from pipeline.config import load_study
+from pipeline.config.changing import toml_of
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.files.keys import with_value
-from pipeline.config.files.section import number_at
-from pipeline.config.files.writing import toml_of
+from pipeline.config.files.section import number_at, with_value
 from pipeline.config.reading import parse_design, parse_study
-from pipeline.config.studies.cases import Case, elements
 from pipeline.config.studies.study import Study
+from pipeline.config.studies.tolerances import Case, elements
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.bench.instrument_effects import InstrumentEffect

@@ -12,7 +12,7 @@ from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.distributions import library
 from pipeline.config.mechanisms.pin_in_hole import Bush
-from pipeline.config.studies.cases import Case
+from pipeline.config.studies.tolerances import Case
 from pipeline.model.contact.laws import LineContact, concatenated_laws, cylinder_share, meshed_share
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.geometry.clearance import exact_gaps, gaps

@@ -12,7 +12,7 @@ import pytest
 
 from pipeline import cli, settings
 from pipeline.config import Study
-from pipeline.config.studies.tails import Tails
+from pipeline.config.studies.optional import Tails
 from pipeline.engine import expected_time, runner
 from pipeline.engine.expected_time import expected_seconds
 from pipeline.errors import InputError

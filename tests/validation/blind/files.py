@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from pipeline.arrays import Real
+from pipeline.config.changing import toml_of
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.study import Study
 from pipeline.sampling.errors import Errors
 from tests.validation.blind.bench import Bench, quantised

@@ -1,4 +1,7 @@
-"""Far tails of a study: how many units a rough model looks at, how many are load-solved, and what has no tail."""
+"""Optional sections of a study: other forms of the model, and far tails.
+
+Of tails: how many units a rough model looks at, how many are load-solved, and what has no tail.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,16 @@ from pipeline.model.metrics import library
 
 if TYPE_CHECKING:
     from pipeline.config.studies.study import Limits, Samples
+
+
+class ModelForms(Section):
+    """Uncertainty of the model's form: the first `units` of the study are solved again under other forms of the model.
+
+    The forms are every other contact law, the other plane state of stress, a rigid in place of an elastic disk or the
+    reverse, and each calibrated number of the design at both ends of its range.
+    """
+
+    units: Annotated[int, Field(ge=30, le=100_000)] = 300
 
 
 class Tails(Section):

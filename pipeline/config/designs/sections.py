@@ -1,14 +1,95 @@
-"""What parts do whose temperatures differ from unit to unit: growth beyond the mean, and modulus."""
+"""Sections of a design: the cycloid stage, how the reducer runs, and what its parts do whose temperatures are drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
+from pydantic import Field
 
 from pipeline.arrays import Real
-from pipeline.config.files.section import Section
+from pipeline.config.files.section import Millimetres, Section
+
+
+class Cycloid(Section):
+    """Cycloid stage: ring of pins and disks with `pins - 1` lobes.
+
+    The `fixed` body is the housing or the flange of the output mechanism; the other one is the output. The rated torque
+    is the output's.
+    """
+
+    pins: Annotated[int, Field(ge=4, le=1000)]
+    pin_radius_mm: Millimetres
+    pin_circle_radius_mm: Millimetres
+    eccentricity_mm: Millimetres
+    # From a watch to a wind turbine.
+    rated_torque_Nm: Annotated[float, Field(ge=1e-6, le=1e7)]
+    fixed: Literal["housing", "flange"] = "housing"
+
+    @property
+    def lobes(self) -> int:
+        """Number of lobes of a disk."""
+        return self.pins - 1
+
+    @property
+    def ratio(self) -> int:
+        """Turns of the crank for one of the output: of the flange against the crank, or of the housing with it."""
+        return self.lobes if self.fixed == "housing" else self.pins
+
+    @property
+    def torque_ratio(self) -> int:
+        """Torque on the output per torque that the eccentrics take from the crank, both in one sense of rotation."""
+        return self.lobes if self.fixed == "housing" else -self.pins
+
+    @property
+    def root_radius_mm(self) -> float:
+        """Radius of the disk at the roots of its lobes: pin circle less eccentricity less pin."""
+        return self.pin_circle_radius_mm - self.eccentricity_mm - self.pin_radius_mm
+
+
+Coefficient = Annotated[float, Field(ge=0, le=0.5)]
+
+
+class FrictionSection(Section):
+    """Coefficients of friction while running: of pins and output pins where they slide, of the disks' bearings.
+
+    `output_coefficient` is asked for where output pins slide in holes, or bushes on them. A bearing's friction torque
+    is half of its coefficient times its force times `bearing_bore_mm`.
+    """
+
+    pin_coefficient: Coefficient
+    output_coefficient: Coefficient | None = None
+    bearing_coefficient: Coefficient
+    bearing_bore_mm: Millimetres
+
+
+class Rating(Section):
+    """Basic dynamic load rating of a disk's bearing, on the input or on a crank, from its maker."""
+
+    kind: Literal["ball", "roller"]
+    # From a watch to a wind turbine.
+    dynamic_load_N: Annotated[float, Field(ge=1, le=1e8)]
+
+    @property
+    def exponent(self) -> float:
+        """Of the life over the load (ISO 281:2007, 5.3 and 7.3)."""
+        return 3.0 if self.kind == "ball" else 10.0 / 3.0
+
+
+class Operation(Section):
+    """Speed of the input, what the pins do under the flank, friction and the bearing's rating where they are known.
+
+    Pins that are `fixed` slide on the flank; `rolling` ones roll on it and slide in their seats. `output_pins` likewise
+    of output pins in holes; bushes roll there and slide on their pins, the rollers of a plate roll.
+    """
+
+    input_speed_rpm: Annotated[float, Field(gt=0, le=1e6)]
+    pins: Literal["fixed", "rolling"]
+    output_pins: Literal["fixed", "rolling"] = "fixed"
+    friction: FrictionSection | None = None
+    rating: Rating | None = None
+
 
 Number = TypeVar("Number", float, Real)
 CHANGED_BY = {"pin_radial": "housing", "pin_radius": "pins", "eccentricity": "crank"}

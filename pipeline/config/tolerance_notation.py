@@ -10,7 +10,7 @@ from typing import Any
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.files.section import MISSING, Mistake
-from pipeline.config.notation.iso286 import limit_deviations
+from pipeline.config.iso286 import limit_deviations
 from pipeline.model.units import UM_PER_MM
 
 LIMITS, ISO, OF_SIZE, POSITION, CONVENTION = "limits_mm", "iso", "of", "position", "convention"
