@@ -24,8 +24,15 @@ from stages.springs import laws_of_columns
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 from stages.tables.curves import CONTACTS, CURVES, Solved, contact_rows, curve_rows
 from stages.tables.keys import CRANK, SAMPLE, STATUS, repeated_axes
-from stages.tables.running import RUNNING, TURN_CONTACTS, contacts_at_angle, running_columns, turn_contact_rows
-from stages.tables.transmission import BEARINGS, bearing_rows
+from stages.tables.over_turn import (
+    BEARINGS,
+    RUNNING,
+    TURN_CONTACTS,
+    bearing_rows,
+    contacts_at_angle,
+    running_columns,
+    turn_contact_rows,
+)
 
 
 def _angle(name: str, meaning: str) -> Column:

@@ -22,7 +22,7 @@ from pipeline.report.sections.section import Page, TableNote, drawings, library,
 from pipeline.report.stage_graph import StageNote
 from stages.reduce import MESH_FILE
 from stages.tables.curves import CONTACTS
-from stages.tables.running import TURN_CONTACTS
+from stages.tables.over_turn import TURN_CONTACTS
 
 SAMPLES_AT_ONCE = 10_000
 """Samples whose metrics are read together at most."""

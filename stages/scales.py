@@ -15,8 +15,8 @@ from pipeline.populations.prediction import rough_metrics
 from pipeline.populations.scaled_tolerances import scaled_points, scaled_tolerances, scaled_yields, surrogate_values
 from pipeline.sampling.errors import draw
 from pipeline.statistics.intervals import Estimate
-from stages.aggregate import OVER_ALL, over_turn
 from stages.hysteresis import prepare
+from stages.tables.distributions import OVER_ALL, over_turn
 from stages.tables.keys import SAMPLE
 from stages.tables.turn import loop_metrics
 from stages.tables.whole_turn import WHOLE_TURN

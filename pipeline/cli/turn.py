@@ -23,7 +23,7 @@ from pipeline.populations.output_turn import PHASES, OutputTurn, free_error, loa
 from pipeline.sampling.errors import Errors, draw
 from stages.reduce import DiskMatrices
 from stages.tables.keys import CRANK
-from stages.tables.transmission import SENSE, SENSES, TORQUE
+from stages.tables.over_turn import SENSE, SENSES, TORQUE
 from stages.worst import drives_of
 
 MOST_ROWS = 6

@@ -40,8 +40,8 @@ from pipeline.report.decisions.bounds import write_allocation_page, write_bounds
 from pipeline.report.decisions.compare import answer_lines, write_comparison
 from pipeline.sampling.errors import Errors, draw
 from stages import hysteresis
-from stages.aggregate import over_turn
 from stages.clearance import rigid_ends
+from stages.tables.distributions import over_turn
 from stages.tables.turn import loop_metrics, metric_turns, over_turn_columns
 from stages.tails import TRIAL, at_angles, springs
 

@@ -15,7 +15,7 @@ from pipeline.model.units import NMM_PER_NM
 from pipeline.operation import conditions
 from stages.clearance import rigid_angles
 from stages.hysteresis import READINGS
-from stages.tables.running import FRICTION_POWER, PRESSURE_SPEED, RUNNING, SHEAR, SHEAR_DEPTH
+from stages.tables.over_turn import FRICTION_POWER, PRESSURE_SPEED, RUNNING, SHEAR, SHEAR_DEPTH
 
 TURN_VALUES = ("worst", "mean", "best")
 """What is made of a metric's values over the turn."""

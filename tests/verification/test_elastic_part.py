@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from pipeline.checks.calibrate import target_values
 from pipeline.checks.paper import assumptions, comparison, refits, shortfalls, table2
-from pipeline.checks.paper.page import PaperComparison, paper_page
+from pipeline.checks.paper.comparison import PaperComparison, paper_page
 from pipeline.checks.paper.table2 import Tables
 from pipeline.checks.response import metrics_of, solve_cases, with_numbers
 from pipeline.model.load_history.load_cycle import ARCMIN

@@ -9,8 +9,7 @@ import numpy as np
 from pipeline import assembly
 from pipeline.arrays import Complex, Real
 from pipeline.checks.specimen import Specimen
-from pipeline.checks.verify.findings import Finding, largest_difference, relative
-from pipeline.checks.verify.reducers.two_disks import (
+from pipeline.checks.verify.disks import (
     CRANK_DEG,
     SHARES,
     blocks_of_one_part,
@@ -18,6 +17,7 @@ from pipeline.checks.verify.reducers.two_disks import (
     joined_blocks,
     second_mesh,
 )
+from pipeline.checks.verify.findings import Finding, largest_difference, relative
 from pipeline.config import Study
 from pipeline.config.mechanisms.carrier import Carrier
 from pipeline.model.equilibrium.solve import Equilibria

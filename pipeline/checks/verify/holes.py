@@ -10,17 +10,17 @@ import numpy as np
 
 from pipeline import elastic
 from pipeline.arrays import Complex, Real
-from pipeline.checks.calculix import INSTALL, PROGRAM, calculix_program
 from pipeline.checks.calculix.pressed_disk import Press, PressedDisk
+from pipeline.checks.calculix.program import INSTALL, PROGRAM, calculix_program
 from pipeline.checks.calculix.quadtree_mesh import Curve, curved_mesh
 from pipeline.checks.specimen import Specimen, loaded_equilibria
 from pipeline.checks.verify.findings import Finding, largest_difference, relative, reported_number, skipped_check
-from pipeline.checks.verify.geometry import li_guan_flank
+from pipeline.checks.verify.flank import li_guan_flank
 from pipeline.config import load_study
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.cycloid_profile import disk_rotation
+from pipeline.settings import PROJECT
 
-ROOT = Path(__file__).parents[4]
 STUDY = "pin_in_hole"
 CRANK_DEG = 25.0
 """Off the symmetries of pins and holes."""
@@ -122,7 +122,7 @@ def check_holes(specimen: Specimen) -> Iterator[Finding]:
     if calculix_program() is None:
         yield skipped_check(f"needs CalculiX: no program {PROGRAM}; {INSTALL}")
         return
-    specimen_in_strain = Specimen(load_study(STUDY, ROOT), specimen.sample, CRANK_DEG).in_stress("plane_strain")
+    specimen_in_strain = Specimen(load_study(STUDY, PROJECT), specimen.sample, CRANK_DEG).in_stress("plane_strain")
     pressing = Pressing.from_specimen(specimen_in_strain)
     disk = pressed_disk(specimen_in_strain, FINENESS)
     answer = calculix_deflections(disk, pressing.forces)
