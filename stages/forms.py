@@ -6,7 +6,6 @@ from functools import partial
 from itertools import groupby
 
 import numpy as np
-import pandas as pd
 from joblib import delayed
 from numpy.typing import NDArray
 
@@ -307,8 +306,7 @@ def _estimate_rows(study: Study, results: list[_Result]) -> Columns:
         if result.metrics
         for row in _estimates(study, study_result.metrics, result.metrics)
     ]
-    frame = pd.DataFrame(rows, columns=[column.name for column in ESTIMATES.columns])
-    return {name: frame[name].to_numpy() for name in frame}
+    return ESTIMATES.columns_of_rows(rows)
 
 
 def _estimates(

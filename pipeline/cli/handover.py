@@ -11,6 +11,7 @@ from pipeline.config import load_study
 from pipeline.decisions.joint import FORMATS, JOINTS, joints
 from pipeline.engine.provenance import FILE, crate
 from pipeline.engine.store import write_atomic, write_json
+from pipeline.engine.table import columns_of_frame
 from pipeline.errors import InputError
 from pipeline.library.running import up_to_date
 from pipeline.report.workbook import write_workbook
@@ -23,7 +24,7 @@ def write_joints(options: argparse.Namespace) -> None:
     joint_rows = joints(pd.DataFrame(outputs["aggregate"].read("units")).iloc[int(study.samples.nominal_first) :])
     folder = settings.RUNS / "joints" / study.name
     rows = pd.DataFrame([vars(joint) for joint in joint_rows])
-    write_atomic(folder / "joints.parquet", JOINTS.part({name: rows[name].to_numpy() for name in rows}).data)
+    write_atomic(folder / "joints.parquet", JOINTS.part(columns_of_frame(rows)).data)
     write_atomic(folder / "joints.csv", rows.to_csv(index=False, float_format="%.9g").encode())
     for joint in joint_rows:
         for ending, text in FORMATS.items():

@@ -149,8 +149,7 @@ def check_comparable(a: Study, b: Study) -> None:
 def differences(a: ComparedRun, b: ComparedRun) -> Columns:
     """Rows of `DIFFERENCES`: `b` less `a`."""
     rows = _case_rows(a, b) if a.study.samples.experiment == "cases" else _sample_rows(a, b)
-    frame = pd.DataFrame(rows, columns=[column.name for column in DIFFERENCES.columns])
-    return {name: frame[name].to_numpy() for name in frame}
+    return DIFFERENCES.columns_of_rows(rows)
 
 
 def _case_rows(a: ComparedRun, b: ComparedRun) -> list[tuple]:

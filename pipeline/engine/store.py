@@ -27,7 +27,7 @@ import pyarrow.parquet as pq
 
 from pipeline.engine import progress
 from pipeline.engine.record import valid_record
-from pipeline.engine.table import ITEM, Columns, Table, columns_of
+from pipeline.engine.table import ITEM, Columns, Table, columns_of, columns_of_frame
 from pipeline.errors import InputError
 
 RECORD = "record.json"
@@ -247,7 +247,7 @@ def write_tables(
     for table, columns in tables.items():
         frame = frames[table.name]
         if isinstance(columns, pd.DataFrame):
-            columns = {name: frame[name].to_numpy() for name in frame} if len(frame) else table.empty()
+            columns = columns_of_frame(frame) if len(frame) else table.empty()
         write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
         if as_csv:
             write_csv(frame, folder / f"{table.name}.csv")

@@ -14,12 +14,12 @@ import pandas as pd
 from pipeline import settings
 from pipeline.config import Study
 from pipeline.config.changing import toml_of
-from pipeline.decisions.allocation import results as allocation_results
-from pipeline.decisions.allocation.allocate import Allocation
-from pipeline.decisions.allocation.allocate import allocate as cheapest_tolerances
-from pipeline.decisions.allocation.priced import priced_tolerances
-from pipeline.decisions.bounds import results as bounds_results
-from pipeline.decisions.bounds.box import Box
+from pipeline.decisions import allocation as allocation_results
+from pipeline.decisions import bounds as bounds_results
+from pipeline.decisions.allocation import Allocation
+from pipeline.decisions.allocation import allocate as cheapest_tolerances
+from pipeline.decisions.box import Box
+from pipeline.decisions.cheapest import priced_tolerances
 from pipeline.decisions.fresh_units import Angles
 from pipeline.decisions.run_comparison import (
     ComparedRun,

@@ -159,7 +159,4 @@ def distribution_rows(
             rows += _rows(study, over_turn(units, turn_value), turn_value, np.nan, counts_of_turn)
         of_turn = {name: angles_of_turn(study, 1, metric.of_play) for name, metric in turn_library().items()}
         rows += _rows(study, over_turn(units, TURN_VALUES[0]), OVER_ALL, np.nan, of_turn)
-    if not rows:
-        return DISTRIBUTIONS.empty()
-    frame = pd.DataFrame(rows, columns=[column.name for column in DISTRIBUTIONS.columns])
-    return {name: frame[name].to_numpy() for name in frame}
+    return DISTRIBUTIONS.columns_of_rows(rows)

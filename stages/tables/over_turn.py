@@ -7,7 +7,7 @@ import pandas as pd
 
 from pipeline import assembly, operation
 from pipeline.config.studies.study import Study
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Columns, Table, columns_of_frame
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.response import CycleResponse
 from pipeline.model.metrics.turn import FEWEST_ANGLES, TurnReadings
@@ -95,7 +95,7 @@ def order_rows(study: Study, samples: np.ndarray, readings: TurnReadings) -> Col
             )
         )
     rows = pd.concat(parts).sort_values("sample", kind="stable")
-    return {name: rows[name].array if name == "sense" else rows[name].to_numpy() for name in rows}
+    return columns_of_frame(rows)
 
 
 BEARINGS = Table(

@@ -67,10 +67,7 @@ def sensitivity(job: Job, units: Columns, of_angles: Columns, worst_values: pd.D
         *(_ranks(job, worst_values.iloc[:RANKED_SAMPLES]) if len(worst_values) else []),
         *_shares(job, units, of_angles),
     ]
-    if not rows:
-        return SENSITIVITY.empty()
-    frame = pd.DataFrame(rows)
-    return {name: frame[name].to_numpy() for name in frame}
+    return SENSITIVITY.columns_of_rows(rows)
 
 
 def _row(metric: str, turn_value: str, parameter: str, kind: str, values: tuple[float, float, float], n: int) -> dict:

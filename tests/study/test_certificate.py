@@ -10,8 +10,8 @@ import pytest
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.reading import load_case
-from pipeline.decisions.bounds.play import ATTAINED_BOUND, LEAST_FOUND
 from pipeline.decisions.certificate import certificate, compensation, measured_values
+from pipeline.decisions.play_bounds import ATTAINED_BOUND, LEAST_FOUND
 from pipeline.errors import InputError
 from pipeline.library.decisions import loaded_units
 from pipeline.library.lots import whole_loops

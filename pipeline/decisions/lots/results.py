@@ -179,7 +179,7 @@ def fit_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
                     f"{name}_ci_high": known_estimate.ci_high,
                 }
             rows.append(row)
-    return pd.DataFrame(rows, columns=[column.name for column in FITS.columns])
+    return FITS.frame(rows)
 
 
 def outlier_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
@@ -190,7 +190,7 @@ def outlier_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
         for fit in lot_result.fits
         for part, element in fit.outliers
     ]
-    return pd.DataFrame(rows, columns=[column.name for column in OUTLIERS.columns])
+    return OUTLIERS.frame(rows)
 
 
 def yield_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
@@ -201,7 +201,7 @@ def yield_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
         for tolerances, shares in (("drawn", lot_result.outcome.as_drawn), ("made", lot_result.outcome.as_made))
         for metric, share in shares.items()
     ]
-    return pd.DataFrame(rows, columns=[column.name for column in YIELDS.columns])
+    return YIELDS.frame(rows)
 
 
 def cost_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
@@ -211,7 +211,7 @@ def cost_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
         for lot_result in findings
         for cost in lot_result.outcome.costs
     ]
-    return pd.DataFrame(rows, columns=[column.name for column in COSTS.columns])
+    return COSTS.frame(rows)
 
 
 def lot_differences(study: Study, findings: Sequence[LotFindings]) -> pd.DataFrame:

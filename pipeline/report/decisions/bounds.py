@@ -7,9 +7,8 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS
-from pipeline.decisions.allocation.allocate import Allocation, Choice
-from pipeline.decisions.allocation.results import allocation_rows, check_rows
-from pipeline.decisions.bounds.results import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS, BoundFindings, table_rows
+from pipeline.decisions.allocation import Allocation, Choice, allocation_rows, check_rows
+from pipeline.decisions.bounds import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS, BoundFindings, table_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import bounds_figure, tradeoff_figure
 from pipeline.figures.labels import METRICS, PARAMETERS

@@ -12,9 +12,8 @@ import pandas as pd
 
 from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
-from pipeline.decisions.bounds.box import Box, Evaluate, coordinate_search
-from pipeline.decisions.bounds.linear import Capability, capability, stack, statistics_of
-from pipeline.decisions.bounds.play import Bound, play_bounds
+from pipeline.decisions.box import Box, Capability, Evaluate, capability, coordinate_search, stack, statistics_of
+from pipeline.decisions.play_bounds import Bound, play_bounds
 from pipeline.engine.store import write_tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
@@ -188,14 +187,7 @@ def table_rows(bound_findings: BoundFindings) -> dict[Table, Columns]:
         CONTRIBUTIONS: bound_findings.contributions,
         CAPABILITY: capabilities,
     }
-    return {table: _columns(table, content) for table, content in rows.items()}
-
-
-def _columns(table: Table, rows: Sequence[tuple]) -> Columns:
-    if not rows:
-        return table.empty()
-    frame = pd.DataFrame(rows, columns=[column.name for column in table.columns])
-    return {name: frame[name].to_numpy() for name in frame}
+    return {table: table.columns_of_rows(content) for table, content in rows.items()}
 
 
 def write(bound_findings: BoundFindings, folder: Path) -> dict[str, pd.DataFrame]:

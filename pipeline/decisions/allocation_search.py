@@ -15,8 +15,7 @@ from joblib import delayed
 
 from pipeline.arrays import Real
 from pipeline.config.studies.study import ALL_LIMITS, Study
-from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
-from pipeline.decisions.allocation.priced import Priced, with_scaled_tolerances
+from pipeline.decisions.cheapest import LinearUnits, Priced, cheapest, with_scaled_tolerances
 from pipeline.decisions.fresh_units import BATCH, Angles, Solve, fresh_yields
 from pipeline.engine.parallel import worker_results
 from pipeline.model.metrics import library

@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 
 from pipeline import assembly
 from pipeline.arrays import Real
-from pipeline.decisions.bounds.box import Box, coordinate_search
+from pipeline.decisions.box import Box, coordinate_search
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN, UM_PER_MM
