@@ -21,7 +21,7 @@ from tests.validation.blind.catalogue import OFF, CataloguedCompliances, Catalog
 from tests.validation.blind.effect_size import Yardstick, amplitude_of, at_amplitude, draw_shape
 from tests.validation.blind.files import rounded, write_truth, write_unit
 from tests.validation.blind.outside_effects import OUTSIDE
-from tests.validation.blind.rigid_drive.noise import readings
+from tests.validation.blind.rigid_drive.readings import readings
 from tests.validation.blind.rigid_unit import RigidUnit, machined, rigid_unit
 from tests.validation.blind.true_unit import TrueUnit, UnsoundError, true_unit
 

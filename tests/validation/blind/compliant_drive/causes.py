@@ -6,13 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tests.validation.blind.compliant_drive.hysteresis import carried, delayed, followed, rayleigh_twist
-from tests.validation.blind.compliant_drive.statics import UM, Curve, Disk
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
+from pipeline.arrays import Real, Whole
+from tests.validation.blind.compliant_drive.statics import UM, Curve, Disk, carried, delayed, followed, rayleigh_twist
 
 ARCMIN = np.pi / 180 / 60
 """Radians of an arc minute."""

@@ -6,12 +6,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tests.validation.blind.rigid_drive.line_contact import LineContact
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from pipeline.arrays import Real
+from tests.validation.blind.rigid_drive.flank import LineContact
 
 
 @dataclass(frozen=True)
