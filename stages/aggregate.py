@@ -28,23 +28,21 @@ from stages.tables.keys import CRANK, SAMPLE, STATUS
 from stages.tables.over_turn import ORDERS, TRANSMISSION, bearing_forces, order_rows, transmission_rows
 from stages.tables.sensitivity import SENSITIVITY, sensitivity
 from stages.tables.turn import (
+    CONTINUOUS_TURN,
+    FOUND_AT,
     OF_TURN,
     OVER_TURN,
+    WHOLE_TURN,
     Turn,
+    found_columns,
+    left_between,
     loop_metrics,
     metric_turns,
     over_turn_columns,
+    shortfalls,
     turn_columns,
     turn_readings,
     unit_status,
-)
-from stages.tables.whole_turn import (
-    CONTINUOUS_TURN,
-    FOUND_AT,
-    WHOLE_TURN,
-    found_columns,
-    left_between,
-    shortfalls,
 )
 
 LOST = "a metric has no value at some pitch of the output turn"

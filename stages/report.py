@@ -15,11 +15,9 @@ from pipeline.engine.table import Table
 from pipeline.figures.labels import METRICS
 from pipeline.report.drawing import Drawing
 from pipeline.report.explorer import kept_samples
-from pipeline.report.frames import OK, Frames, drawn_samples, unsolved_rows
+from pipeline.report.frames import OK, ROWS_SHOWN, Frames, drawn_samples, unsolved_rows
 from pipeline.report.layout import LinkedPicture, with_pictures
-from pipeline.report.sections.results import ROWS_SHOWN
-from pipeline.report.sections.section import Page, TableNote, drawings, library, report_page
-from pipeline.report.stage_graph import StageNote
+from pipeline.report.sections.section import Page, StageNote, TableNote, drawings, library, report_page
 from stages.reduce import MESH_FILE
 from stages.tables.curves import CONTACTS
 from stages.tables.over_turn import TURN_CONTACTS

@@ -18,8 +18,7 @@ from pipeline.statistics.intervals import Estimate
 from stages.hysteresis import prepare
 from stages.tables.distributions import OVER_ALL, over_turn
 from stages.tables.keys import SAMPLE
-from stages.tables.turn import loop_metrics
-from stages.tables.whole_turn import WHOLE_TURN
+from stages.tables.turn import WHOLE_TURN, loop_metrics
 from stages.tails import springs
 
 UNIT_ANGLES = 16_000

@@ -11,9 +11,8 @@ from typing import Any
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from pipeline.config.designs.design import Design
-from pipeline.config.designs.effects import effect_problems
 from pipeline.config.designs.flank import with_flank_file
-from pipeline.config.designs.geometry import geometry_problems
+from pipeline.config.designs.problems import effect_problems, geometry_problems
 from pipeline.config.drawn_temperature import (
     draw_problems,
     draw_sentence,

@@ -18,7 +18,7 @@ from scipy.stats import norm
 from pipeline.arrays import Real
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions import Distribution
-from pipeline.config.distributions.along_line import Uniform
+from pipeline.config.distributions.shipped import Uniform
 from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
 from pipeline.model.metrics import library

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.special import expit
+import scipy  # its functions are slow to import: they are when they are called
 
 from pipeline.arrays import Real
 from pipeline.config.studies.costs import Cost
@@ -68,7 +67,7 @@ class LinearUnits:
         badness = self.badness(scale)
         worst_limit = np.argmax(badness, axis=1)
         units = np.arange(len(worst_limit))
-        soft_pass = expit(-badness[units, worst_limit] / SOFTNESS)
+        soft_pass = scipy.special.expit(-badness[units, worst_limit] / SOFTNESS)
         slope = -(soft_pass * (1 - soft_pass) / SOFTNESS) @ self.slope[units, worst_limit] / len(units)
         return float(soft_pass.mean()), np.asarray(slope)
 
@@ -123,7 +122,9 @@ def _minimum(cost: Callable, spare: Callable, logs: Real, low: Real, high: Real)
     constraint = {"type": "ineq", "fun": lambda x: spare(x)[0], "jac": lambda x: spare(x)[1]}
     bounds = list(zip(low, high, strict=True))
     options = {"maxiter": 200, "ftol": 1e-9}
-    optimum = minimize(cost, logs, jac=True, method="SLSQP", bounds=bounds, constraints=[constraint], options=options)
+    optimum = scipy.optimize.minimize(
+        cost, logs, jac=True, method="SLSQP", bounds=bounds, constraints=[constraint], options=options
+    )
     return np.clip(optimum.x, low, high)
 
 
@@ -140,7 +141,7 @@ def _log_loss(units: LinearUnits, logs: Real) -> tuple[float, Real]:
     badness = units.badness(scale)
     worst_limit, rows = np.argmax(badness, axis=1), np.arange(len(badness))
     steepness = badness[rows, worst_limit] / SOFTNESS
-    slope = (expit(steepness) / SOFTNESS) @ units.slope[rows, worst_limit] / len(rows)
+    slope = (scipy.special.expit(steepness) / SOFTNESS) @ units.slope[rows, worst_limit] / len(rows)
     return float(np.mean(np.logaddexp(0.0, steepness))), slope * scale
 
 
@@ -153,7 +154,7 @@ def _scales_of_largest_yield(units: LinearUnits, scale: Real, target: float, low
 
     logs, bounds = np.log(scale), list(zip(np.log(low), np.log(high), strict=True))
     for objective in (partial(_log_loss, units), lost):
-        logs = minimize(objective, logs, jac=True, method="L-BFGS-B", bounds=bounds).x
+        logs = scipy.optimize.minimize(objective, logs, jac=True, method="L-BFGS-B", bounds=bounds).x
     best_scale = np.clip(np.exp(logs), low, high)
     return Best(best_scale, units.excess(best_scale, target) <= 0)
 

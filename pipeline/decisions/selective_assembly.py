@@ -18,7 +18,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pipeline.arrays import Real
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.distributions.along_line import Fixed
+from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.studies.study import Study
 from pipeline.decisions.fresh_units import BATCH, Solve
 from pipeline.decisions.lots.lot_yield import limit_passes

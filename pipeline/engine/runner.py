@@ -15,7 +15,6 @@ from threadpoolctl import threadpool_limits
 from pipeline.engine import progress
 from pipeline.engine.cache import Cache, lock_run
 from pipeline.engine.cluster import solved_on_cluster
-from pipeline.engine.expected_time import expected_seconds
 from pipeline.engine.fingerprint import Fingerprint, fingerprint, remembered_sources
 from pipeline.engine.parallel import Backend, parts_of, solved_chunks
 from pipeline.engine.record import Manifest, valid, with_seal
@@ -30,7 +29,7 @@ from pipeline.engine.store import (
     read_json,
     write_json,
 )
-from pipeline.engine.work import Work
+from pipeline.engine.work import Work, expected_seconds
 from pipeline.errors import InputError
 
 SOURCES = "sources.json"

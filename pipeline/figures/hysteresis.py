@@ -8,14 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pipeline.figures.labels import FULL_TURN
+from pipeline.figures.labels import FULL_TURN, centred_loops
 from pipeline.figures.style import (
     ACCENT,
     ACCENT_LIGHT,
     ALARM,
     INK,
     MUTED_INK,
-    centred_loops,
     legend_below,
     line_styles,
     new_figure,

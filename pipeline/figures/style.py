@@ -2,8 +2,6 @@
 
 Colours are Okabe and Ito's, which people with colour-blindness tell apart; lines that share axes differ in their
 marker too. The font is the one that Matplotlib brings along, so that a figure has the same bytes on every machine.
-
-`spread_frame` makes a frame of the spread of several loops, which figures draw as a band.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -13,7 +11,6 @@ from typing import Any, ParamSpec
 
 import matplotlib
 import numpy as np
-import pandas as pd
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -182,35 +179,3 @@ def legend_below(figure: Figure | SubFigure, axes: Axes) -> None:
     """Legend of the lines of ``axes`` under the whole figure, where it covers nothing and takes no width."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5), columnspacing=1.6)
-
-
-LOW, HIGH = 0.05, 0.95
-"""Shares of the samples below the ends of a band."""
-
-
-def spread_frame(values: NDArray[np.float64], **keys: NDArray) -> pd.DataFrame:
-    """5th and 95th percentile and median of each column over the samples.
-
-    Parameters
-    ----------
-    values : (n_samples, n_columns), in any unit.
-    keys : (n_columns,) each; what the columns stand for.
-
-    Returns
-    -------
-    Frame of n_columns rows with the keys, ``low``, ``middle`` and ``high``.
-    """
-    low, middle, high = np.quantile(values, [LOW, 0.5, HIGH], axis=0, method="median_unbiased")
-    return pd.DataFrame({**keys, "low": low, "middle": middle, "high": high})
-
-
-def centred_loops(angle: NDArray[np.float64], branch: NDArray, torque: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Loops (n, n_steps) about the middle of their width at zero torque, where a bench puts its zero.
-
-    Parameters
-    ----------
-    angle : (n, n_steps) [arcmin]
-    branch, torque : (n_steps,) names of the cycle's branches and [N m].
-    """
-    ends = [np.flatnonzero((branch == name) & (torque == 0))[0] for name in ("unloading+", "unloading-")]
-    return angle - angle[:, ends].mean(axis=1, keepdims=True)

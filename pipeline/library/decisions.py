@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -31,7 +29,6 @@ from pipeline.decisions.run_comparison import (
 from pipeline.engine.progress import Line, say
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
-from pipeline.figures.labels import METRICS
 from pipeline.library.running import Answer, Workers, prepared_loops, study_of, up_to_date
 from pipeline.model.metrics import library
 from pipeline.populations import prediction, tails
@@ -198,30 +195,3 @@ def _at_crank(loop_inputs: hysteresis.Shared, crank_deg: float, sampled_errors: 
         compliances=loop_inputs.compliances[k : k + 1],
     )
     return {name: values[:, 0] for name, values in at_angles(single, sampled_errors).items()}
-
-
-MILLION = 1_000_000
-"""Units that a share beyond a limit is stated of."""
-NO_INTERVAL = "no interval: too few failing units are expected; raise --units and --solve"
-
-
-def tail_sentences(rows: pd.DataFrame) -> Iterator[str]:
-    """One sentence for each share beyond a limit and each far quantile, with its interval.
-
-    Parameters
-    ----------
-    rows : of the table `tails`.
-    """
-    for row in rows.itertuples():
-        metric = METRICS[str(row.metric)]
-        effective = f"effective sample size {row.effective:,.0f}"
-        if row.statistic == "beyond":
-            shares = (row.value, row.ci_low, row.ci_high)
-            value, low, high = (f"{float(f'{MILLION * share:.3g}'):,.0f}" for share in shares)
-            is_known = (row.ci_low, row.ci_high) != (0.0, 1.0)
-            text = f"{metric.title}: {value} units in a million are beyond the limit"
-        else:
-            value, low, high = (f"{float(f'{end:.4g}'):,.10g}" for end in (row.value, row.ci_low, row.ci_high))
-            is_known = math.isfinite(row.ci_low) or math.isfinite(row.ci_high)
-            text = f"{metric.title}: the {str(row.statistic).removeprefix('p')} % quantile is {value} {metric.unit}"
-        yield f"{text} ({f'interval {low} to {high}' if is_known else NO_INTERVAL}; {effective})"

@@ -1,26 +1,47 @@
-"""Designs, studies and their runs; results of a run on axes of the caller, who chooses the figure and its file."""
+"""Designs, studies and their runs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 
 from pipeline import config, settings
 from pipeline.config import Design, Study
 from pipeline.config.studies.optional import Tails, without_tails
 from pipeline.engine.store import Output, write_atomic
 from pipeline.errors import InputError
-from pipeline.figures.distributions import draw_histogram
-from pipeline.figures.hysteresis import draw_loops
-from pipeline.figures.yields import draw_shares
-from pipeline.library.decisions import tail_sentences
+from pipeline.figures.labels import METRICS
 from pipeline.library.running import Answer, Workers, study_of, up_to_date
-from pipeline.statistics.sensitivity import RANK_CORRELATION
+
+MILLION = 1_000_000
+"""Units that a share beyond a limit is stated of."""
+NO_INTERVAL = "no interval: too few failing units are expected; raise --units and --solve"
+
+
+def tail_sentences(rows: pd.DataFrame) -> Iterator[str]:
+    """One sentence for each share beyond a limit and each far quantile, with its interval.
+
+    Parameters
+    ----------
+    rows : of the table `tails`.
+    """
+    for row in rows.itertuples():
+        metric = METRICS[str(row.metric)]
+        effective = f"effective sample size {row.effective:,.0f}"
+        if row.statistic == "beyond":
+            shares = (row.value, row.ci_low, row.ci_high)
+            value, low, high = (f"{float(f'{MILLION * share:.3g}'):,.0f}" for share in shares)
+            is_known = (row.ci_low, row.ci_high) != (0.0, 1.0)
+            text = f"{metric.title}: {value} units in a million are beyond the limit"
+        else:
+            value, low, high = (f"{float(f'{end:.4g}'):,.10g}" for end in (row.value, row.ci_low, row.ci_high))
+            is_known = math.isfinite(row.ci_low) or math.isfinite(row.ci_high)
+            text = f"{metric.title}: the {str(row.statistic).removeprefix('p')} % quantile is {value} {metric.unit}"
+        yield f"{text} ({f'interval {low} to {high}' if is_known else NO_INTERVAL}; {effective})"
 
 
 @dataclass(frozen=True)
@@ -144,39 +165,3 @@ def tails(
     write_atomic(table, rows.to_csv(index=False).encode())
     lines = (*tail_sentences(rows), f"table: {settings.shown(table)}")
     return Answer(asked_study, lines, table.parent, {"tails": rows}, page="")
-
-
-def draw_loop(run: Run, axes: Axes, sample: int = 0, crank_deg: float | None = None) -> Axes:
-    """The loop of a sample at a crank angle, the study's first if none is given; returns the axes.
-
-    Raises
-    ------
-    KeyError
-        If the run has no curve of that sample and angle.
-    """
-    curves = run.table("hysteresis/curves")
-    crank = run.study.cycle.crank_deg[0] if crank_deg is None else crank_deg
-    rows = curves[(curves["sample"] == sample) & np.isclose(curves["crank_deg"], crank)]
-    if rows.empty:
-        raise KeyError(f"no curve of sample {sample} at {crank:g} deg")
-    return draw_loops(axes, {f"sample {sample}, crank at {crank:g} deg": rows})
-
-
-def draw_distribution(run: Run, metric: str, axes: Axes) -> Axes:
-    """Histogram of a metric of the units, as the limits count it over the turn; returns the axes.
-
-    Parameters
-    ----------
-    metric : its column, as ``"lost_motion_arcmin"``.
-    """
-    limits = run.study.limits
-    values = run.units[f"{metric}_{limits.over}"].dropna().to_numpy()
-    return draw_histogram(axes, values, metric, limits.of_metrics.get(metric))
-
-
-def draw_drivers(run: Run, metric: str, axes: Axes) -> Axes:
-    """Rank correlation of a metric with each tolerance, largest first; returns the axes."""
-    rows = run.table("aggregate/sensitivity")
-    rows = rows[(rows["metric"] == metric) & (rows["over"] == run.study.limits.over)]
-    rows = rows[(rows["kind"] == RANK_CORRELATION) & np.isfinite(rows["index"])]
-    return draw_shares(axes, rows[rows["ci_low"] != rows["ci_high"]], (RANK_CORRELATION,))

@@ -11,7 +11,7 @@ import pandas as pd
 
 from pipeline import assembly
 from pipeline.config.designs.design import Design
-from pipeline.figures.style import centred_loops, spread_frame
+from pipeline.figures.labels import centred_loops, spread_frame
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
 from pipeline.model.units import UM_PER_MM
 from pipeline.report.frames import Frames

@@ -16,8 +16,7 @@ from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling.designs import replicates
 from pipeline.statistics.intervals import Estimate, distribution, pass_share
 from stages.tables.convergence import angles_of_turn, searched_pitches
-from stages.tables.turn import TURN_VALUES
-from stages.tables.whole_turn import whole_turn_estimates
+from stages.tables.turn import TURN_VALUES, whole_turn_estimates
 
 OVER_ALL = "turn"
 """What a metric of the whole turn is over."""

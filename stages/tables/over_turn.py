@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from pipeline import assembly, operation
+from pipeline import assembly, mounting
 from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column, Columns, Table, columns_of_frame
 from pipeline.model.load_history.drive import Drive
@@ -174,7 +174,7 @@ TURN_CONTACTS = Table(
 def running_columns(study: Study, drive: Drive, response: CycleResponse) -> dict[str, np.ndarray]:
     """Columns of the table of loops (n,) at one crank angle."""
     force = held_forces(response, assembly.definitions(study))
-    running = operation.running(study.design, drive.reducer)
+    running = mounting.running(study.design, drive.reducer)
     power = running.friction_power(force)
     pressure = np.max(drive.laws_of_states.peak_pressure(force), axis=(1, 2))
     return {
@@ -190,7 +190,7 @@ def contacts_at_angle(
 ) -> dict[str, np.ndarray]:
     """Values (n_kept, 2, n_contacts) of the table of contacts over the turn at one crank angle."""
     force = held_forces(response, assembly.definitions(study))[kept_states]
-    running, laws = operation.running(study.design, drive.reducer), drive.some(kept_states).laws_of_states
+    running, laws = mounting.running(study.design, drive.reducer), drive.some(kept_states).laws_of_states
     pressure = laws.peak_pressure(force)
     return {
         "force_N": force,

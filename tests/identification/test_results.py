@@ -34,8 +34,7 @@ from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import Verdict
 from pipeline.report.unit.facts import comparison_sentence, other_errors, rows_facts
-from pipeline.report.unit.numbers import remainder_cards
-from pipeline.report.unit.rows import candidate_row
+from pipeline.report.unit.rows import candidate_row, remainder_cards
 from pipeline.statistics.curve_scatter import CurveScatter
 
 ROOT = Path(__file__).parents[2]

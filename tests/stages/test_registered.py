@@ -18,7 +18,7 @@ from scipy import stats
 from small_study import ROOT, run_study, small_study
 
 from pipeline.config import load_study
-from pipeline.config.designs.effects import effect_problems
+from pipeline.config.designs.problems import effect_problems
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.errors import InputError
 from pipeline.identification.fitting.problem import candidates

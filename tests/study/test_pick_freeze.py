@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.config import load_study
 from pipeline.config.dimensions.pins import oval_shift
-from pipeline.config.distributions.along_line import Fixed
+from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.studies.study import Drivers
 from pipeline.config.studies.tolerances import Tolerances
 from pipeline.sampling.errors import draw

@@ -13,16 +13,17 @@ import pytest
 from pipeline import cli, settings
 from pipeline.checks.calculix.deck import calculix_deck
 from pipeline.checks.calculix.program import calculix_program, run_calculix
-from pipeline.checks.specimen import Specimen, loaded_equilibria
-from pipeline.checks.verify import CHECKS, laws, page, run_checks, suite, whole
-from pipeline.checks.verify.findings import (
+from pipeline.checks.specimen import (
     Finding,
+    Specimen,
     at_least,
     largest_difference,
+    loaded_equilibria,
     positive,
     reported_number,
     skipped_check,
 )
+from pipeline.checks.verify import CHECKS, laws, page, run_checks, suite, whole
 from pipeline.checks.verify.suite import COLUMNS, PAGE, CheckRow, write_results
 from pipeline.config import load_study
 from pipeline.errors import InputError

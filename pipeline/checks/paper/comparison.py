@@ -15,12 +15,17 @@ from pipeline.checks.paper.refits import (
     BACKLASH,
     ELASTIC_ERROR,
     ELASTIC_PART,
+    FITTED_PART,
+    GEOMETRY,
     LOST_MOTION,
+    MODEL,
+    RIGIDITY,
     TABLE,
     TABLE_AND_ELASTIC,
+    Shortfalls,
     refit_table,
+    shortfalls,
 )
-from pipeline.checks.paper.shortfalls import FITTED_PART, GEOMETRY, MODEL, RIGIDITY, Shortfalls, shortfalls
 from pipeline.checks.paper.statements import FigureStatement, statements
 from pipeline.checks.paper.table2 import LARGEST_ERROR, RMS_ERROR, Misfit, Tables, fit_rows
 from pipeline.checks.response import Condensed, solve_cases

@@ -12,8 +12,7 @@ import numpy as np
 
 from pipeline import assembly, elastic
 from pipeline.arrays import Real
-from pipeline.checks.specimen import Specimen
-from pipeline.checks.verify.findings import Finding, largest_difference, relative, vanishing
+from pipeline.checks.specimen import Finding, Specimen, largest_difference, relative, vanishing
 from pipeline.config import Study, load_study
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.clearance import Errors, gaps

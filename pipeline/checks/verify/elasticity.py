@@ -10,8 +10,7 @@ from skfem import Basis, ElementTriP2, ElementVector, FacetBasis, Functional, Li
 
 from pipeline import elastic
 from pipeline.arrays import Real
-from pipeline.checks.specimen import Specimen
-from pipeline.checks.verify.findings import Finding, at_least, largest_difference, vanishing
+from pipeline.checks.specimen import Finding, Specimen, at_least, largest_difference, vanishing
 from pipeline.config import Study
 from pipeline.model.contact.laws import Material
 from pipeline.model.elastic.condensed_body import ElasticBody, Stress, elastic_body

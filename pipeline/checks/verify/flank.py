@@ -10,8 +10,7 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.arrays import Complex, Real
-from pipeline.checks.specimen import Specimen
-from pipeline.checks.verify.findings import Finding, largest_difference, relative, vanishing
+from pipeline.checks.specimen import Finding, Specimen, largest_difference, relative, vanishing
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation, pin_contacts
 from pipeline.model.geometry.flank_modification import FlankModification

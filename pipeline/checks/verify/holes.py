@@ -13,8 +13,15 @@ from pipeline.arrays import Complex, Real
 from pipeline.checks.calculix.pressed_disk import Press, PressedDisk
 from pipeline.checks.calculix.program import INSTALL, PROGRAM, calculix_program
 from pipeline.checks.calculix.quadtree_mesh import Curve, curved_mesh
-from pipeline.checks.specimen import Specimen, loaded_equilibria
-from pipeline.checks.verify.findings import Finding, largest_difference, relative, reported_number, skipped_check
+from pipeline.checks.specimen import (
+    Finding,
+    Specimen,
+    largest_difference,
+    loaded_equilibria,
+    relative,
+    reported_number,
+    skipped_check,
+)
 from pipeline.checks.verify.flank import li_guan_flank
 from pipeline.config import load_study
 from pipeline.model.geometry.contacts import PIN

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.arrays import Real
-from pipeline.checks.specimen import Specimen
-from pipeline.checks.verify.findings import Finding, positive, relative, reported_number, vanishing
+from pipeline.checks.specimen import Finding, Specimen, positive, relative, reported_number, vanishing
 from pipeline.model.contact.laws import (
     ContactLaws,
     LineContact,

@@ -11,8 +11,7 @@ import pandas as pd
 
 from pipeline import assembly, elastic
 from pipeline.arrays import Real
-from pipeline.checks.specimen import Specimen
-from pipeline.checks.verify.findings import Finding, largest_difference, relative, reported_number, vanishing
+from pipeline.checks.specimen import Finding, Specimen, largest_difference, relative, reported_number, vanishing
 from pipeline.config import Study, load_study
 from pipeline.model.equilibrium.solve import ElasticReducer, solve
 from pipeline.model.geometry.clearance import Errors, gaps

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.arrays import Complex, Real
-from pipeline.checks.specimen import Specimen
+from pipeline.checks.specimen import Finding, Specimen, largest_difference, relative
 from pipeline.checks.verify.disks import (
     CRANK_DEG,
     SHARES,
@@ -17,7 +17,6 @@ from pipeline.checks.verify.disks import (
     joined_blocks,
     second_mesh,
 )
-from pipeline.checks.verify.findings import Finding, largest_difference, relative
 from pipeline.config import Study
 from pipeline.config.mechanisms.carrier import Carrier
 from pipeline.model.equilibrium.solve import Equilibria

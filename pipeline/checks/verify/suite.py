@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.checks.specimen import Specimen
+from pipeline.checks.specimen import Check, Finding, Specimen
 from pipeline.checks.verify.balance import check_equilibrium
 from pipeline.checks.verify.disks import check_disks, check_turn
 from pipeline.checks.verify.elasticity import check_disk_compliance, check_elastic_bodies
-from pipeline.checks.verify.findings import Check, Finding
 from pipeline.checks.verify.flank import check_flank, check_profile
 from pipeline.checks.verify.holes import check_holes
 from pipeline.checks.verify.laws import check_contact_laws, check_cylinder_between_flats

@@ -21,8 +21,16 @@ from scipy.sparse.linalg import splu
 from pipeline.arrays import Real
 from pipeline.checks.calculix.deck import calculix_deck
 from pipeline.checks.calculix.program import INSTALL, PROGRAM, ProgramResult, calculix_program, run_calculix
-from pipeline.checks.specimen import SHARES, Specimen, loaded_equilibria
-from pipeline.checks.verify.findings import Finding, largest_difference, relative, reported_number, skipped_check
+from pipeline.checks.specimen import (
+    SHARES,
+    Finding,
+    Specimen,
+    largest_difference,
+    loaded_equilibria,
+    relative,
+    reported_number,
+    skipped_check,
+)
 from pipeline.config import load_study
 from pipeline.engine.progress import Meter
 from pipeline.model.contact.laws import ContactLaws

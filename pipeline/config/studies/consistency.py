@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from pipeline.config.designs.design import Design
-from pipeline.config.designs.effects import stiffness_problems, study_effect_problems
+from pipeline.config.designs.problems import stiffness_problems, study_effect_problems
 from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Mistake, nearest_name, number_at
 from pipeline.config.studies.optional import Tails, without_tails
 from pipeline.config.studies.study import (

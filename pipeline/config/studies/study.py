@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field, create_model, model_validator
 
 from pipeline.config.designs.design import Design
-from pipeline.config.designs.effects import LawName
+from pipeline.config.designs.problems import LawName
 from pipeline.config.files.section import Derived, Millimetres, NotNegative, Section
 from pipeline.config.studies.costs import Costs
 from pipeline.config.studies.optional import ModelForms, Tails

@@ -17,7 +17,7 @@ from pydantic import Field, create_model
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.distributions import Distribution, Spread, library
-from pipeline.config.distributions.along_line import Fixed
+from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.files.section import Micrometres, Mistake, Section
 
 if TYPE_CHECKING:

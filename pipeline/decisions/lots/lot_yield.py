@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from pipeline.arrays import Real
-from pipeline.config.distributions.along_line import Fixed
 from pipeline.config.distributions.distribution import Distribution
+from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.fresh_units import Solve, fresh_values, yields
 from pipeline.decisions.lots.dimension_fit import DimensionFit

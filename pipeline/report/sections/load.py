@@ -15,7 +15,7 @@ from pipeline.figures.contacts import (
     spring_laws_figure,
 )
 from pipeline.figures.hysteresis import bearing_figure
-from pipeline.figures.style import spread_frame
+from pipeline.figures.labels import spread_frame
 from pipeline.report.drawing import Drawing, band_sentence, disk_words, loop_spreads, loop_traces
 from pipeline.report.frames import DRAWN_CASES, Frames
 from pipeline.report.layout import plain_number

@@ -1,6 +1,9 @@
 """What a reader looks up: definitions, limits of the model, numbers of the design, tables and versions."""
 
-from collections.abc import Iterator, Mapping
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +13,74 @@ from pipeline.figures.labels import METRICS
 from pipeline.report import inputs
 from pipeline.report.frames import Frames
 from pipeline.report.layout import DASH, count_text, listed_text, percent
-from pipeline.report.sections.section import Page, Section
-from pipeline.report.stage_graph import BOX, stage_graph
+from pipeline.report.sections.section import Page, Section, StageNote
 from pipeline.statistics.resampling import FEWEST_BEYOND
+
+BOX = 124, 62
+"""Width and height of a stage's box [pixels of the drawing]."""
+GAP = 40, 18
+"""Between boxes, across and down, likewise."""
+
+
+@dataclass(frozen=True)
+class StageBox:
+    """A stage with the corner of its box in the drawing, and the share of the run's time that it took."""
+
+    note: StageNote
+    x: float
+    y: float
+    share: float
+
+
+@dataclass(frozen=True)
+class StageGraph:
+    """Boxes of stages and the lines (x0, y0, x1, y1) from what is read to what reads it; all in pixels."""
+
+    boxes: tuple[StageBox, ...]
+    lines: tuple[tuple[float, float, float, float], ...]
+    width: float
+    height: float
+    description: str
+
+
+def stage_graph(notes: Sequence[StageNote]) -> StageGraph:
+    """The graph of stages, upstream ones first: each stands right of all that it reads.
+
+    A line is drawn to the stages that read another's tables directly; one that a longer path implies is left out.
+    """
+    notes_by_name = {note.name: note for note in notes}
+    reads = {note.name: [name for name in note.reads if name in notes_by_name] for note in notes}
+    upstream: dict[str, set[str]] = {}
+    column: dict[str, int] = {}
+    for name, sources in reads.items():
+        upstream[name] = set(sources).union(*(upstream[source] for source in sources))
+        column[name] = max((column[source] + 1 for source in sources), default=0)
+    total = sum(note.seconds for note in notes) or 1.0
+    places: dict[str, tuple[float, float]] = {}
+    for name in notes_by_name:
+        row = sum(column[neighbour] == column[name] for neighbour in places)
+        places[name] = column[name] * (BOX[0] + GAP[0]), row * (BOX[1] + GAP[1])
+    lines = []
+    for name, sources in reads.items():
+        implied_sources = set().union(*(upstream[source] for source in sources))
+        for source in sources:
+            if source not in implied_sources:
+                (x0, y0), (x1, y1) = places[source], places[name]
+                lines.append((x0 + BOX[0], y0 + BOX[1] / 2, x1, y1 + BOX[1] / 2))
+    return StageGraph(
+        tuple(StageBox(note, *places[note.name], note.seconds / total) for note in notes),
+        tuple(lines),
+        max(x for x, _ in places.values()) + BOX[0],
+        max(y for _, y in places.values()) + BOX[1],
+        "; ".join(_stage_text(note, reads[note.name]) for note in notes),
+    )
+
+
+def _stage_text(note: StageNote, sources: Sequence[str]) -> str:
+    """A stage in words, for those who do not see the drawing."""
+    origin = f" reads {', '.join(sources)}" if sources else ""
+    failed_text = f", {count_text(note.failed_items, 'item')} failed" if note.failed_items else ""
+    return f"{note.name}{origin}: {note.seconds:.1f} s{failed_text}"
 
 
 def beyond_law(frames: Frames) -> str:

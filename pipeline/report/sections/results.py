@@ -14,13 +14,10 @@ from pipeline.figures.labels import METRICS
 from pipeline.figures.yields import units_figure
 from pipeline.report.drawing import Drawing
 from pipeline.report.explorer import UNITS_SHOWN, WORST_SHOWN, explored_units
-from pipeline.report.frames import HEADLINES, OK, Frames, case_label, unsolved_rows
+from pipeline.report.frames import HEADLINES, OK, ROWS_SHOWN, Frames, case_label, unsolved_rows
 from pipeline.report.layout import DASH, count_text, number, percent, plain_number
 from pipeline.report.results import STATISTICS, Results
 from pipeline.report.sections.section import Page, Section
-
-ROWS_SHOWN = 40
-"""Cases that the page lists."""
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from typing import Any
 
 from markupsafe import Markup
 
@@ -13,7 +14,43 @@ from pipeline.report.explorer import explorer_data
 from pipeline.report.frames import Frames
 from pipeline.report.layout import REPORT, LinkedPicture, environment, one_file, plain_number
 from pipeline.report.results import Results
-from pipeline.report.stage_graph import StageNote
+
+
+@dataclass(frozen=True)
+class StageNote:
+    """A finished stage by its record: what it reads, when it ran, for how long, and how many of its items failed.
+
+    `rows` are those of all its tables.
+    """
+
+    name: str
+    reads: tuple[str, ...]
+    start_time: str
+    seconds: float
+    items: int
+    failed_items: int
+    rows: int
+
+    @classmethod
+    def from_record(cls, name: str, reads: Sequence[str], record: Mapping[str, Any]) -> "StageNote":
+        """From the record of the stage's output."""
+        items, failed_items = int(record.get("items", 0)), int(record.get("failed", 0))
+        rows = sum(table["rows"] for table in record["tables"].values())
+        return cls(name, tuple(reads), str(record["started"]), float(record["seconds"]), items, failed_items, rows)
+
+    @property
+    def state(self) -> str:
+        """What became of it, in a few words."""
+        if not self.rows:
+            return "nothing asked for"
+        if not self.items:
+            return "complete"
+        return f"{self.items:,} done" if not self.failed_items else f"{self.failed_items:,} of {self.items:,} failed"
+
+    @property
+    def ran(self) -> str:
+        """When it ran: date and time of day, universal."""
+        return self.start_time[:16].replace("T", " ")
 
 
 @dataclass(frozen=True)

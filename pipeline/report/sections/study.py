@@ -12,9 +12,8 @@ from pipeline.figures.reducer import nominal_gap_figure, reducer_figure
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.report import inputs
 from pipeline.report.drawing import Drawing, flank_fact, nominal_gap_curve, nominal_gaps
-from pipeline.report.frames import Frames
+from pipeline.report.frames import ROWS_SHOWN, Frames
 from pipeline.report.layout import plain_number
-from pipeline.report.sections.results import ROWS_SHOWN
 from pipeline.report.sections.section import Page, Section
 
 FLANK_POINTS_PER_LOBE = 48

@@ -10,7 +10,7 @@ import pandas as pd
 
 from pipeline import assembly
 from pipeline.figures.hysteresis import hysteresis_figure, orders_figure, transmission_figure, turn_forces_figure
-from pipeline.figures.style import spread_frame
+from pipeline.figures.labels import spread_frame
 from pipeline.model.metrics.turn import FEWEST_ANGLES, NEEDS, TurnMetric, turn_library
 from pipeline.model.metrics.turn.turn_metric import BALANCE, FRICTION, RATING, SPEED, TURN
 from pipeline.report.drawing import Drawing, band_sentence, loop_spreads, loop_traces

@@ -14,7 +14,7 @@ from pipeline.identification.described.results import TITLES, content
 from pipeline.identification.results.residual_signatures import Signature
 from pipeline.report.layout import drawn_pictures, render
 from pipeline.report.unit.facts import discrepancy_facts
-from pipeline.report.unit.numbers import digits, interval
+from pipeline.report.unit.rows import digits, interval
 
 CAPTIONS = {
     "loops": (

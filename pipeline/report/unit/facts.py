@@ -13,7 +13,7 @@ from pipeline.identification.selection.statements.discrepancy import Discrepancy
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.statement import title_of
 from pipeline.report.layout import count_text, listed_text, plain_number
-from pipeline.report.unit.numbers import digits, interval, scatter_words, shown_unit, with_capital
+from pipeline.report.unit.rows import digits, interval, scatter_words, shown_unit, with_capital
 from pipeline.sampling.errors import unmeasured_dimensions
 
 HALVED = 16

@@ -37,18 +37,21 @@ from pipeline.report.unit.facts import (
     structure_facts,
     tolerances_sentence,
 )
-from pipeline.report.unit.numbers import digits, remainder_cards, with_capital, written_facts
 from pipeline.report.unit.record import TURNING_CAPTIONS, turning_figures
 from pipeline.report.unit.rows import (
     baseline_row,
     calibrated_rows,
     candidate_row,
+    digits,
     error_row,
     headline,
     limit_row,
     loop_row,
     parameter_row,
+    remainder_cards,
     signature_row,
+    with_capital,
+    written_facts,
 )
 
 STAGE_TITLES = {"declared": "As declared", "recalibrated": "Refitted"}

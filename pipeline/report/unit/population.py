@@ -21,7 +21,7 @@ from pipeline.populations.results import (
 from pipeline.populations.single_units import SingleUnits
 from pipeline.populations.tolerance_shift import Candidate, Closing
 from pipeline.report.layout import DASH, drawn_picture, listed_text, render
-from pipeline.report.unit.numbers import digits, p_value
+from pipeline.report.unit.rows import digits, p_value
 
 
 def write_population_page(

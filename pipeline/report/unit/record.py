@@ -25,7 +25,7 @@ from pipeline.identification.record.results import content
 from pipeline.identification.results.turn_signatures import mean_turns
 from pipeline.model.turn import orders
 from pipeline.report.layout import drawn_pictures, render
-from pipeline.report.unit.numbers import digits, interval
+from pipeline.report.unit.rows import digits, interval
 
 CAPTIONS = {
     "record": (

@@ -16,7 +16,7 @@ from pipeline.identification.series.folds import StateFolds
 from pipeline.identification.series.results import content as series_content
 from pipeline.identification.series.shared_effects import TriedEffect
 from pipeline.report.layout import drawn_pictures, render
-from pipeline.report.unit.numbers import digits, interval, p_value
+from pipeline.report.unit.rows import digits, interval, p_value
 
 SERIES_CAPTIONS = {
     "states": (

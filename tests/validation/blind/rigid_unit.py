@@ -16,8 +16,7 @@ from pipeline.sampling.errors import Errors
 from tests.validation.blind.bench import Bench, Ramp
 from tests.validation.blind.rigid_drive.drive import Bearing, NoBalanceError, RigidDrive
 from tests.validation.blind.rigid_drive.effects import EFFECTS, MM_PER_UM, NMM_PER_NM, RAD_PER_ARCMIN
-from tests.validation.blind.rigid_drive.flank import Flank, LineContact
-from tests.validation.blind.rigid_drive.outputs import CrossedSlides, Output, PinsInHoles
+from tests.validation.blind.rigid_drive.flank import CrossedSlides, Flank, LineContact, Output, PinsInHoles
 from tests.validation.blind.rigid_drive.readings import Loading, Position
 from tests.validation.blind.true_unit import Outside, Track, UnsoundError, encoder_places
 

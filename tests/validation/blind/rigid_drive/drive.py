@@ -12,8 +12,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from pipeline.arrays import Complex, Real
-from tests.validation.blind.rigid_drive.flank import Flank, LineContact
-from tests.validation.blind.rigid_drive.outputs import Output, Pose
+from tests.validation.blind.rigid_drive.flank import Flank, LineContact, Output, Pose
 
 NODES = 26
 """Torques of each sense at which the curve is solved; a monotone cubic joins them."""
