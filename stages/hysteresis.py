@@ -233,11 +233,7 @@ def _solve(loop_inputs: Shared, chunk: Chunk) -> Tables:
             curves.append(solution)
     sample, crank = repeated_axes(samples, np.array(study.cycle.crank_deg))
     return {
-        "loops": {
-            "sample": sample,
-            "crank_deg": crank,
-            **_by_sample(loops),
-        },
+        "loops": {"sample": sample, "crank_deg": crank, **_by_sample(loops)},
         "turn_contacts": turn_contact_rows(study, samples[kept_samples], contacts),
         "bearings": bearing_rows(study, samples, np.stack(thrust, axis=2), np.stack(shares, axis=2)),
         "curves": curve_rows(samples, curves),

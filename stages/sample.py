@@ -49,12 +49,7 @@ PINS = Table("pins", "sample, pin", (SAMPLE_COLUMN, Column("pin", "int32", "1", 
 LOBES = Table(
     "lobes",
     "sample, disk, lobe",
-    (
-        SAMPLE_COLUMN,
-        DISK_COLUMN,
-        Column("lobe", "int32", "1", "lobe, clockwise"),
-        *_columns("lobes"),
-    ),
+    (SAMPLE_COLUMN, DISK_COLUMN, Column("lobe", "int32", "1", "lobe, clockwise"), *_columns("lobes")),
 )
 ROLLERS = Table(
     "rollers",

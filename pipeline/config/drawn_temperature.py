@@ -34,9 +34,7 @@ class _Draw(Section):
     draw: Tolerance
 
 
-def plain_temperatures(
-    raw: Mapping[str, Any],
-) -> tuple[dict[str, Any], dict[str, Any], dict[str, str], list[Mistake]]:
+def plain_temperatures(raw: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any], dict[str, str], list[Mistake]]:
     """The section with a number for each part, the distributions, who follows whom, and what is wrong.
 
     Returns

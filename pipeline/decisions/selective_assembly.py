@@ -160,11 +160,7 @@ def _measured_values(lot: MeasuredLot, rows: NDArray[np.intp]) -> dict[str, Real
 def _unmeasured_at_mean(study: Study, measured_names: set[str]) -> Study:
     """The study whose dimensions that were not measured have the mean of their tolerance."""
     means = {
-        name: Fixed(
-            distribution="fixed",
-            allowance_um=tolerance.allowance_um,
-            value_um=tolerance.average_um,
-        )
+        name: Fixed(distribution="fixed", allowance_um=tolerance.allowance_um, value_um=tolerance.average_um)
         for name, tolerance in study.tolerances
         if name not in measured_names and tolerance.varies and not dimension_library()[name].direction
     }

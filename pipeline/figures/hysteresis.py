@@ -244,10 +244,7 @@ def turn_forces_figure(
 
 @with_style
 def output_turn_figure(
-    errors: Mapping[str, pd.DataFrame],
-    waves: Mapping[str, pd.DataFrame],
-    lobes: int,
-    bearing: str,
+    errors: Mapping[str, pd.DataFrame], waves: Mapping[str, pd.DataFrame], lobes: int, bearing: str
 ) -> Figure:
     """One unit over a turn of the output: its error, the orders of that, and forces where a torque is held.
 

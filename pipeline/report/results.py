@@ -11,15 +11,7 @@ from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.labels import LIMITED_METRICS, METRICS
 from pipeline.model.metrics import signed_number
 from pipeline.report.frames import HEADLINES, Frames, case_label
-from pipeline.report.layout import (
-    DASH,
-    count_text,
-    interval,
-    number,
-    percent,
-    percent_interval,
-    plain_number,
-)
+from pipeline.report.layout import DASH, count_text, interval, number, percent, percent_interval, plain_number
 from pipeline.statistics.intervals import Estimate, units_for_yield
 
 STATISTICS = {"mean": "Mean", "p05": "5 % quantile", "p95": "95 % quantile", "std": "Standard deviation"}

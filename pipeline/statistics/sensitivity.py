@@ -217,10 +217,7 @@ class Indices:
 
 
 def rank_correlation(
-    parameters: Mapping[str, Real],
-    metrics: Real,
-    confidence: float,
-    replicate: NDArray[np.integer] | None = None,
+    parameters: Mapping[str, Real], metrics: Real, confidence: float, replicate: NDArray[np.integer] | None = None
 ) -> Indices:
     """Spearman's rank correlation of each parameter with each metric.
 

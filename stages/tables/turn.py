@@ -77,10 +77,7 @@ def loop_metrics(study: Study, loops: Mapping[str, np.ndarray]) -> dict[str, np.
 
 
 def metric_turns(
-    study: Study,
-    metrics: Mapping[str, np.ndarray],
-    rigid_backlash: np.ndarray,
-    finite_motion: np.ndarray | None = None,
+    study: Study, metrics: Mapping[str, np.ndarray], rigid_backlash: np.ndarray, finite_motion: np.ndarray | None = None
 ) -> dict[str, Turn]:
     """Every metric over the turn: at the loaded angles, and the clearance backlash of rigid bodies between them.
 

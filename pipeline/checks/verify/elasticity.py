@@ -75,10 +75,7 @@ def _stress_of_manufactured(stress: Stress, x: Real, y: Real) -> Real:
     lame, shear = lame_constants(stress)
     x, y = WAVE * x, WAVE * y
     gradient = WAVE * np.array(
-        [
-            [np.cos(x) * np.cos(y), -np.sin(x) * np.sin(y)],
-            [-2 * np.sin(2 * x) * np.sin(y), np.cos(2 * x) * np.cos(y)],
-        ]
+        [[np.cos(x) * np.cos(y), -np.sin(x) * np.sin(y)], [-2 * np.sin(2 * x) * np.sin(y), np.cos(2 * x) * np.cos(y)]]
     )
     volume = lame * (gradient[0, 0] + gradient[1, 1])
     shearing = shear * (gradient[0, 1] + gradient[1, 0])

@@ -111,12 +111,7 @@ def pressed_disk(specimen: Specimen, fineness: float) -> PressedDisk:
     mesh = curved_mesh(curves[0], curves[1:], point, edge, GROWTH)
     material = design.materials[design.disk.material]
     return PressedDisk(
-        mesh,
-        curves,
-        material.youngs_modulus_MPa,
-        material.poisson_ratio,
-        design.disk.thickness_mm,
-        presses,
+        mesh, curves, material.youngs_modulus_MPa, material.poisson_ratio, design.disk.thickness_mm, presses
     )
 
 

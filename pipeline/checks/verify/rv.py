@@ -9,14 +9,7 @@ import numpy as np
 from pipeline import assembly
 from pipeline.arrays import Complex, Real
 from pipeline.checks.specimen import Finding, Specimen, largest_difference, relative
-from pipeline.checks.verify.disks import (
-    CRANK_DEG,
-    SHARES,
-    blocks_of_one_part,
-    crude_study,
-    joined_blocks,
-    second_mesh,
-)
+from pipeline.checks.verify.disks import CRANK_DEG, SHARES, blocks_of_one_part, crude_study, joined_blocks, second_mesh
 from pipeline.config import Study
 from pipeline.config.mechanisms.carrier import Carrier
 from pipeline.model.equilibrium.solve import Equilibria

@@ -175,10 +175,7 @@ def _newton(system: Unreduced, state: Real, torque: float) -> tuple[Real, int]:
         if moments.max() < BALANCE_TOLERANCE * abs(torque) / arm:
             return state, iteration
         factors = splu(
-            system.tangent(state),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
+            system.tangent(state), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
         state = state + _length(system, state, -factors.solve(residual), residual, torque)
     raise ArithmeticError(f"whole system not solved at {torque:g} N mm: {moments.max():.2g} N left over")

@@ -21,10 +21,7 @@ class Direct(OutputMechanism):
     """The disk's rotation is the output's, whatever its centre does: an ideal Oldham coupling, without contacts."""
 
     words = Words(contact="output contact", station="output contact", drawing="", loads="")
-    diameter_readings = {
-        "half_diameter": "the output has no contacts",
-        "diameter": "the output has no contacts",
-    }
+    diameter_readings = {"half_diameter": "the output has no contacts", "diameter": "the output has no contacts"}
     material_keys = ()
     interfaces = 1
 

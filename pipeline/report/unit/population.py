@@ -13,11 +13,7 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.figures.measured_unit import quantiles_figure
 from pipeline.populations.comparison import MetricComparison
-from pipeline.populations.results import (
-    comparison_frame,
-    quantile_frame,
-    sentence,
-)
+from pipeline.populations.results import comparison_frame, quantile_frame, sentence
 from pipeline.populations.single_units import SingleUnits
 from pipeline.populations.tolerance_shift import Candidate, Closing
 from pipeline.report.layout import DASH, drawn_picture, listed_text, render

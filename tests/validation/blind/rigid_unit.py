@@ -22,15 +22,7 @@ from tests.validation.blind.true_unit import Outside, Track, UnsoundError, encod
 
 ON_DIAMETER = 0.5
 """Material off the flank for an error of the disk's size on its diameter."""
-LOTS = (
-    "disk_profile",
-    "eccentricity",
-    "lobe_profile",
-    "pin_radial",
-    "pin_radius",
-    "pin_tangential",
-    "roller_diameter",
-)
+LOTS = ("disk_profile", "eccentricity", "lobe_profile", "pin_radial", "pin_radius", "pin_tangential", "roller_diameter")
 """Dimensions that the second simulator draws by itself."""
 HALF = 0.5
 """Of a diameter's error at each side of a roller or an output pin."""

@@ -179,9 +179,7 @@ LIBRARY: Mapping[str, Cause] = {
         needs="cycle",
     ),
     "thermal_growth": Cause(
-        _size(60.0, signed=True),
-        lambda disk, v, k, w: _moved(disk, 1e-6 * v[0] * w * disk.radius),
-        needs="temperature",
+        _size(60.0, signed=True), lambda disk, v, k, w: _moved(disk, 1e-6 * v[0] * w * disk.radius), needs="temperature"
     ),
     "torque_zero": Cause(_of_torque(0.15, signed=True), read=lambda p, v: p.at(p.course.torque - v[0])),
     "angle_drift": Cause(
