@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from pipeline.decisions.allocation.results import ALLOCATION, CHECK, TRADEOFF
-from pipeline.decisions.bounds.results import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS
+from pipeline.decisions.allocation import ALLOCATION, CHECK, TRADEOFF
+from pipeline.decisions.bounds import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS
 from pipeline.decisions.joint import JOINTS
 from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS
 from stages.chain import STAGES

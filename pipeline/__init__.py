@@ -3,7 +3,7 @@
 from typing import Any
 
 ROOMS = {
-    "Answer": "answer",
+    "Answer": "running",
     "Run": "studies",
     "Workers": "running",
     "allocate": "decisions",

@@ -27,7 +27,7 @@ from pipeline.model.metrics import Definitions
 from pipeline.model.units import MM_PER_UM, NMM_PER_NM
 
 if TYPE_CHECKING:  # its statistics are slow to import, and workers import this module
-    from pipeline.sampling import Errors as SampledErrors
+    from pipeline.sampling.errors import Errors as SampledErrors
 
 
 def profile(design: Design) -> CycloidProfile:

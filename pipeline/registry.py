@@ -76,16 +76,7 @@ METRICS = Kind("pipeline.model.metrics", "METRIC", "cycloid_metrics")
 OUTPUT_MECHANISMS = Kind("pipeline.config.mechanisms", "MECHANISM", "cycloid_output_mechanisms")
 REPORT_SECTIONS = Kind("pipeline.report.sections", "SECTION", "cycloid_report_sections")
 TURN_METRICS = Kind("pipeline.model.metrics.turn", "TURN_METRIC", "cycloid_turn_metrics")
-KINDS = (
-    CONTACT_LAWS,
-    DIMENSIONS,
-    DISTRIBUTIONS,
-    EFFECTS,
-    METRICS,
-    OUTPUT_MECHANISMS,
-    REPORT_SECTIONS,
-    TURN_METRICS,
-)
+KINDS = (CONTACT_LAWS, DIMENSIONS, DISTRIBUTIONS, EFFECTS, METRICS, OUTPUT_MECHANISMS, REPORT_SECTIONS, TURN_METRICS)
 
 
 def registered_folders() -> list[Path]:

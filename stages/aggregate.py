@@ -8,13 +8,11 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from pipeline.config.studies.study import ALL_LIMITS, Study
+from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Job, Stage, WholeTables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import TurnReadings, turn_library
-from pipeline.sampling import replicates
-from pipeline.statistics import Estimate, distribution, pass_share
 from stages.tables.convergence import (
     CONVERGENCE,
     SAMPLE_CONVERGENCE,
@@ -25,34 +23,28 @@ from stages.tables.convergence import (
     strides_of,
     worst_of_stride,
 )
+from stages.tables.distributions import DISTRIBUTIONS, PerAngle, distribution_rows, over_turn
 from stages.tables.keys import CRANK, SAMPLE, STATUS
-from stages.tables.per_angle import PerAngle
+from stages.tables.over_turn import ORDERS, TRANSMISSION, bearing_forces, order_rows, transmission_rows
 from stages.tables.sensitivity import SENSITIVITY, sensitivity
-from stages.tables.transmission import ORDERS, TRANSMISSION, bearing_forces, order_rows, transmission_rows
 from stages.tables.turn import (
+    CONTINUOUS_TURN,
+    FOUND_AT,
     OF_TURN,
     OVER_TURN,
-    TURN_VALUES,
+    WHOLE_TURN,
     Turn,
+    found_columns,
+    left_between,
     loop_metrics,
     metric_turns,
     over_turn_columns,
+    shortfalls,
     turn_columns,
     turn_readings,
     unit_status,
 )
-from stages.tables.whole_turn import (
-    CONTINUOUS_TURN,
-    FOUND_AT,
-    WHOLE_TURN,
-    found_columns,
-    left_between,
-    shortfalls,
-    whole_turn_estimates,
-)
 
-OVER_ALL = "turn"
-"""What a metric of the whole turn is over."""
 LOST = "a metric has no value at some pitch of the output turn"
 """Status of a unit whose loops at the angles of the study have results."""
 UNFOUND = "the play of finite motions is not found at the crank angle of the largest one"
@@ -94,29 +86,6 @@ UNITS = Table(
         Column("n_searched", "int32", "1", "pitches of the output turn among which the worst was searched; 0: none"),
         Column("n_rigid_angles", "int32", "1", "crank angles of the clearance backlash: of rigid bodies, and loaded"),
         STATUS,
-    ),
-)
-DISTRIBUTIONS = Table(
-    "distributions",
-    "metric, crank or turn, statistic",
-    (
-        Column("metric", "label", "", "column of metrics; all_limits: the yield against all limits together"),
-        Column(
-            "over",
-            "label",
-            "",
-            "angle: at one crank angle; worst, mean or best: of each unit over the turn, as in the table units; turn: "
-            "metric of the turn; whole_turn: the worst over the whole turn of the output, corrected by the audited "
-            "units, with an interval for the sampling and the search together; continuous_turn: bound in the mean of "
-            "the same over all angles between, from what finer angles add to the audited units",
-        ),
-        Column("crank_deg", "float64", "deg", "crank angle; null but for over = angle"),
-        Column("statistic", "label", "", "mean, std, quantile, or yield: the share within the limit"),
-        Column("value", "float64", "the metric's", "estimate"),
-        Column("ci_low", "float64", "the metric's", "lower end of the confidence interval"),
-        Column("ci_high", "float64", "the metric's", "upper end of the confidence interval"),
-        Column("n", "int32", "1", "samples that it rests on"),
-        Column("n_angles", "int32", "1", "crank angles that each sample's value rests on"),
     ),
 )
 
@@ -267,86 +236,6 @@ def _join(parts: list[Columns] | list[dict[str, np.ndarray]]) -> Columns:
     return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
 
 
-def _part(replicate: np.ndarray | None, rows: np.ndarray) -> np.ndarray | None:
-    return None if replicate is None else replicate[rows]
-
-
-def _distribution_rows(
-    study: Study, values: pd.DataFrame, turn_value: str, crank_deg: float, angles: Mapping[str, int]
-) -> list[dict[str, object]]:
-    """Rows of the distributions of one population, indexed by sample; ``angles`` behind each metric that is told."""
-    confidence, replicate = study.metrics.confidence, replicates(study.samples, values.index.to_numpy())
-    estimates: list[tuple[str, str, Estimate]] = []
-    for metric in angles:
-        holding = ~np.isnan(values[metric].to_numpy(float))
-        if holding.any():
-            statistics = distribution(values[metric].to_numpy()[holding], confidence, _part(replicate, holding))
-            estimates += [(metric, name, estimate) for name, estimate in statistics.items()]
-    for name, passes in study.limits.pass_flags(values).items():
-        limited_metrics = study.limits.limited_metrics(name, values)
-        if name not in angles and (name != ALL_LIMITS or turn_value == OVER_ALL):
-            continue
-        holding = ~np.isnan(values[limited_metrics].to_numpy(float)).any(axis=1)
-        if holding.any():
-            estimates.append((name, "yield", pass_share(passes[holding], confidence, _part(replicate, holding))))
-    if len(values) and turn_value != OVER_ALL:
-        estimates.append(("preloaded", "mean", pass_share(values["preloaded"].to_numpy(bool), confidence, replicate)))
-    fewest = min(angles.values())
-    return [
-        {
-            "metric": metric,
-            "over": turn_value,
-            "crank_deg": crank_deg,
-            "statistic": name,
-            **vars(estimate),
-            "n_angles": angles.get(metric, fewest),
-        }
-        for metric, name, estimate in estimates
-    ]
-
-
-def over_turn(units: pd.DataFrame, turn_value: str) -> pd.DataFrame:
-    """The metrics of the units that have a result, (n, n_metrics) by sample, as `worst`, `mean` or `best`.
-
-    Those of the whole turn stand beside them. A metric that does not hold at some crank angle is missing.
-    """
-    metric_columns = {f"{name}_{turn_value}": name for name in library()}
-    solved_units = units[units[list(metric_columns)].notna().any(axis=1)].set_index("sample")
-    return solved_units[[*metric_columns, *turn_library(), "preloaded"]].rename(columns=metric_columns)
-
-
-def _distributions(
-    study: Study, per_angle: PerAngle, units: pd.DataFrame, shortfalls: Mapping[str, pd.DataFrame]
-) -> Columns:
-    rows = []
-    for turn_value, shortfall in shortfalls.items():
-        for metric, name, estimate in whole_turn_estimates(study, over_turn(units, "worst"), shortfall):
-            keys = {"metric": metric, "over": turn_value, "crank_deg": np.nan, "statistic": name}
-            rows.append({**keys, **vars(estimate), "n_angles": searched_pitches(study)})
-    single = dict.fromkeys(library(), 1)
-    for angle in np.argsort(study.cycle.crank_deg):
-        part = pd.DataFrame(per_angle.columns_at(int(angle))).iloc[int(study.samples.nominal_first) :]
-        solved_units = part[part[list(library())].notna().any(axis=1)]
-        if len(solved_units):
-            rows += _distribution_rows(study, solved_units, "angle", float(study.cycle.crank_deg[angle]), single)
-    if len(units):
-        counts = units.iloc[0]
-        turn = {
-            name: int(counts["n_rigid_angles" if metric.turn_of_rigid_bodies else "n_angles"])
-            for name, metric in library().items()
-        }
-        for turn_value in TURN_VALUES:
-            n_searched = searched_pitches(study) if turn_value == "worst" else 0
-            counts_of_turn = {name: max(count, n_searched) for name, count in turn.items()}
-            rows += _distribution_rows(study, over_turn(units, turn_value), turn_value, np.nan, counts_of_turn)
-        of_turn = {name: angles_of_turn(study, 1, metric.of_play) for name, metric in turn_library().items()}
-        rows += _distribution_rows(study, over_turn(units, TURN_VALUES[0]), OVER_ALL, np.nan, of_turn)
-    if not rows:
-        return DISTRIBUTIONS.empty()
-    frame = pd.DataFrame(rows, columns=[column.name for column in DISTRIBUTIONS.columns])
-    return {name: frame[name].to_numpy() for name in frame}
-
-
 def _run(job: Job) -> WholeTables:
     study: Study = job.study
     with tempfile.TemporaryFile(dir=job.folder) as file:  # without a name: nothing is left of it, however this ends
@@ -360,7 +249,7 @@ def _run(job: Job) -> WholeTables:
         is_counted = units[[f"{name}_worst" for name in library()]].notna().any(axis=1).to_numpy(copy=True)
         is_counted[: int(study.samples.nominal_first)] = False
         units = units.iloc[int(study.samples.nominal_first) :]
-        distributions = _distributions(study, per_angle, units, missed)
+        distributions = distribution_rows(study, per_angle, units, missed)
     fits_memory = study.samples.rows <= _samples_at_once(job)
     return {
         "metrics": next(_blocks(job)).metrics if fits_memory else (block.metrics for block in _blocks(job)),

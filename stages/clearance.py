@@ -15,7 +15,7 @@ from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import UM_PER_MM
 from pipeline.mounting import drive_of
 from pipeline.populations.turn_drives import Units
-from pipeline.sampling import Errors
+from pipeline.sampling.errors import Errors
 from stages.sample import SAMPLED_TABLES, errors_of_columns
 from stages.tables.keys import CONTACT, CRANK, SAMPLE, repeated_axes
 

@@ -15,7 +15,8 @@ from pipeline.model.metrics import library
 from pipeline.populations.turn_drives import TurnDrives, Units
 from pipeline.populations.turn_ranking import Ranking
 from pipeline.populations.turn_search import search
-from pipeline.sampling import Errors, draw_mixed, drawn_units, error_groups
+from pipeline.sampling.errors import Errors
+from pipeline.sampling.pick_freeze import draw_mixed, drawn_units, error_groups
 from stages import hysteresis
 from stages.clearance import rigid_ends
 from stages.hysteresis import HYSTERESIS, solved_loops

@@ -6,14 +6,13 @@ from functools import partial
 from itertools import groupby
 
 import numpy as np
-import pandas as pd
 from joblib import delayed
 from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
-from pipeline.engine.processes.parallel import worker_results
+from pipeline.engine.parallel import worker_results
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.errors import InputError
@@ -32,8 +31,8 @@ from pipeline.populations.model_forms import (
 from pipeline.populations.turn_drives import TurnDrives, Units, solved_metrics
 from pipeline.populations.turn_ranking import Ranking
 from pipeline.populations.turn_search import TRAINING_UNITS, lies_elsewhere, search, train_ranking, worst_at
-from pipeline.statistics import Estimate, distribution, pass_share
 from pipeline.statistics.differences import mean_difference, order_differences, share_difference
+from pipeline.statistics.intervals import Estimate, distribution, pass_share
 from stages.reduce import DiskMatrices
 from stages.sample import SAMPLED_TABLES
 from stages.tables.keys import SAMPLE, STATUS
@@ -307,8 +306,7 @@ def _estimate_rows(study: Study, results: list[_Result]) -> Columns:
         if result.metrics
         for row in _estimates(study, study_result.metrics, result.metrics)
     ]
-    frame = pd.DataFrame(rows, columns=[column.name for column in ESTIMATES.columns])
-    return {name: frame[name].to_numpy() for name in frame}
+    return ESTIMATES.columns_of_rows(rows)
 
 
 def _estimates(

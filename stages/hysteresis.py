@@ -18,14 +18,21 @@ from pipeline.model.metrics import library
 from pipeline.model.turn import bearing_force, on_bearings, torque_shares
 from pipeline.model.units import NM_PER_NMM
 from pipeline.mounting import drive_of
-from pipeline.sampling import Errors
+from pipeline.sampling.errors import Errors
 from stages.sample import SAMPLED_TABLES, errors_of_columns
 from stages.springs import laws_of_columns
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 from stages.tables.curves import CONTACTS, CURVES, Solved, contact_rows, curve_rows
 from stages.tables.keys import CRANK, SAMPLE, STATUS, repeated_axes
-from stages.tables.running import RUNNING, TURN_CONTACTS, contacts_at_angle, running_columns, turn_contact_rows
-from stages.tables.transmission import BEARINGS, bearing_rows
+from stages.tables.over_turn import (
+    BEARINGS,
+    RUNNING,
+    TURN_CONTACTS,
+    bearing_rows,
+    contacts_at_angle,
+    running_columns,
+    turn_contact_rows,
+)
 
 
 def _angle(name: str, meaning: str) -> Column:
@@ -226,11 +233,7 @@ def _solve(loop_inputs: Shared, chunk: Chunk) -> Tables:
             curves.append(solution)
     sample, crank = repeated_axes(samples, np.array(study.cycle.crank_deg))
     return {
-        "loops": {
-            "sample": sample,
-            "crank_deg": crank,
-            **_by_sample(loops),
-        },
+        "loops": {"sample": sample, "crank_deg": crank, **_by_sample(loops)},
         "turn_contacts": turn_contact_rows(study, samples[kept_samples], contacts),
         "bearings": bearing_rows(study, samples, np.stack(thrust, axis=2), np.stack(shares, axis=2)),
         "curves": curve_rows(samples, curves),

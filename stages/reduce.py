@@ -43,7 +43,7 @@ CONTACTS = Table(
 def _write_mesh(study: Study, disk: "ElasticBody", reducer: Reducer, folder: Path) -> None:
     """Mesh, patches and the displacement by 1 N on the pin of the longest arm, for the picture and for ParaView."""
     from pipeline import elastic
-    from pipeline.figures.exports import write_vtk
+    from pipeline.figures.mesh import write_vtk
 
     patches = elastic.disk_patches(study, disk, reducer)
     pin = int(np.argmax(np.abs(reducer.disks[0].pins.arm)))

@@ -9,22 +9,18 @@ import pandas as pd
 
 from pipeline.config.studies.study import Study
 from pipeline.engine.fingerprint import package_versions
-from pipeline.engine.processes.parallel import end_idle_workers
+from pipeline.engine.parallel import end_idle_workers
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
 from pipeline.figures.labels import METRICS
-from pipeline.report.cases import ROWS_SHOWN
 from pipeline.report.drawing import Drawing
-from pipeline.report.explorer.explorer import kept_samples
-from pipeline.report.frames import OK, Frames, drawn_samples, unsolved_rows
-from pipeline.report.layout.rendering import LinkedPicture, with_pictures
-from pipeline.report.page import report_page
-from pipeline.report.sections import Page, drawings, library
-from pipeline.report.sections.section import TableNote
-from pipeline.report.stage_graph import StageNote
+from pipeline.report.explorer import kept_samples
+from pipeline.report.frames import OK, ROWS_SHOWN, Frames, drawn_samples, unsolved_rows
+from pipeline.report.layout import LinkedPicture, with_pictures
+from pipeline.report.sections.section import Page, StageNote, TableNote, drawings, library, report_page
 from stages.reduce import MESH_FILE
 from stages.tables.curves import CONTACTS
-from stages.tables.running import TURN_CONTACTS
+from stages.tables.over_turn import TURN_CONTACTS
 
 SAMPLES_AT_ONCE = 10_000
 """Samples whose metrics are read together at most."""

@@ -9,7 +9,7 @@ from pipeline.config.dimensions.dimension import DISKS as OF_DISKS
 from pipeline.config.dimensions.dimension import REDUCER as OF_REDUCER
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 from stages.tables.keys import SAMPLE as SAMPLE_COLUMN
 from stages.tables.keys import repeated_axes
 
@@ -49,12 +49,7 @@ PINS = Table("pins", "sample, pin", (SAMPLE_COLUMN, Column("pin", "int32", "1", 
 LOBES = Table(
     "lobes",
     "sample, disk, lobe",
-    (
-        SAMPLE_COLUMN,
-        DISK_COLUMN,
-        Column("lobe", "int32", "1", "lobe, clockwise"),
-        *_columns("lobes"),
-    ),
+    (SAMPLE_COLUMN, DISK_COLUMN, Column("lobe", "int32", "1", "lobe, clockwise"), *_columns("lobes")),
 )
 ROLLERS = Table(
     "rollers",

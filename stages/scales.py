@@ -7,19 +7,18 @@ import pandas as pd
 from joblib import delayed
 
 from pipeline.config.studies.study import Study
-from pipeline.engine.processes.parallel import worker_results
+from pipeline.engine.parallel import worker_results
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import rough_metrics
 from pipeline.populations.scaled_tolerances import scaled_points, scaled_tolerances, scaled_yields, surrogate_values
-from pipeline.sampling import draw
-from pipeline.statistics import Estimate
-from stages.aggregate import OVER_ALL, over_turn
+from pipeline.sampling.errors import draw
+from pipeline.statistics.intervals import Estimate
 from stages.hysteresis import prepare
+from stages.tables.distributions import OVER_ALL, over_turn
 from stages.tables.keys import SAMPLE
-from stages.tables.turn import loop_metrics
-from stages.tables.whole_turn import WHOLE_TURN
+from stages.tables.turn import WHOLE_TURN, loop_metrics
 from stages.tails import springs
 
 UNIT_ANGLES = 16_000

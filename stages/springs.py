@@ -91,15 +91,7 @@ def _run(job: Job) -> Tables:
         reducer = assembly.reducer(study.design, crank)
         laws = assembly.contact_laws(study, reducer)
         number = np.arange(len(laws))
-        coefficients.append(
-            pd.DataFrame(
-                {
-                    "contact": number,
-                    "crank_deg": crank,
-                    **_coefficients(laws),
-                }
-            )
-        )
+        coefficients.append(pd.DataFrame({"contact": number, "crank_deg": crank, **_coefficients(laws)}))
         if crank not in study.cycle.curve_crank_deg:
             continue
         # up to the force with which one contact would carry the whole rated torque; dense where the law bends
@@ -118,14 +110,7 @@ def _run(job: Job) -> Tables:
             )
         )
         curves.append(
-            pd.DataFrame(
-                {
-                    "contact": BEARING,
-                    "crank_deg": crank,
-                    "law": "bearing",
-                    **_bearing_curve(study, force),
-                }
-            )
+            pd.DataFrame({"contact": BEARING, "crank_deg": crank, "law": "bearing", **_bearing_curve(study, force)})
         )
     return {
         name: {key: column.to_numpy() for key, column in pd.concat(frames).items()}

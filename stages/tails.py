@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import pandas as pd
 
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
@@ -12,7 +11,7 @@ from pipeline.model.load_history.winkler import secant_compliance
 from pipeline.model.metrics import library
 from pipeline.populations import prediction
 from pipeline.populations.tails import far_tails, population
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 from stages.hysteresis import Shared, prepare, solve_samples, solved_loops
 from stages.tables.turn import loop_metrics
 
@@ -59,8 +58,7 @@ def _run(job: Job) -> Tables:
     trial = draw(population(study, tails.units), tails.units, tails.units + TRIAL)
     rough = partial(prediction.rough_metrics, study, springs(loop_inputs, trial))
     rows = far_tails(study, tails.units, tails.solve, rough, partial(at_angles, loop_inputs), job.jobs)
-    frame = pd.DataFrame([vars(row) for row in rows])
-    return {FAR_TAILS.name: {name: frame[name].to_numpy() for name in frame}}
+    return {FAR_TAILS.name: FAR_TAILS.columns_of_rows([vars(row) for row in rows])}
 
 
 TAILS = Stage(

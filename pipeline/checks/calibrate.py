@@ -15,11 +15,9 @@ from pipeline.arrays import Real
 from pipeline.checks.leastsquares import Fitted, fit_numbers
 from pipeline.checks.response import METRICS, Condensed, condense_disk, metrics_of, solve_cases, with_numbers
 from pipeline.config import Design, Study, parse_design
-from pipeline.config.files.keys import with_value
-from pipeline.config.files.section import nearest_name, number_at
-from pipeline.config.files.table_file import TableFile, read_table, shortened_list
-from pipeline.config.files.text_file import LARGEST_VALUE
-from pipeline.config.files.writing import toml_of
+from pipeline.config.changing import toml_of
+from pipeline.config.files.section import nearest_name, number_at, with_value
+from pipeline.config.files.table_file import LARGEST_VALUE, TableFile, read_table, shortened_list
 from pipeline.config.studies.consistency import number_keys
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError

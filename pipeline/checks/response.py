@@ -14,7 +14,7 @@ import numpy as np
 from pipeline import assembly, elastic
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
-from pipeline.config.files.keys import with_value
+from pipeline.config.files.section import with_value
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.reducer import Reducer
@@ -23,7 +23,7 @@ from pipeline.model.load_history.loop_readings import loop_readings
 from pipeline.model.load_history.response import CycleResponse, respond
 from pipeline.model.metrics import library
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 METRICS = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")
 LEVELS = 5

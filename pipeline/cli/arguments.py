@@ -6,8 +6,7 @@ from typing import Any
 from pipeline import settings
 from pipeline.config import Study
 from pipeline.errors import InputError
-from pipeline.library.answer import Answer
-from pipeline.library.running import Workers
+from pipeline.library.running import Answer, Workers
 
 
 def workers(options: argparse.Namespace) -> Workers:

@@ -5,7 +5,7 @@ import sys
 
 from pipeline import settings
 from pipeline.checks import calibrate, verify
-from pipeline.checks.calculix import export
+from pipeline.checks.calculix.program import export
 from pipeline.checks.paper import comparison
 from pipeline.cli.arguments import check_sample, workers
 from pipeline.config import load_study

@@ -1,6 +1,11 @@
-"""The command keys: every key of the files that a user writes, and the signs of the toleranced dimensions."""
+"""Commands on the files that a user writes: every key of them, and new ones that run as written.
+
+`keys` lists every key, and the signs of the toleranced dimensions. `new` writes a commented design, study or measured
+unit, to be changed number by number.
+"""
 
 import argparse
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -12,10 +17,12 @@ from pipeline import settings
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.files.key_reference import Key, keys_of
-from pipeline.config.files.section import nearest_name
-from pipeline.config.notation.written import NOTATION
+from pipeline.config.files.section import NAME, NAME_RULE, nearest_name
+from pipeline.config.reading import found_file
+from pipeline.config.stated_temperature import Temperature
 from pipeline.config.studies.study import Study
-from pipeline.config.temperature.stated import Temperature
+from pipeline.config.tolerance_notation import NOTATION
+from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.measurement.unit_sections import UnitSettings
 
@@ -156,3 +163,66 @@ def sign_of(dimension: Dimension) -> tuple[str, str, str]:
     """Sign of a dimension in words, its effect on the gaps, and the sign of limits in mm."""
     drawing = "as here" if dimension.drawing_sign > 0 else "state convention: a drawing has the other sign"
     return dimension.sign, GAP_WORDS[dimension.gap_sign], drawing
+
+
+BASES = {
+    "design": "data/designs/pin_in_hole_39.toml",
+    "study": "data/studies/pin_in_hole.toml",
+    "unit": "data/measured/friction_example",
+}
+BASE_DESIGN = 'design = "pin_in_hole_39"'
+UNIT_DATA = ("rows.csv", "dimensions.toml")
+NEXT_STEP = {
+    "design": "next: python -m pipeline new study NAME --design {name}",
+    "study": "next: make study STUDY={name}",
+    "unit": "next: replace rows.csv by your measured rows, then make identify UNIT={name}",
+}
+SECTION_LINE = re.compile(r"\[([^\]]+)\]")
+KEY_LINE = re.compile(r"([A-Za-z_]\w*) = ")
+COMMENT_COLUMN = 48
+"""Of a line of the written file."""
+
+
+def write_new(options: argparse.Namespace) -> None:
+    """Write a file of a kind under a name and say what comes next.
+
+    Raises
+    ------
+    InputError
+        If the name is none that a file may have, or is taken.
+    """
+    kind, name = options.kind, options.name
+    if not NAME.fullmatch(name):
+        raise InputError(f"new {kind} {name!r}; the name {NAME_RULE.partition(';')[0]}")
+    base = settings.ROOT / BASES[kind]
+    target = base.parent / name / "unit.toml" if kind == "unit" else base.parent / f"{name}.toml"
+    if target.exists():
+        raise InputError(f"{settings.shown(target)} exists; take another name, or change that file")
+    source = base / "unit.toml" if kind == "unit" else base
+    text = with_comments(kind, source.read_text(encoding="utf-8"))
+    if kind == "study" and options.design:
+        found_file(options.design, settings.ROOT, "designs", [Path(), settings.ROOT])  # says what is missing
+        text = text.replace(BASE_DESIGN, f'design = "{options.design}"')
+    if kind == "unit":
+        for file in UNIT_DATA:
+            write_atomic(target.parent / file, (base / file).read_bytes())
+    write_atomic(target, text.encode())
+    print(f"{kind}: {settings.shown(target)}")
+    print(NEXT_STEP[kind].format(name=name))
+
+
+def with_comments(kind: str, text: str) -> str:
+    """A file with the type, bounds and default of each key behind its line."""
+    return "\n".join(_commented_lines(kind, text)) + "\n"
+
+
+def _commented_lines(kind: str, text: str) -> Iterator[str]:
+    yield f"# A {kind} to start from: it runs as it is. All keys: python -m pipeline keys {kind}"
+    known_keys, section = {key.path: key for key in file_keys()[kind]}, ""
+    for line in text.splitlines():
+        if match := SECTION_LINE.match(line):
+            section = re.sub(r"^(tolerances|costs)\.\w+", r"\1.<dimension>", f"{match[1]}.")
+            section = re.sub(r"^materials\.\w+", "materials.<name>", section)
+        match = KEY_LINE.match(line)
+        key = known_keys.get(f"{section}{match[1]}") if match else None
+        yield f"{line:{COMMENT_COLUMN}}# {describe(key, '')}" if key and "#" not in line else line

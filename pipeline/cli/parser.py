@@ -72,7 +72,7 @@ def _studies(command: Commands) -> None:
     sparing.add_argument("--units", type=int, help="evaluated by the surrogate; default: the study's, or 100,000")
     sparing.add_argument("--solve", type=int, help="of them load-solved on average; default: the study's, or 4,000")
 
-    drawing = command("flank", "flank.write_flank", "write the flank of a design as CSV and DXF, drawn and measured")
+    drawing = command("flank", "handover.write_flank", "write the flank of a design as CSV and DXF, drawn and measured")
     drawing.add_argument("--design", required=True, help="design file, or the stem of one in data/designs")
     drawing.add_argument("--out", required=True, type=Path, help="folder for drawn.csv, measured.csv and flank.dxf")
     drawing.add_argument("--points", type=int, default=360, help="of each lobe; default: 360")
@@ -88,7 +88,7 @@ def _studies(command: Commands) -> None:
     listing = command("keys", "keys.show_keys", "every key of design, study and unit files: type, unit, default, sign")
     listing.add_argument("name", nargs="?", help="design, study, unit, or the beginning of a key, as tolerances")
 
-    making = command("new", "new.write_new", "write a commented design, study or measured unit that runs")
+    making = command("new", "keys.write_new", "write a commented design, study or measured unit that runs")
     making.add_argument("kind", choices=("design", "study", "unit"))
     making.add_argument("name", help="of the file in data/designs or data/studies, or of the folder in data/measured")
     making.add_argument("--design", help="design of a study; default: pin_in_hole_39")

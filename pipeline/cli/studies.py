@@ -13,8 +13,8 @@ from pipeline.cli.arguments import check_sample, print_answer, workers
 from pipeline.cli.kept_answers import keep_answer
 from pipeline.cli.parser import parser
 from pipeline.config import Study, load_study, load_unit
-from pipeline.config.files.text_file import READ
-from pipeline.engine.lock import lock_run
+from pipeline.config.files.table_file import READ
+from pipeline.engine.cache import lock_run
 from pipeline.engine.runner import damages, plan, set_aside, why
 from pipeline.engine.store import DAMAGED_SUFFIX, RECORD, Output, remove, write_atomic
 from pipeline.errors import InputError
@@ -22,7 +22,7 @@ from pipeline.library.running import known_size, prepared_loops, up_to_date
 from pipeline.library.studies import tails
 from pipeline.model.metrics import library
 from pipeline.registry import registered_folders
-from pipeline.report.known_yield import needed_sentences, preload_warning, yield_estimate
+from pipeline.report.results import needed_sentences, preload_warning, yield_estimate
 from stages import hysteresis
 from stages.chain import STAGES
 from stages.sample import SAMPLED_TABLES, errors_of_columns

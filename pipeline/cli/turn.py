@@ -13,17 +13,17 @@ from pipeline.config import Study, load_study
 from pipeline.engine.cache import Cache
 from pipeline.engine.stage import Job
 from pipeline.engine.store import write_atomic
-from pipeline.engine.table import Column, Table
+from pipeline.engine.table import Column, Table, columns_of_frame
 from pipeline.errors import InputError
+from pipeline.figures.hysteresis import output_turn_figure
 from pipeline.figures.style import save
-from pipeline.figures.turn import output_turn_figure
 from pipeline.library.running import known_size
 from pipeline.model.turn import orders
 from pipeline.populations.output_turn import PHASES, OutputTurn, free_error, loaded_error
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 from stages.reduce import DiskMatrices
 from stages.tables.keys import CRANK
-from stages.tables.transmission import SENSE, SENSES, TORQUE
+from stages.tables.over_turn import SENSE, SENSES, TORQUE
 from stages.worst import drives_of
 
 MOST_ROWS = 6
@@ -73,8 +73,7 @@ def turn_unit(options: argparse.Namespace) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     errors, waves = _error_rows(curves), _order_rows(study, curves)
     for table, rows in ((ERROR, errors), (ORDERS, waves)):
-        columns = {name: rows[name].array if name == "sense" else rows[name].to_numpy() for name in rows}
-        write_atomic(folder / f"{table.name}-{options.sample}.parquet", table.part(columns).data)
+        write_atomic(folder / f"{table.name}-{options.sample}.parquet", table.part(columns_of_frame(rows)).data)
     titles = {_what(torque): torque for torque in curves}
     of_errors, of_waves = (
         {title: rows[rows["torque_Nm"].abs() == torque] for title, torque in titles.items()} for rows in (errors, waves)

@@ -1,12 +1,14 @@
-"""Designs and studies with other numbers, checked as those of a file."""
+"""Designs and studies with other numbers, checked as those of a file, and settings as a TOML file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+import tomli_w
+
 from pipeline.config.designs.design import Design
-from pipeline.config.files.keys import with_value
+from pipeline.config.files.section import with_value
 from pipeline.config.reading import parse_design, parse_study, with_tuples
 from pipeline.config.studies.study import Study
 
@@ -49,3 +51,14 @@ def changed_study(study: Study, changes: Mapping[str, Any]) -> Study:
         if key != "name" and not key.startswith(OF_DESIGN):
             raw = with_value(raw, key, value)
     return parse_study(with_tuples(raw) | {"design": "design"}, name, f"study {name}", lambda _: design)
+
+
+def toml_of(content: Mapping[str, object]) -> str:
+    """Tables of plain values, lists and tables as TOML, which has no null: a key whose value is None is left out."""
+    return tomli_w.dumps(_without_none(content))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return [_without_none(item) for item in value] if isinstance(value, list | tuple) else value

@@ -11,20 +11,9 @@ from typing import Any
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from pipeline.config.designs.design import Design
-from pipeline.config.designs.effects import effect_problems
-from pipeline.config.designs.flank_file import with_flank_file
-from pipeline.config.designs.geometry import geometry_problems
-from pipeline.config.files.messages import problems_of
-from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Mistake, nearest_name, shown_value
-from pipeline.config.files.text_file import READ
-from pipeline.config.notation import with_notation
-from pipeline.config.studies.cases import Case, case_problems
-from pipeline.config.studies.consistency import provenance_problems, study_problems, with_turn
-from pipeline.config.studies.costs import Costs, cost_problems
-from pipeline.config.studies.mesh_defaults import ANY_MESH, with_mesh
-from pipeline.config.studies.study import Study
-from pipeline.config.studies.tolerances import Tolerances, tolerance_problems
-from pipeline.config.temperature.drawn import (
+from pipeline.config.designs.flank import with_flank_file
+from pipeline.config.designs.problems import effect_problems, geometry_problems
+from pipeline.config.drawn_temperature import (
     draw_problems,
     draw_sentence,
     growth_tolerances,
@@ -32,7 +21,10 @@ from pipeline.config.temperature.drawn import (
     read_draws,
     thermal_of,
 )
-from pipeline.config.temperature.stated import (
+from pipeline.config.files.messages import problems_of
+from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Mistake, nearest_name, shown_value
+from pipeline.config.files.table_file import READ
+from pipeline.config.stated_temperature import (
     Temperature,
     temperature_problems,
     temperature_sentence,
@@ -41,6 +33,12 @@ from pipeline.config.temperature.stated import (
     warm_design,
     warm_tolerances,
 )
+from pipeline.config.studies.consistency import provenance_problems, study_problems, with_turn
+from pipeline.config.studies.costs import Costs, cost_problems
+from pipeline.config.studies.mesh_defaults import ANY_MESH, with_mesh
+from pipeline.config.studies.study import Study
+from pipeline.config.studies.tolerances import Case, Tolerances, case_problems, tolerance_problems
+from pipeline.config.tolerance_notation import with_notation
 from pipeline.errors import InputError
 
 BUNDLED_DATA = Path(__file__).parent.parent / "bundled"

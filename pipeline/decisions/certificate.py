@@ -15,20 +15,19 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.arrays import Real
-from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Study
-from pipeline.decisions.bounds.box import Box
-from pipeline.decisions.bounds.play import Bound, play_bounds
+from pipeline.config.studies.tolerances import Case
+from pipeline.decisions.box import Box
 from pipeline.decisions.fresh_units import Solve
 from pipeline.decisions.lots.lot_yield import limit_passes
-from pipeline.engine.frames import write_csv, write_tables
-from pipeline.engine.store import write_json
+from pipeline.decisions.play_bounds import Bound, play_bounds
+from pipeline.engine.store import write_csv, write_json, write_tables
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
-from pipeline.sampling import Errors, draw_with_parts
-from pipeline.statistics import Estimate, pass_share
+from pipeline.sampling.errors import Errors, draw_with_parts
+from pipeline.statistics.intervals import Estimate, pass_share
 
 BAND = (0.025, 0.975)
 """Quantiles of the drawn units between which a band lies."""
@@ -105,7 +104,7 @@ class Certificate:
         low, high = np.quantile(self.loops.angle, BAND, axis=0)
         axes = np.meshgrid(self.loops.crank_deg, ["rising", "falling"], self.loops.torque, indexing="ij")
         values = (*axes, np.median(self.loops.angle, axis=0), low, high)
-        names = [column.name for column in COMPENSATION.columns]
+        names = COMPENSATION.schema.names
         return pd.DataFrame({name: np.ravel(value) for name, value in zip(names, values, strict=True)})
 
     def predicted_angle(self, crank_deg: Real, rising: NDArray[np.bool_], torque: Real) -> Real:
@@ -192,7 +191,7 @@ def _metrics(study: Study, values: Mapping[str, Real]) -> pd.DataFrame:
             low, high = np.quantile(finite, BAND)
             share = float(np.mean(pass_flags[name])) if name in limits else np.nan
             rows.append((name, float(np.median(finite)), low, high, limits.get(name, np.nan), share))
-    return pd.DataFrame(rows, columns=[column.name for column in METRICS_TABLE.columns])
+    return METRICS_TABLE.frame(rows)
 
 
 def _bounds(study: Study, known_values: Mapping[str, Real], loops: Loops) -> tuple[Bound, ...]:

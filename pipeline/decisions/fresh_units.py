@@ -9,9 +9,9 @@ from joblib import delayed
 
 from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
-from pipeline.engine.processes.parallel import worker_results
-from pipeline.sampling import Errors, draw
-from pipeline.statistics import Estimate, pass_share
+from pipeline.engine.parallel import worker_results
+from pipeline.sampling.errors import Errors, draw
+from pipeline.statistics.intervals import Estimate, pass_share
 
 Angles = Mapping[str, Real]
 Solve = Callable[[Errors], tuple[Angles, Angles]]

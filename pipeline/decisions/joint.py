@@ -83,13 +83,7 @@ def mujoco(joint: Joint) -> str:
     body = SubElement(SubElement(model, "worldbody"), "body", name="input_side")
     half = 0.5 * joint.backlash_rad
     SubElement(
-        body,
-        "joint",
-        name="backlash",
-        type="hinge",
-        axis="0 0 1",
-        limited="true",
-        range=f"{-half:.9g} {half:.9g}",
+        body, "joint", name="backlash", type="hinge", axis="0 0 1", limited="true", range=f"{-half:.9g} {half:.9g}"
     )
     _inertia(body)
     output = SubElement(body, "body", name="output")

@@ -26,8 +26,9 @@ from pipeline.config.studies.study import Study
 from pipeline.decisions.run_comparison import ComparedRun, differing_inputs
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
-from pipeline.sampling import deviations_at, dimensions, uniforms
-from pipeline.statistics import Estimate
+from pipeline.sampling.designs import uniforms
+from pipeline.sampling.errors import deviations_at, dimensions
+from pipeline.statistics.intervals import Estimate
 
 FEWEST_EFFECTIVE = 100.0
 """Effective units below which nothing is told: the weights are then those of a few units."""

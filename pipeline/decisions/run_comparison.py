@@ -15,7 +15,8 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
-from pipeline.sampling import dimensions, replicates, uniforms
+from pipeline.sampling.designs import replicates, uniforms
+from pipeline.sampling.errors import dimensions
 from pipeline.statistics.differences import (
     Replicate,
     enough_beyond,
@@ -148,8 +149,7 @@ def check_comparable(a: Study, b: Study) -> None:
 def differences(a: ComparedRun, b: ComparedRun) -> Columns:
     """Rows of `DIFFERENCES`: `b` less `a`."""
     rows = _case_rows(a, b) if a.study.samples.experiment == "cases" else _sample_rows(a, b)
-    frame = pd.DataFrame(rows, columns=[column.name for column in DIFFERENCES.columns])
-    return {name: frame[name].to_numpy() for name in frame}
+    return DIFFERENCES.columns_of_rows(rows)
 
 
 def _case_rows(a: ComparedRun, b: ComparedRun) -> list[tuple]:

@@ -18,19 +18,19 @@ from scipy.optimize import linear_sum_assignment
 
 from pipeline.arrays import Real
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.distributions.along_line import Fixed
+from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.studies.study import Study
 from pipeline.decisions.fresh_units import BATCH, Solve
 from pipeline.decisions.lots.lot_yield import limit_passes
 from pipeline.decisions.lots.measured_lot import MeasuredLot
-from pipeline.engine.frames import write_tables
-from pipeline.engine.processes.parallel import worker_results
+from pipeline.engine.parallel import worker_results
+from pipeline.engine.store import write_tables
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
-from pipeline.sampling import Errors, draw_with_parts
-from pipeline.statistics import Estimate, pass_share
+from pipeline.sampling.errors import Errors, draw_with_parts
+from pipeline.statistics.intervals import Estimate, pass_share
 
 Mounting = Callable[[Errors], Real]
 """Errors of ``n`` units to the largest contact force without torque (n,) [N]."""
@@ -160,11 +160,7 @@ def _measured_values(lot: MeasuredLot, rows: NDArray[np.intp]) -> dict[str, Real
 def _unmeasured_at_mean(study: Study, measured_names: set[str]) -> Study:
     """The study whose dimensions that were not measured have the mean of their tolerance."""
     means = {
-        name: Fixed(
-            distribution="fixed",
-            allowance_um=tolerance.allowance_um,
-            value_um=tolerance.average_um,
-        )
+        name: Fixed(distribution="fixed", allowance_um=tolerance.allowance_um, value_um=tolerance.average_um)
         for name, tolerance in study.tolerances
         if name not in measured_names and tolerance.varies and not dimension_library()[name].direction
     }

@@ -1,18 +1,21 @@
-"""Computations shared by studies: folders found by what they depend on, and believed only if their hashes fit."""
+"""Computations shared by studies, found by what they depend on and used only if their hashes fit; the lock of a run."""
 
+import contextlib
 import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from filelock import FileLock, Timeout
 
 from pipeline.engine import progress
-from pipeline.engine.store import read_json, remove, sha256_of, write_json
+from pipeline.engine.store import make_way, read_json, remove, sha256_of, write_json
+from pipeline.errors import InputError
 
 ENTRY = "entry.json"
 """Beside the files of an entry: its key, and each file's hash, size and, of an array, shape."""
@@ -77,3 +80,40 @@ def _file_entry(path: Path) -> Mapping[str, Any]:
         except (OSError, ValueError):
             entry["shape"] = None
     return entry
+
+
+LOCK = ".lock"
+HOLDER = ".holder"
+"""Process that holds the lock: a file of its own, since some systems let nobody read a locked one."""
+
+
+@contextlib.contextmanager
+def lock_run(run: Path) -> Iterator[None]:
+    """Hold a run for writing; the lock goes with the process, however it ends.
+
+    Raises
+    ------
+    InputError
+        If another process has it; names that process.
+    """
+    run.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(run / LOCK)
+    try:
+        lock.acquire(blocking=False)
+    except Timeout:
+        raise InputError(
+            f"{run}: process {_holder(run)} is writing this run; one process at a time may; wait for it or stop it"
+        ) from None
+    try:
+        make_way(run / HOLDER)
+        (run / HOLDER).write_text(str(os.getpid()))
+        yield
+    finally:
+        lock.release()
+
+
+def _holder(run: Path) -> str:
+    try:
+        return (run / HOLDER).read_text().strip() if (run / HOLDER).is_file() else "(unknown)"
+    except (OSError, ValueError):
+        return "(unknown)"

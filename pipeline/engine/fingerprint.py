@@ -27,7 +27,7 @@ PACKAGES = ("numpy", "scipy", "scikit-fem", "numba", "pyarrow", "pandas")
 OWN_PACKAGES = ("pipeline", "stages")
 TEMPLATES = (".html", ".css", ".js")
 """Files beside the modules of a package that are sources too."""
-NO_EFFECT = ("pipeline.engine.progress", "pipeline.config.designs.effects", "pipeline.config.designs.contact_laws")
+NO_EFFECT = ("pipeline.engine.progress", "pipeline.config.designs.problems")
 """Modules that no value depends on: they show progress, or refuse settings."""
 GROUPS = {kind.package: kind.group for kind in KINDS}
 """Packages that import whatever modules lie in them and in their rooms, and the entry points of others' modules."""

@@ -13,12 +13,10 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from pipeline.engine import progress
-from pipeline.engine.cache import Cache
-from pipeline.engine.expected_time import expected_seconds
+from pipeline.engine.cache import Cache, lock_run
+from pipeline.engine.cluster import solved_on_cluster
 from pipeline.engine.fingerprint import Fingerprint, fingerprint, remembered_sources
-from pipeline.engine.lock import lock_run
-from pipeline.engine.processes.cluster import solved_on_cluster
-from pipeline.engine.processes.parallel import Backend, parts_of, solved_chunks
+from pipeline.engine.parallel import Backend, parts_of, solved_chunks
 from pipeline.engine.record import Manifest, valid, with_seal
 from pipeline.engine.stage import Chunk, Job, Sections, Stage
 from pipeline.engine.store import (
@@ -31,7 +29,7 @@ from pipeline.engine.store import (
     read_json,
     write_json,
 )
-from pipeline.engine.work import Work
+from pipeline.engine.work import Work, expected_seconds
 from pipeline.errors import InputError
 
 SOURCES = "sources.json"

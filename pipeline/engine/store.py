@@ -21,12 +21,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.engine import progress
 from pipeline.engine.record import valid_record
-from pipeline.engine.table import ITEM, Columns, columns_of
+from pipeline.engine.table import ITEM, Columns, Table, columns_of, columns_of_frame
 from pipeline.errors import InputError
 
 RECORD = "record.json"
@@ -236,3 +237,23 @@ def read_parquet(path: Path, items: tuple[int, int] | None = None) -> pa.Table:
         table = file.read_row_groups([g for g, b in enumerate(bounds) if b and b.min < items[1] and b.max >= items[0]])
     start, stop = np.searchsorted(table[ITEM].to_numpy(), items)
     return table.slice(start, stop - start)
+
+
+def write_tables(
+    tables: Mapping[Table, Columns | pd.DataFrame], folder: Path, as_csv: bool = False
+) -> dict[str, pd.DataFrame]:
+    """Write tables as Parquet, and as CSV if that is wanted, into ``folder``; their frames by name."""
+    frames = {table.name: pd.DataFrame(columns) for table, columns in tables.items()}
+    for table, columns in tables.items():
+        frame = frames[table.name]
+        if isinstance(columns, pd.DataFrame):
+            columns = columns_of_frame(frame) if len(frame) else table.empty()
+        write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
+        if as_csv:
+            write_csv(frame, folder / f"{table.name}.csv")
+    return frames
+
+
+def write_csv(frame: pd.DataFrame, path: Path) -> None:
+    """Write a frame as CSV with eight digits."""
+    write_atomic(path, frame.to_csv(index=False, float_format="%.8g").encode())

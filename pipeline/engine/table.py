@@ -8,7 +8,7 @@ on disk both are null. Integers and booleans are never missing.
 
 import hashlib
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -83,6 +83,14 @@ class Table:
     def empty(self) -> Columns:
         """The columns of no rows: what a body returns for a table to which its chunk adds nothing."""
         return columns_of(self.schema.empty_table())
+
+    def frame(self, rows: Sequence[Sequence[Any] | Mapping[str, Any]]) -> pd.DataFrame:
+        """Rows, each a sequence in the order of the columns or a mapping, as a frame."""
+        return pd.DataFrame(rows, columns=self.schema.names)
+
+    def columns_of_rows(self, rows: Sequence[Sequence[Any] | Mapping[str, Any]]) -> Columns:
+        """Rows, likewise, as columns."""
+        return columns_of_frame(self.frame(rows)) if rows else self.empty()
 
     def to_arrow(self, columns: Mapping[str, Any]) -> pa.Table:
         """The columns as an Arrow table in the order of the contract.
@@ -201,6 +209,14 @@ def columns_of(table: pa.Table) -> Columns:
         else:
             columns[name] = np.require(column.to_numpy(), requirements=["W", "C"])
     return columns
+
+
+def columns_of_frame(frame: pd.DataFrame) -> Columns:
+    """The columns of a frame, labels as Categorical."""
+    return {
+        name: values.array if isinstance(values.dtype, pd.CategoricalDtype) else values.to_numpy()
+        for name, values in frame.items()
+    }
 
 
 def _content(schema: pa.Schema, columns: Columns, item: str) -> int:

@@ -34,10 +34,7 @@ ESTIMATES = {"p05": "5 %", "mean": "mean", "p95": "95 %"}
 
 @with_style
 def distributions_figure(
-    values: pd.DataFrame,
-    estimates: pd.DataFrame,
-    limits: Mapping[str, float],
-    nominal: Mapping[str, float],
+    values: pd.DataFrame, estimates: pd.DataFrame, limits: Mapping[str, float], nominal: Mapping[str, float]
 ) -> Figure:
     """Histogram of each metric; below it the 5th percentile, the mean and the 95th with their intervals.
 

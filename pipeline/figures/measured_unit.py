@@ -9,7 +9,17 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED_INK, legend_below, new_figure, with_style
+from pipeline.figures.style import (
+    ACCENT,
+    ALARM,
+    COLOURS,
+    INK,
+    MUTED_INK,
+    legend_below,
+    new_figure,
+    panel_grid,
+    with_style,
+)
 
 MODELS = {
     "declared": ("model as declared", MUTED_INK, ":"),
@@ -22,8 +32,6 @@ STAGES = {"recalibrated": "Before: calibrated numbers refitted", "after": "After
 SENSES = {1: ("torque rising", ACCENT, "o"), -1: ("torque falling", ALARM, "v")}
 MOST_LOOPS = 6
 """Positions that share a figure."""
-ACROSS = 3
-"""Panels side by side."""
 EXTREME = 4.0
 """Percent of the residuals at each end that the scale does not follow: there the angle jumps through the play."""
 ZOOM_SHARE = 0.12
@@ -50,9 +58,7 @@ def loops_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]]
     models : by the name that begins a column: label, colour and line.
     """
     cranks = list(dict.fromkeys(cells["crank_deg"]))[:MOST_LOOPS]
-    rows = -(-len(cranks) // ACROSS)
-    figure = new_figure(0.5 + 3.1 * rows)
-    panels = np.atleast_1d(figure.subplots(rows, min(len(cranks), ACROSS), squeeze=False)).ravel()
+    figure, panels = panel_grid(len(cranks), 0.5, 3.1)
     for axes, crank in zip(panels, cranks, strict=False):
         position_rows = cells[cells["crank_deg"] == crank]
         cycles = list(dict.fromkeys(position_rows["cycle"]))
@@ -61,8 +67,6 @@ def loops_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]]
         _draw_zoom(axes, cycle_rows, models)
         axes.set_title(f"Crank at {crank:g}°, cycle {cycle_rows['cycle'].iloc[0]}")
         axes.set_xlabel("torque (N m)")
-    for axes in panels[len(cranks) :]:
-        axes.set_axis_off()
     panels[0].set_ylabel("angle (arcmin)")
     legend_below(figure, panels[0])
     return figure
@@ -111,7 +115,7 @@ def torque_figure(cells: pd.DataFrame, stages: Mapping[str, str] = STAGES) -> Fi
                 markeredgewidth=0,
                 label=label,
             )
-        _zero_line(axes, cells, stages)
+        zero_line(axes, cells, stages)
         axes.set_title(title)
         axes.set_xlabel("torque (N m)")
     panels[0].set_ylabel("measured − predicted (arcmin)")
@@ -134,7 +138,7 @@ def time_figure(cells: pd.DataFrame) -> Figure:
             axes.plot(number[is_selected], residual, ".", color=colour, markersize=2.5, label=f"crank at {crank:g}°")
         for start in np.flatnonzero(np.diff(cells["cycle"].to_numpy()) != 0) + 0.5:
             axes.axvline(start, color=MUTED_INK, linewidth=0.5, alpha=0.5)
-        _zero_line(axes, cells)
+        zero_line(axes, cells)
         axes.set_title(title)
     panels[1].set_xlabel("cell in order of time, position by position; lines part the cycles")
     figure.supylabel("measured − predicted (arcmin)", fontsize=9)
@@ -171,7 +175,7 @@ def _label(name: str, title: str) -> str:
     return " + ".join(part.replace("_", " ") for part in name.split("+")) if "+" in name else title
 
 
-def _zero_line(axes: Axes, cells: pd.DataFrame, stages: Mapping[str, str] = STAGES) -> None:
+def zero_line(axes: Axes, cells: pd.DataFrame, stages: Mapping[str, str] = STAGES) -> None:
     """Zero, and a scale that the few cells across the play do not set."""
     axes.axhline(0, color=INK, linewidth=0.8)
     values = np.concatenate([cells[f"residual_{stage}_arcmin"].dropna().to_numpy() for stage in stages])
@@ -189,9 +193,7 @@ def quantiles_figure(quantiles: pd.DataFrame) -> Figure:
     quantiles : ``label``, ``unit``, ``study``, ``measured``: one row a metric and probability.
     """
     labels = list(dict.fromkeys(quantiles["label"]))
-    rows = -(-len(labels) // ACROSS)
-    figure = new_figure(0.2 + 3.1 * rows)
-    panels = figure.subplots(rows, min(len(labels), ACROSS), squeeze=False).ravel()
+    figure, panels = panel_grid(len(labels), 0.2, 3.1)
     for axes, label in zip(panels, labels, strict=False):
         metric_rows = quantiles[quantiles["label"] == label]
         ends = [metric_rows[["study", "measured"]].min().min(), metric_rows[["study", "measured"]].max().max()]
@@ -202,6 +204,4 @@ def quantiles_figure(quantiles: pd.DataFrame) -> Figure:
             xlabel=f"study ({metric_rows['unit'].iloc[0]})",
             ylabel=f"units ({metric_rows['unit'].iloc[0]})",
         )
-    for axes in panels[len(labels) :]:
-        axes.set_axis_off()
     return figure

@@ -9,7 +9,7 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.config.mechanisms.drawing import Circles, Panel, Part, Points, RowLabel
+from pipeline.config.mechanisms.mechanism import Circles, Panel, Part, Points, RowLabel
 from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED_INK, legend_below, new_figure, with_style
 
 LINES: Mapping[Part, str] = {"disk": INK, "output": COLOURS[2], "between": ALARM}

@@ -27,6 +27,8 @@ PNG_DPI = 160
 PNG_COMPRESSION = 3
 """A third larger than the best compression, three times as fast."""
 
+ACROSS = 3
+"""Panels side by side."""
 MOST_INTERVALS = 8
 """Between ticks; more are slow to draw and make no figure clearer."""
 
@@ -124,6 +126,16 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
     figure = _SteadyFigure(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def panel_grid(count: int, base: float, row: float, *, sharey: bool = False) -> tuple[Figure, NDArray[Any]]:
+    """An empty figure with ``count`` axes, three side by side, ``base`` and ``row`` inches high for each row."""
+    rows = -(-count // ACROSS)
+    figure = new_figure(base + row * rows)
+    panels = figure.subplots(rows, min(count, ACROSS), squeeze=False, sharey=sharey).ravel()
+    for axes in panels[count:]:
+        axes.set_axis_off()
+    return figure, panels
 
 
 def save(figure: Figure, stem: Path) -> None:

@@ -11,13 +11,13 @@ import pandas as pd
 
 from pipeline import settings
 from pipeline.config import Study
-from pipeline.config.files.writing import toml_of
-from pipeline.decisions.allocation import results as allocation_results
-from pipeline.decisions.allocation.allocate import Allocation
-from pipeline.decisions.allocation.allocate import allocate as cheapest_tolerances
-from pipeline.decisions.allocation.priced import priced_tolerances
-from pipeline.decisions.bounds import results as bounds_results
-from pipeline.decisions.bounds.box import Box
+from pipeline.config.changing import toml_of
+from pipeline.decisions import allocation as allocation_results
+from pipeline.decisions import bounds as bounds_results
+from pipeline.decisions.allocation import Allocation
+from pipeline.decisions.allocation import allocate as cheapest_tolerances
+from pipeline.decisions.box import Box
+from pipeline.decisions.cheapest import priced_tolerances
 from pipeline.decisions.fresh_units import Angles
 from pipeline.decisions.run_comparison import (
     ComparedRun,
@@ -29,18 +29,16 @@ from pipeline.decisions.run_comparison import (
 from pipeline.engine.progress import Line, say
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
-from pipeline.library.answer import Answer
-from pipeline.library.running import Workers, prepared_loops, study_of, up_to_date
+from pipeline.library.running import Answer, Workers, prepared_loops, study_of, up_to_date
 from pipeline.model.metrics import library
 from pipeline.populations import prediction, tails
-from pipeline.report.decisions.allocation import sentence as allocation_sentence
-from pipeline.report.decisions.allocation import write_allocation_page
-from pipeline.report.decisions.bounds import write_bounds_page
+from pipeline.report.decisions.bounds import sentence as allocation_sentence
+from pipeline.report.decisions.bounds import write_allocation_page, write_bounds_page
 from pipeline.report.decisions.compare import answer_lines, write_comparison
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 from stages import hysteresis
-from stages.aggregate import over_turn
 from stages.clearance import rigid_ends
+from stages.tables.distributions import over_turn
 from stages.tables.turn import loop_metrics, metric_turns, over_turn_columns
 from stages.tails import TRIAL, at_angles, springs
 

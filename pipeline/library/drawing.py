@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from pipeline.figures.distributions import draw_histogram
-from pipeline.figures.drivers import draw_shares
 from pipeline.figures.hysteresis import draw_loops
+from pipeline.figures.yields import draw_shares
 from pipeline.library.studies import Run
-from pipeline.statistics import RANK_CORRELATION
+from pipeline.statistics.sensitivity import RANK_CORRELATION
 
 
 def draw_loop(run: Run, axes: Axes, sample: int = 0, crank_deg: float | None = None) -> Axes:

@@ -10,9 +10,9 @@ import numpy as np
 
 from pipeline import settings
 from pipeline.config import Study
+from pipeline.config.changing import toml_of
 from pipeline.config.files.section import NAME, NAME_RULE
 from pipeline.config.files.table_file import read_table
-from pipeline.config.files.writing import toml_of
 from pipeline.config.reading import load_case
 from pipeline.decisions.certificate import (
     Certificate,
@@ -30,15 +30,18 @@ from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.library.answer import Answer
 from pipeline.library.decisions import DESIGN_FILE, loaded_units
-from pipeline.library.running import Workers, prepared_loops, study_of, up_to_date
+from pipeline.library.running import Answer, Workers, prepared_loops, study_of, up_to_date
 from pipeline.model.load_history.load_cycle import BRANCHES
 from pipeline.model.units import ARCMIN, NM_PER_NMM
-from pipeline.report.decisions.assembly import assembly_sentences, write_assembly_page
-from pipeline.report.decisions.certificate import compensation_sentence, write_certificate_page
+from pipeline.report.decisions.certificate import (
+    assembly_sentences,
+    compensation_sentence,
+    write_assembly_page,
+    write_certificate_page,
+)
 from pipeline.report.decisions.lots import sentences, write_lots_page
-from pipeline.sampling import Errors
+from pipeline.sampling.errors import Errors
 from stages import hysteresis
 
 CERTIFIED_CRANKS = tuple(15.0 * k for k in range(24))

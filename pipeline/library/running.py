@@ -8,10 +8,11 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import pandas as pd
 
@@ -20,17 +21,16 @@ from pipeline.config import Study, load_study
 from pipeline.config.studies.study import Drivers
 from pipeline.engine import progress, runner
 from pipeline.engine.cache import Cache
+from pipeline.engine.cluster import dask_cluster
 from pipeline.engine.fingerprint import code_of, package_versions, source_hashes
-from pipeline.engine.processes.cluster import dask_cluster
-from pipeline.engine.processes.parallel import end_with_parent
+from pipeline.engine.parallel import end_with_parent
 from pipeline.engine.runner import Resources
 from pipeline.engine.stage import Job
 from pipeline.engine.store import Output, write_json
 from pipeline.errors import InputError
 from pipeline.model.equilibrium.solve import compile_solver, solver_is_compiled
-from pipeline.report.known_yield import yield_estimate
-from pipeline.statistics import Estimate
-from pipeline.statistics.sample_size import next_units
+from pipeline.report.results import yield_estimate
+from pipeline.statistics.intervals import Estimate, next_units
 from stages import hysteresis
 from stages.aggregate import AGGREGATE
 from stages.chain import STAGES
@@ -199,3 +199,44 @@ def _yield(study: Study, resources: Resources) -> Estimate:
     width = (answer.ci_high - answer.ci_low) / 2
     progress.say("samples", f"{study.samples.count}: yield {answer.value:.4f} +-{width:.4f}")
     return answer
+
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Answer(Generic[Result]):
+    """What was found, in objects, tables and sentences, and the folder that it was written into.
+
+    Attributes
+    ----------
+    result : the objects that the tables are made of.
+    sentences : what the command prints.
+    folder : of the files.
+    tables : frames by name, the main one first.
+    page : file name of the page, "" where there is none.
+    """
+
+    result: Result
+    sentences: tuple[str, ...]
+    folder: Path
+    tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    page: str = "report.html"
+
+    def __str__(self) -> str:
+        return "\n".join(self.sentences)
+
+    def table(self, name: str) -> pd.DataFrame:
+        """A table by its name; KeyError if there is none, with the names that there are."""
+        if name not in self.tables:
+            raise KeyError(f"no table {name!r}; there are {', '.join(self.tables) or 'none'}")
+        return self.tables[name]
+
+    def to_frame(self) -> pd.DataFrame:
+        """The main table; empty where the data allowed none."""
+        return next(iter(self.tables.values()), pd.DataFrame())
+
+    @property
+    def report(self) -> Path | None:
+        """The page."""
+        return self.folder / self.page if self.page else None

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Real
 from pipeline.config.files.section import nearest_name
-from pipeline.config.files.table_file import TableFile, read_table, shortened_list
-from pipeline.config.files.text_file import LARGEST_VALUE
+from pipeline.config.files.table_file import LARGEST_VALUE, TableFile, read_table, shortened_list
 from pipeline.errors import InputError
 from pipeline.model.metrics import library, measurable_metrics
 from pipeline.model.units import ARCMIN
-from pipeline.statistics import Estimate
 from pipeline.statistics.differences import welch_interval
+from pipeline.statistics.intervals import Estimate
 
 TESTS = ("kolmogorov_smirnov", "cramer_von_mises", "anderson_darling")
 PERMUTATIONS = 1999

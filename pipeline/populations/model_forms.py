@@ -16,8 +16,7 @@ import numpy as np
 import scipy  # its optimizers are slow to import: they are when they are called
 
 from pipeline.config.changing import changed_design
-from pipeline.config.designs.design import Design
-from pipeline.config.designs.plausible_range import plausible_range
+from pipeline.config.designs.design import Design, plausible_range
 from pipeline.config.files.section import number_at
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.line_laws import library as law_library

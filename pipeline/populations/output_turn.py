@@ -23,7 +23,7 @@ from pipeline.model.turn import bearing_force, held_forces
 from pipeline.model.units import ARCMIN
 from pipeline.mounting import drive_of
 from pipeline.populations.turn_drives import TurnDrives, Units
-from pipeline.sampling import Errors
+from pipeline.sampling.errors import Errors
 
 PHASES = 3
 """Phases of the pins' pitch that are condensed: the wave of the pitch itself is told from the mean of the turn."""

@@ -18,7 +18,7 @@ from pipeline.config.studies.study import Study
 from pipeline.model.load_history.winkler import winkler_readings
 from pipeline.model.metrics import library
 from pipeline.mounting import drive_of
-from pipeline.sampling import Errors
+from pipeline.sampling.errors import Errors
 from pipeline.statistics.two_phase import exceedance_chance
 
 LEVEL = 0.9973

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.dimensions import dimension_library
-from pipeline.engine.frames import write_csv
+from pipeline.engine.store import write_csv
 from pipeline.populations.comparison import TESTS, MetricComparison
 from pipeline.populations.single_units import SingleUnits
 from pipeline.populations.tolerance_shift import Candidate, Closing

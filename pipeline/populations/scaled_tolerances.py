@@ -23,9 +23,9 @@ from pipeline.config.studies.tolerances import Tolerances
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import Tail, predicted_turn
 from pipeline.populations.tails import Population
-from pipeline.sampling import Errors, draw
-from pipeline.statistics import Estimate
+from pipeline.sampling.errors import Errors, draw
 from pipeline.statistics.differences import share_difference
+from pipeline.statistics.intervals import Estimate
 
 Rough = Callable[[Errors], Mapping[str, Real]]
 

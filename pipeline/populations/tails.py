@@ -17,16 +17,15 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
-from pipeline.config.studies.cases import Case
+from pipeline.config.studies.optional import limited_under_load, without_tails
 from pipeline.config.studies.study import Samples, Study
-from pipeline.config.studies.tails import limited_under_load, without_tails
-from pipeline.config.studies.tolerances import Tolerances
-from pipeline.engine.processes.parallel import worker_results
+from pipeline.config.studies.tolerances import Case, Tolerances
+from pipeline.engine.parallel import worker_results
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import LEVEL, Tail, TailPrediction
-from pipeline.sampling import Errors, draw
-from pipeline.statistics.replicated import FEWEST_BEYOND
+from pipeline.sampling.errors import Errors, draw
+from pipeline.statistics.resampling import FEWEST_BEYOND
 from pipeline.statistics.two_phase import inclusion_probability, tail_quantile, tail_share
 
 Solve = Callable[[Errors], Mapping[str, Real]]

@@ -28,7 +28,7 @@ from pipeline.model.load_history.validity import invalid_metrics
 from pipeline.model.metrics import library
 from pipeline.model.turn import torque_shares
 from pipeline.mounting import drive_of
-from pipeline.sampling import Errors
+from pipeline.sampling.errors import Errors
 
 if TYPE_CHECKING:
     from pipeline.model.elastic.condensed_body import ElasticBody

@@ -11,11 +11,11 @@ import pandas as pd
 
 from pipeline import assembly
 from pipeline.config.designs.design import Design
-from pipeline.figures.spread import centred_loops, spread_frame
+from pipeline.figures.labels import centred_loops, spread_frame
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
 from pipeline.model.units import UM_PER_MM
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import count_text, listed_text, plain_number
+from pipeline.report.layout import count_text, listed_text, plain_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

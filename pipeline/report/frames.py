@@ -13,6 +13,8 @@ from pipeline.figures.labels import METRICS
 
 DRAWN_CASES = 6
 """Cases that share a figure; more lines could not be told apart."""
+ROWS_SHOWN = 40
+"""Cases that the page lists."""
 OK = "ok"
 NOMINAL = "nominal reducer"
 HEADLINES = tuple(name for name, metric in METRICS.items() if metric.headline)

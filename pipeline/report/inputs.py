@@ -8,16 +8,15 @@ from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions import Distribution
 from pipeline.config.files.section import number_at
-from pipeline.config.studies.cases import Case
 from pipeline.config.studies.consistency import number_keys
 from pipeline.config.studies.study import Cycle, Study
-from pipeline.config.studies.tolerances import Tolerances
+from pipeline.config.studies.tolerances import Case, Tolerances
 from pipeline.figures.labels import PARAMETERS
 from pipeline.model.contact.line_laws.contact_law import law_of
 from pipeline.model.effects import library
 from pipeline.report.drawing import flank_fact
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import DASH, count_text, listed_text, plain_number
+from pipeline.report.layout import DASH, count_text, listed_text, plain_number
 
 UNITS = {
     "_N_per_mm_power": "N/mmⁿ",

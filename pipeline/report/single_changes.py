@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS, Study
-from pipeline.decisions.allocation.priced import Priced
+from pipeline.decisions.cheapest import Priced
 from pipeline.figures.labels import LIMITED_METRICS, PARAMETERS
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import percent, percent_interval, rounded_number
+from pipeline.report.layout import percent, percent_interval, rounded_number
 
 SCALED_YIELDS = "scales/yields"
 TARGETS = (0.9, 0.95, 0.99, 0.999)

@@ -11,9 +11,8 @@ import numpy as np
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
-from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Samples
-from pipeline.config.studies.tolerances import Tolerances
+from pipeline.config.studies.tolerances import Case, Tolerances
 from pipeline.sampling.designs import correlated_numbers, uniforms
 
 

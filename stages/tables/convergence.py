@@ -9,8 +9,8 @@ from pipeline.config.studies.study import ALL_LIMITS, ANGLES_TO_CONTINUE, Study
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
-from pipeline.sampling import replicates
-from pipeline.statistics import Estimate, distribution, pass_share
+from pipeline.sampling.designs import replicates
+from pipeline.statistics.intervals import Estimate, distribution, pass_share
 from stages.clearance import rigid_angles
 from stages.tables.turn import Turn
 
@@ -108,8 +108,7 @@ def convergence_rows(
         rows.append(
             {"metric": name, "n_angles": 2 * int(part["n_angles"].iloc[-1]), **doubled_values, "extrapolated": True}
         )
-    frame = pd.DataFrame(rows, columns=CONVERGENCE.schema.names)
-    return {name: frame[name].to_numpy() for name in frame}
+    return CONVERGENCE.columns_of_rows(rows)
 
 
 def _rows(study: Study, worst_values: Mapping[str, np.ndarray], angles: Mapping[str, int]) -> list[dict[str, object]]:
@@ -181,8 +180,7 @@ def sample_convergence_rows(study: Study, values: pd.DataFrame) -> Columns:
         for n in numbers_of_samples(len(column), study.samples.randomisations if study.samples.has_replicates else 1):
             for statistic, estimate in _estimates(study, name, column.iloc[:n]).items():
                 rows.append({"metric": name, "statistic": statistic, **vars(estimate)})
-    frame = pd.DataFrame(rows, columns=[column.name for column in SAMPLE_CONVERGENCE.columns])
-    return {name: frame[name].to_numpy() for name in frame} if rows else SAMPLE_CONVERGENCE.empty()
+    return SAMPLE_CONVERGENCE.columns_of_rows(rows)
 
 
 def numbers_of_samples(n: int, multiple: int) -> list[int]:

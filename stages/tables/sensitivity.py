@@ -11,8 +11,9 @@ from pipeline.engine.stage import Job
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
-from pipeline.sampling import drawn_units, error_groups, replicates
-from pipeline.statistics import (
+from pipeline.sampling.designs import replicates
+from pipeline.sampling.pick_freeze import drawn_units, error_groups
+from pipeline.statistics.sensitivity import (
     FIRST_ORDER,
     RANK_CORRELATION,
     SUM,
@@ -66,10 +67,7 @@ def sensitivity(job: Job, units: Columns, of_angles: Columns, worst_values: pd.D
         *(_ranks(job, worst_values.iloc[:RANKED_SAMPLES]) if len(worst_values) else []),
         *_shares(job, units, of_angles),
     ]
-    if not rows:
-        return SENSITIVITY.empty()
-    frame = pd.DataFrame(rows)
-    return {name: frame[name].to_numpy() for name in frame}
+    return SENSITIVITY.columns_of_rows(rows)
 
 
 def _row(metric: str, turn_value: str, parameter: str, kind: str, values: tuple[float, float, float], n: int) -> dict:

@@ -1,21 +1,28 @@
-"""The metrics of units over the turn, from the readings of their loops and the play of rigid bodies."""
+"""The metrics of units over the turn, from the readings of their loops and the play of rigid bodies.
 
-from collections.abc import Mapping
+The worst of units over the whole turn: what the search found, and what the audited samples correct it by.
+"""
+
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from pipeline.assembly import definitions
 from pipeline.config.studies.study import Study
-from pipeline.engine.table import Column
+from pipeline.engine.table import Column, Columns
 from pipeline.model.metrics import LoopReadings, library
 from pipeline.model.metrics.turn import TurnReadings, turn_library
 from pipeline.model.turn import crank_torque
 from pipeline.model.units import NMM_PER_NM
-from pipeline.operation import conditions
+from pipeline.mounting import conditions
+from pipeline.statistics.intervals import Estimate
+from pipeline.statistics.two_phase import audited_distribution, audited_share
 from stages.clearance import rigid_angles
 from stages.hysteresis import READINGS
-from stages.tables.running import FRICTION_POWER, PRESSURE_SPEED, RUNNING, SHEAR, SHEAR_DEPTH
+from stages.tables.over_turn import FRICTION_POWER, PRESSURE_SPEED, RUNNING, SHEAR, SHEAR_DEPTH
+from stages.worst import N_PHASES, OF_PITCHES
 
 TURN_VALUES = ("worst", "mean", "best")
 """What is made of a metric's values over the turn."""
@@ -70,10 +77,7 @@ def loop_metrics(study: Study, loops: Mapping[str, np.ndarray]) -> dict[str, np.
 
 
 def metric_turns(
-    study: Study,
-    metrics: Mapping[str, np.ndarray],
-    rigid_backlash: np.ndarray,
-    finite_motion: np.ndarray | None = None,
+    study: Study, metrics: Mapping[str, np.ndarray], rigid_backlash: np.ndarray, finite_motion: np.ndarray | None = None
 ) -> dict[str, Turn]:
     """Every metric over the turn: at the loaded angles, and the clearance backlash of rigid bodies between them.
 
@@ -189,3 +193,116 @@ def unit_status(status: np.ndarray, angles: int) -> np.ndarray:
     """Status (n,) of units: of the first of their ``angles`` loops that has no result, or `ok`."""
     by_unit = np.asarray(status).reshape(-1, angles)
     return by_unit[np.arange(len(by_unit)), np.argmax(by_unit != "ok", axis=1)]
+
+
+WHOLE_TURN = "whole_turn"
+"""What estimates for the whole turn are over."""
+CONTINUOUS_TURN = "continuous_turn"
+"""What bounds for all angles between the pitches and their phases are over."""
+CRANK_DEG_PER_TURN = 360.0
+"""Degrees of a turn of the crank."""
+FOUND_AT = tuple(
+    column
+    for name, metric in library().items()
+    for column in (
+        Column(f"{name}_at_crank_deg", "float64", "deg", f"crank angle of the worst {metric.inline}"),
+        Column(f"{name}_at_crank_turn", "float64", "1", "turn of the crank in which that lies"),
+    )
+)
+"""Columns of where a unit's worst values were found."""
+
+
+def found_columns(study: Study, turns: Mapping[str, Turn], search: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The worst of every metric (n,) of the angles of the study and of the search, and where it was found.
+
+    Parameters
+    ----------
+    search : columns of the table of the search; none where the study looks at its angles alone.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for name, turn in turns.items():
+        metric = library()[name]
+        angles = rigid_angles(study) if metric.turn_of_rigid_bodies else np.array(study.cycle.crank_deg)
+        values = turn.worst_values
+        bad = np.where(np.isnan(values), -np.inf, -values if metric.smaller_is_worse else values)
+        place = bad.argmax(axis=1)
+        worst_values, crank = values[np.arange(len(place)), place], angles[place]
+        if len(search):
+            found_values = search[f"{name}_worst"]
+            worse = found_values < worst_values if metric.smaller_is_worse else found_values > worst_values
+            lost = np.isnan(found_values) & (search["n_solved"] > 0)
+            worst_values = np.where(lost, np.nan, np.where(worse, found_values, worst_values))
+            crank = np.where(worse, search[f"{name}_at_crank_deg"], crank)
+        missing = np.isnan(values).any(axis=1) | np.isnan(worst_values)
+        columns[f"{name}_worst"] = np.where(missing, np.nan, worst_values)
+        columns[f"{name}_at_crank_deg"] = np.where(missing, np.nan, crank)
+        columns[f"{name}_at_crank_turn"] = columns[f"{name}_at_crank_deg"] // CRANK_DEG_PER_TURN
+    return columns
+
+
+def shortfalls(units: pd.DataFrame, audit: Columns) -> pd.DataFrame:
+    """What each metric's worst of the audited units lies beyond that in the table of units, by sample."""
+    audit_rows = pd.DataFrame(dict(audit)).set_index("sample")
+    found_rows = units.set_index("sample").loc[audit_rows.index]
+    beyond = {}
+    for name, metric in library().items():
+        difference = audit_rows[f"{name}_worst"] - found_rows[f"{name}_worst"]
+        beyond[name] = difference.clip(upper=0.0) if metric.smaller_is_worse else difference.clip(lower=0.0)
+    return pd.DataFrame(beyond)
+
+
+def left_between(audit: Columns) -> pd.DataFrame | None:
+    """What angles between those of the audit add to each metric's worst of the audited units in the mean, at most.
+
+    None where one phase of each pitch is looked at.
+
+    Notes
+    -----
+    A worst value that lies between angles is missed by some power of their distance: by the first at a kink, where
+    another contact becomes the worst, by the second at a smooth peak. For kinks, what angles leave to denser ones is
+    in proportion to their distance: angles ``n`` times as dense add n - 1 parts of n, and leave one.
+    """
+    rows = pd.DataFrame(dict(audit)).set_index("sample")
+    if not len(rows) or rows[N_PHASES.name].iloc[0] < 2:
+        return None
+    share = 1.0 / (rows[N_PHASES.name] - 1)
+    return pd.DataFrame({name: share * (rows[f"{name}_worst"] - rows[OF_PITCHES[name].name]) for name in library()})
+
+
+def whole_turn_estimates(
+    study: Study, values: pd.DataFrame, shortfall: pd.DataFrame
+) -> Iterator[tuple[str, str, Estimate]]:
+    """Metric, statistic and estimate for the whole turn, with an interval for the sampling and the search together.
+
+    Parameters
+    ----------
+    values : (n, n_metrics) the worst of each unit as it was found, and the metrics of the turn, by sample.
+    shortfall : (n_audited, n_metrics) as `shortfalls`.
+    """
+    confidence = study.metrics.confidence
+    for name in library():
+        found_values, missed_values = values[name].dropna().to_numpy(float), shortfall[name].dropna().to_numpy(float)
+        if len(found_values) and len(missed_values):
+            for statistic, estimate in audited_distribution(found_values, missed_values, confidence).items():
+                yield name, statistic, estimate
+    if study.limits.over != "worst":
+        return
+    for name in study.limits.pass_flags({column: values[column].to_numpy(float) for column in values}):
+        limited_metrics = study.limits.limited_metrics(name, values)
+        counted_values, missed_values = (
+            values[limited_metrics].dropna(),
+            shortfall[[m for m in limited_metrics if m in shortfall]].dropna(),
+        )
+        if len(counted_values) and len(missed_values):
+            yield name, "yield", audited_share(_passes(study, name, counted_values, missed_values), confidence)
+
+
+def _passes(study: Study, name: str, counted_values: pd.DataFrame, missed_values: pd.DataFrame) -> Iterator[np.ndarray]:
+    """Whether each unit keeps a limit, or all (n,), with the shortfall of each audited one."""
+    for row in range(len(missed_values)):
+        true = {
+            metric: counted_values[metric].to_numpy(float)
+            + (missed_values[metric].iloc[row] if metric in missed_values else 0.0)
+            for metric in counted_values
+        }
+        yield study.limits.pass_flags(true)[name]

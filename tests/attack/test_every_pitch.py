@@ -15,7 +15,7 @@ import pytest
 from pipeline.config import Study, load_design, parse_study
 from pipeline.engine.runner import Resources, run
 from pipeline.model.metrics import library
-from pipeline.statistics.audited import audited_share
+from pipeline.statistics.two_phase import audited_share
 from stages.chain import STAGES
 
 ROOT = Path(__file__).parents[2]

@@ -17,7 +17,7 @@ from fuzz_oracle import Reading, ignored_settings, leaves, naively_read, silence
 from fuzzed_inputs import SETTINGS_MUTATIONS, TABLE_MUTATIONS, exchanged_columns, other_dialect, scaled_column
 
 from pipeline import cli, settings
-from pipeline.cli.boundary import answer
+from pipeline.cli import answer
 from pipeline.config import load_design, load_study
 from pipeline.errors import InputError
 from pipeline.identification.described.description import describe

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from pipeline import cli, settings
-from pipeline.cli import boundary, studies
-from pipeline.engine.lock import lock_run
+from pipeline.cli import studies
+from pipeline.engine.cache import lock_run
 from pipeline.errors import ChunkError, InputError
 
 ROOT = Path(__file__).parent.parent.parent
@@ -212,17 +212,17 @@ def test_a_study_whose_name_would_leave_the_runs(tmp_path: Path, monkeypatch, ca
 
 
 def test_what_else_can_happen_has_its_line_and_status() -> None:
-    assert boundary.answer(InputError(["a", "b"])) == boundary.ErrorAnswer(("a", "b"), 2)
-    assert boundary.answer(ChunkError("add: failed")).status == 1
-    assert boundary.answer(KeyboardInterrupt()).status == 130
-    assert boundary.answer(BrokenPipeError()) == boundary.ErrorAnswer((), 141)
-    assert "--jobs 1" in boundary.answer(MemoryError()).lines[0]
-    for number in boundary.REMEDIES:
-        message = boundary.answer(OSError(number, os.strerror(number), "a/b.parquet"))
+    assert cli.answer(InputError(["a", "b"])) == cli.ErrorAnswer(("a", "b"), 2)
+    assert cli.answer(ChunkError("add: failed")).status == 1
+    assert cli.answer(KeyboardInterrupt()).status == 130
+    assert cli.answer(BrokenPipeError()) == cli.ErrorAnswer((), 141)
+    assert "--jobs 1" in cli.answer(MemoryError()).lines[0]
+    for number in cli.REMEDIES:
+        message = cli.answer(OSError(number, os.strerror(number), "a/b.parquet"))
         if not isinstance(OSError(number, ""), BrokenPipeError):
             assert (message.lines[0].startswith("a/b.parquet: "), message.status) == (True, 2)
     line = "p: loop; a link is in its place; move it out of the way"
-    assert boundary.answer(OSError(errno.ELOOP, "loop", "p")).lines == (line,)
+    assert cli.answer(OSError(errno.ELOOP, "loop", "p")).lines == (line,)
 
 
 def test_a_fault_of_the_program_leaves_its_traceback_in_a_file(monkeypatch, capsys) -> None:
@@ -259,7 +259,7 @@ def test_clean_runs_during_a_run_removes_nothing(tmp_path: Path, monkeypatch, ca
     monkeypatch.setattr(settings, "RUNS", tmp_path)
     (tmp_path / "another").mkdir()
     (tmp_path / "another/a").touch()
-    script = "import sys; from pathlib import Path; from pipeline.engine.lock import lock_run\n"
+    script = "import sys; from pathlib import Path; from pipeline.engine.cache import lock_run\n"
     script += "with lock_run(Path(sys.argv[1])): print('locked', flush=True); input()"
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from pipeline import cli
-from pipeline.config.files.writing import toml_of
+from pipeline.config.changing import toml_of
 
 ROOT = Path(__file__).parents[2]
 EQUIDISTANT, EXCESS = 9.0, 4.0

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from pipeline import cli, settings
-from pipeline.cli.keys import FOLDERS, examples, file_keys, key_lines, written_keys
-from pipeline.cli.new import BASES
+from pipeline.cli.keys import BASES, FOLDERS, examples, file_keys, key_lines, written_keys
 from pipeline.config import load_design, load_study
 from pipeline.config.dimensions import dimension_library
 

@@ -7,7 +7,7 @@ from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-from pipeline.engine.processes.parallel import end_idle_workers
+from pipeline.engine.parallel import end_idle_workers
 
 
 def forked(body: Callable, *arguments: object, said: Path = Path(os.devnull), **variables: str) -> BaseProcess:

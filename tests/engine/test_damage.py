@@ -19,9 +19,8 @@ from forked import forked
 from toy_study import ADD, DRAW, STAGES, Toy
 
 from pipeline.engine import record, runner, work
-from pipeline.engine.cache import ENTRY, Cache
-from pipeline.engine.lock import lock_run
-from pipeline.engine.processes.parallel import ChunkError
+from pipeline.engine.cache import ENTRY, Cache, lock_run
+from pipeline.engine.parallel import ChunkError
 from pipeline.engine.runner import Resources, run, why
 from pipeline.engine.store import Output, remove
 from pipeline.errors import InputError
@@ -453,9 +452,7 @@ def test_a_stage_whose_bodies_change_nothing_is_not_touched(tmp_path: Path, outp
 
 def test_the_engine_is_imported_where_files_are_locked_otherwise() -> None:
     """As on Windows, which has no fcntl."""
-    script = (
-        "import sys; sys.modules['fcntl'] = None; import pipeline.engine.runner, pipeline.engine.processes.cluster; "
-    )
+    script = "import sys; sys.modules['fcntl'] = None; import pipeline.engine.runner, pipeline.engine.cluster; "
     script += "from filelock import FileLock, SoftFileLock; print(FileLock is SoftFileLock)"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     process = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)

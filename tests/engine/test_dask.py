@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from toy_study import STAGES, Toy
 
-from pipeline.engine.processes import cluster as cluster_module
-from pipeline.engine.processes.cluster import _is_authenticated, dask_cluster
+from pipeline.engine import cluster as cluster_module
+from pipeline.engine.cluster import _is_authenticated, dask_cluster
 from pipeline.engine.runner import Resources, run
 from pipeline.errors import InputError
 
@@ -116,7 +116,7 @@ def test_worker_of_another_version_of_the_code_is_refused(
 
 def test_scheduler_without_a_worker_is_an_input_error(cluster, monkeypatch) -> None:
     address, workers = cluster
-    monkeypatch.setattr("pipeline.engine.processes.cluster.PATIENCE", 2)
+    monkeypatch.setattr("pipeline.engine.cluster.PATIENCE", 2)
     for process in workers:
         process.kill()
         process.wait()
@@ -152,7 +152,7 @@ def test_open_scheduler_beyond_the_loopback_is_refused_unless_the_user_says_so(
 
 
 def test_open_scheduler_that_is_trusted_is_asked(monkeypatch) -> None:
-    monkeypatch.setattr("pipeline.engine.processes.cluster.PATIENCE", 1)
+    monkeypatch.setattr("pipeline.engine.cluster.PATIENCE", 1)
     with (
         pytest.raises(InputError, match="no Dask scheduler answers"),
         dask_cluster("tcp://192.0.2.1:9", is_trusted=True),

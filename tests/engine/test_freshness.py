@@ -14,7 +14,7 @@ from toy_study import ADD, DRAW, FINISH, STAGES, Numbers, Toy
 
 from pipeline.engine import runner
 from pipeline.engine.fingerprint import package_versions
-from pipeline.engine.processes.parallel import ChunkError
+from pipeline.engine.parallel import ChunkError
 from pipeline.engine.runner import Resources, run, why
 from pipeline.engine.stage import Chunk, Job
 from pipeline.errors import InputError

@@ -19,7 +19,7 @@ import pytest
 from forked import forked
 from toy_study import STAGES, Toy, entry
 
-from pipeline.engine.processes.parallel import ChunkError, worker_results
+from pipeline.engine.parallel import ChunkError, worker_results
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
 

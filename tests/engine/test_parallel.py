@@ -11,8 +11,8 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 from toy_study import ADD, Toy, Trouble
 
-from pipeline.engine.processes import parallel
-from pipeline.engine.processes.parallel import Backend, Dumped, Value, solve_chunk, solved_chunks
+from pipeline.engine import parallel
+from pipeline.engine.parallel import Backend, Dumped, Value, solve_chunk, solved_chunks
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.stage import Chunk, Job, Stage
 from pipeline.engine.store import sha256_of

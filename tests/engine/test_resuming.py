@@ -15,8 +15,8 @@ import pytest
 from toy_runs import ONE, hashes, ran
 from toy_study import DRAW, STAGES, Numbers, Toy
 
-from pipeline.engine.lock import lock_run
-from pipeline.engine.processes.parallel import ChunkError
+from pipeline.engine.cache import lock_run
+from pipeline.engine.parallel import ChunkError
 from pipeline.engine.runner import Resources, run, why
 from pipeline.engine.stage import Job
 from pipeline.errors import InputError

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from pipeline.figures.turn import output_turn_figure
+from pipeline.figures.hysteresis import output_turn_figure
 
 
 def test_the_panel_of_the_bearing_has_its_name():

@@ -8,7 +8,7 @@ import pytest
 from skfem import MeshTri
 
 from pipeline.errors import InputError
-from pipeline.figures.exports import write_vtk
+from pipeline.figures.mesh import write_vtk
 from pipeline.model.elastic.condensed_body import elastic_body
 
 

@@ -11,12 +11,11 @@ import pandas as pd
 from measured_bench import ROOT, path_of
 
 from pipeline.config import load_study
-from pipeline.config.files.writing import toml_of
-from pipeline.sampling import draw
+from pipeline.config.changing import toml_of
+from pipeline.sampling.errors import draw
 from tests.validation.blind.files import DIMENSIONS
 from tests.validation.blind.rigid_drive.effects import EFFECTS
-from tests.validation.blind.rigid_drive.locked import LockedDrive
-from tests.validation.blind.rigid_drive.train import Train
+from tests.validation.blind.rigid_drive.train import LockedDrive, Train
 from tests.validation.blind.rigid_unit import rigid_drive
 
 CRANKS = (15.0, 480.0, 1290.0, 2475.0, 3630.0)

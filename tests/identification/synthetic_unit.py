@@ -20,7 +20,7 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.model.effects import Conditions
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 ROOT = Path(__file__).parents[2]
 LARGEST = 12.0  # [N m]

@@ -8,7 +8,7 @@ from pipeline.identification.change.kinds import KINDS
 from pipeline.identification.change.loops import Curves, LoopSize
 from pipeline.identification.change.scatter import POWER, Layout
 from pipeline.identification.change.table import LoopNumber, LoopTable
-from pipeline.statistics import rotations
+from pipeline.statistics import differences
 
 N_POSITIONS, DRAWS = 3, 300
 LEVEL = 0.02
@@ -26,7 +26,7 @@ def drawn(rng: np.random.Generator, n_states: int, change: float = 0.0, n_number
 @pytest.fixture(autouse=True)
 def _fewer_rotations(monkeypatch):
     """A p of 2 % is known to 0.1 %, which is well below what so many draws see."""
-    monkeypatch.setattr(rotations, "ROTATIONS", 20_000)
+    monkeypatch.setattr(differences, "ROTATIONS", 20_000)
 
 
 def pair_weights(n_states: int) -> list[float]:

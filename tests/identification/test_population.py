@@ -12,12 +12,7 @@ from pipeline.config import load_study
 from pipeline.errors import InputError
 from pipeline.model.metrics import measurable_metrics
 from pipeline.model.units import ARCMIN
-from pipeline.populations.comparison import (
-    load_population,
-    metric_comparisons,
-    metrics_at,
-    permutation_tests,
-)
+from pipeline.populations.comparison import load_population, metric_comparisons, metrics_at, permutation_tests
 from pipeline.populations.results import comparison_frame, sentence
 from pipeline.populations.tolerance_shift import (
     Candidate,
@@ -27,7 +22,7 @@ from pipeline.populations.tolerance_shift import (
     mean_deviations,
     read_population_run,
 )
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from stages.sample import columns_of_errors
 
 WIDTH, LOST, RIGIDITY = measurable_metrics()

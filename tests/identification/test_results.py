@@ -16,7 +16,7 @@ from measured_bench import measured, write_unit
 
 from pipeline import cli, settings
 from pipeline.config import load_study
-from pipeline.config.files.writing import toml_of
+from pipeline.config.changing import toml_of
 from pipeline.engine.store import Output
 from pipeline.identification.results import corrected_design, tables
 from pipeline.identification.results.residual_signatures import (
@@ -34,8 +34,7 @@ from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import Verdict
 from pipeline.report.unit.facts import comparison_sentence, other_errors, rows_facts
-from pipeline.report.unit.remainder_cards import remainder_cards
-from pipeline.report.unit.rows import candidate_row
+from pipeline.report.unit.rows import candidate_row, remainder_cards
 from pipeline.statistics.curve_scatter import CurveScatter
 
 ROOT = Path(__file__).parents[2]

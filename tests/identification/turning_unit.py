@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.config.files.writing import toml_of
-from pipeline.sampling import draw
+from pipeline.config.changing import toml_of
+from pipeline.sampling.errors import draw
 from tests.validation.blind.catalogue import catalogue
 from tests.validation.blind.rigid_drive.effects import EFFECTS, NMM_PER_NM, RAD_PER_ARCMIN
 from tests.validation.blind.rigid_unit import rigid_drive

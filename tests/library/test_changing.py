@@ -6,8 +6,7 @@ import pytest
 
 from pipeline import load_design, load_study
 from pipeline.config.changing import changed_study
-from pipeline.config.files.keys import with_value
-from pipeline.config.files.section import number_at
+from pipeline.config.files.section import number_at, with_value
 from pipeline.errors import InputError
 
 ROOT = Path(__file__).parents[2]

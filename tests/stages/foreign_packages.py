@@ -54,7 +54,7 @@ DIMENSION = ovality(4, "four-lobed", rank=110, draw_columns=(12, 13))
 DOGS = """
 from typing import Literal
 import numpy as np
-from pipeline.config.mechanisms.drawing import Circles, Panel
+from pipeline.config.mechanisms.mechanism import Circles, Panel
 from pipeline.config.mechanisms.mechanism import OutputMechanism, Words
 from pipeline.config.files.section import Clearance, Millimetres, Mistake
 from pipeline.model.contact.laws import ContactLaws

@@ -20,7 +20,7 @@ from pipeline.model.metrics import Quantity
 from pipeline.mounting import drive_of
 from pipeline.populations.tails import tails_of
 from pipeline.report.inputs import reducer_facts
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from stages.chain import STAGES
 from stages.sample import columns_of_errors, errors_of_columns
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance

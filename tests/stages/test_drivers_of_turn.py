@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.config import Study, load_design, parse_study
 from pipeline.engine.runner import Resources, run
-from pipeline.sampling import error_groups
+from pipeline.sampling.pick_freeze import error_groups
 from stages import drivers
 from stages.chain import STAGES
 

@@ -12,7 +12,7 @@ from small_study import ROOT, run_study, small_study
 
 from pipeline import assembly
 from pipeline.config import Study, load_design, parse_study
-from pipeline.config.designs.effects import study_effect_problems
+from pipeline.config.designs.problems import study_effect_problems
 from pipeline.config.reading import parse_design, read_toml
 from pipeline.engine.cache import Cache
 from pipeline.engine.fingerprint import source_hashes
@@ -27,7 +27,7 @@ from pipeline.model.load_history.friction.frictional_cycle import refined_cycle,
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 from pipeline.mounting import drive_of
 from pipeline.report.inputs import design_numbers, reducer_facts
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from stages.hysteresis import prepare
 
 Outputs = dict[str, Output]

@@ -18,7 +18,7 @@ from scipy import stats
 from small_study import ROOT, run_study, small_study
 
 from pipeline.config import load_study
-from pipeline.config.designs.effects import effect_problems
+from pipeline.config.designs.problems import effect_problems
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.errors import InputError
 from pipeline.identification.fitting.problem import candidates
@@ -260,7 +260,7 @@ def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(folder: Path, 
 
 def test_a_dimension_that_acts_on_nothing_is_refused(folder: Path) -> None:
     install(folder, "colour_of_a_disk", IDLE, "colour", DIMENSIONS)
-    process = in_a_process("import pipeline.sampling", folder)
+    process = in_a_process("import pipeline.sampling.errors", folder)
     assert "dimension colour acts on nothing; give it a shift, or a gap in the model" in process.stderr
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from pipeline import cli, settings
 from pipeline.config import load_study, parse_design
-from pipeline.config.files.writing import toml_of
+from pipeline.config.changing import toml_of
 from pipeline.errors import InputError
 
 ROOT = Path(__file__).parents[2]

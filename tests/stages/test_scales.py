@@ -15,8 +15,8 @@ from pipeline.engine.runner import Resources, run
 from pipeline.engine.stage import Job
 from pipeline.library.decisions import loaded_units
 from pipeline.populations.scaled_tolerances import AS_STATED, SCALES, scaled_tolerances, scaled_yields
-from pipeline.sampling import draw
-from pipeline.statistics import Estimate
+from pipeline.sampling.errors import draw
+from pipeline.statistics.intervals import Estimate
 from stages import hysteresis
 from stages.chain import STAGES
 from stages.scales import units_looked_at

@@ -4,7 +4,7 @@ import math
 
 import pandas as pd
 
-from pipeline.library.tail_lines import NO_INTERVAL, tail_sentences
+from pipeline.library.studies import NO_INTERVAL, tail_sentences
 
 
 def test_each_row_is_a_sentence_with_its_interval_or_why_there_is_none():

@@ -8,16 +8,16 @@ import pandas as pd
 import pytest
 
 from pipeline import assembly, cli, settings
+from pipeline.config.studies.optional import Tails
 from pipeline.config.studies.study import Limits
-from pipeline.config.studies.tails import Tails
 from pipeline.engine.cache import Cache
 from pipeline.engine.stage import Job
 from pipeline.errors import InputError
 from pipeline.library import studies
 from pipeline.populations import tails
 from pipeline.populations.prediction import Tail, TailPrediction, rough_metrics
-from pipeline.report.samples import tail_lines
-from pipeline.sampling import draw
+from pipeline.report.sections.further import tail_lines
+from pipeline.sampling.errors import draw
 from stages import hysteresis
 from stages.tails import TRIAL, at_angles, springs
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import betaincinv, stdtrit
 
-from pipeline.statistics.audited import audited_distribution, audited_share
 from pipeline.statistics.intervals import QUANTILES
+from pipeline.statistics.two_phase import audited_distribution, audited_share
 
 
 def exact_interval(hits: float, n: float, confidence: float) -> tuple[float, float]:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pipeline.statistics import rotations
-from pipeline.statistics.rotations import Family, family
+from pipeline.statistics import differences
+from pipeline.statistics.differences import Family, family
 
 N_TESTS, DRAWS = 8, 2000
 
@@ -35,7 +35,7 @@ def test_a_single_test_and_copies_of_it_are_the_t_test(freedom, copies):
 @pytest.mark.parametrize("correlated", [0.0, 1.0, 6.0])
 def test_without_an_effect_the_least_p_is_even_whatever_correlates(monkeypatch, freedom, correlated):
     """The covariance is drawn anew each time and is not known to the test: an estimate of it would err here."""
-    monkeypatch.setattr(rotations, "ROTATIONS", 1999)
+    monkeypatch.setattr(differences, "ROTATIONS", 1999)
     rng, least = np.random.default_rng(int(10 * correlated) + freedom), []
     for _ in range(DRAWS):
         mixing = rng.standard_normal((N_TESTS, N_TESTS)) * rng.lognormal(0, 2, N_TESTS)
@@ -47,7 +47,7 @@ def test_without_an_effect_the_least_p_is_even_whatever_correlates(monkeypatch, 
 
 @pytest.mark.parametrize("freedom", [2, 10])
 def test_bonferroni_is_never_ahead_and_a_common_cause_is_shown_more_often(monkeypatch, freedom):
-    monkeypatch.setattr(rotations, "ROTATIONS", 20_000)
+    monkeypatch.setattr(differences, "ROTATIONS", 20_000)
     rng, shown, by_bonferroni = np.random.default_rng(9), 0, 0
     mixing = np.eye(N_TESTS) + np.outer(np.eye(N_TESTS)[0], np.full(N_TESTS, 3.0))
     for _ in range(300):

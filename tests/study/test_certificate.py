@@ -10,14 +10,14 @@ import pytest
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.reading import load_case
-from pipeline.decisions.bounds.play import ATTAINED_BOUND, LEAST_FOUND
 from pipeline.decisions.certificate import certificate, compensation, measured_values
+from pipeline.decisions.play_bounds import ATTAINED_BOUND, LEAST_FOUND
 from pipeline.errors import InputError
 from pipeline.library.decisions import loaded_units
 from pipeline.library.lots import whole_loops
-from pipeline.report.decisions.certificate import next_step
-from pipeline.sampling import draw_with_parts
-from pipeline.statistics import Estimate
+from pipeline.report.decisions.certificate import unit_next_step
+from pipeline.sampling.errors import draw_with_parts
+from pipeline.statistics.intervals import Estimate
 from stages import hysteresis
 
 ROOT = Path(__file__).parents[2]
@@ -106,9 +106,9 @@ def test_a_unit_that_probably_fails_is_not_sent_to_the_controller(certified):
         replace(certified, metrics=chances, meets_all=share)
         for share in (Estimate(0.005, 0.0, 0.03, 200), Estimate(0.95, 0.91, 0.98, 200), None)
     )
-    assert "it probably fails, first on lost motion (met with a probability of 0.5 %)" in next_step(failing)
-    assert "compensation.csv" not in next_step(failing)
-    assert next_step(passing) == next_step(unlimited) == "Load compensation.csv into the controller."
+    assert "it probably fails, first on lost motion (met with a probability of 0.5 %)" in unit_next_step(failing)
+    assert "compensation.csv" not in unit_next_step(failing)
+    assert unit_next_step(passing) == unit_next_step(unlimited) == "Load compensation.csv into the controller."
 
 
 def load_case_of(study, text: str):

@@ -7,7 +7,7 @@ from changed_files import ROOT, changed, read_design
 
 from pipeline.config import load_design, parse_design
 from pipeline.config.designs.design import Design
-from pipeline.config.designs.geometry import geometry_problems
+from pipeline.config.designs.problems import geometry_problems
 from pipeline.config.studies.consistency import number_keys
 from pipeline.errors import InputError
 

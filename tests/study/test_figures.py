@@ -18,13 +18,12 @@ from pipeline.figures.contacts import (
     spring_laws_figure,
 )
 from pipeline.figures.distributions import crank_figure, distributions_figure
-from pipeline.figures.drivers import sensitivity_figure
 from pipeline.figures.hysteresis import bearing_figure, hysteresis_figure
-from pipeline.figures.labels import METRICS, parameter_title
+from pipeline.figures.labels import METRICS, centred_loops, parameter_title, spread_frame
 from pipeline.figures.mesh import mesh_figure
 from pipeline.figures.reducer import reducer_figure
-from pipeline.figures.spread import centred_loops, spread_frame
 from pipeline.figures.style import ALARM, save
+from pipeline.figures.yields import sensitivity_figure
 from pipeline.model.load_history.loop_readings import curve_readings
 from pipeline.model.metrics import Definitions, library, signed_number
 from pipeline.report.sections.study import flank_outline

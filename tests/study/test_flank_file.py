@@ -8,7 +8,7 @@ import pytest
 
 from pipeline import assembly
 from pipeline.config import load_design, parse_design
-from pipeline.config.files.writing import toml_of
+from pipeline.config.changing import toml_of
 from pipeline.errors import InputError
 from pipeline.model.geometry.drawn_flank import lobe_length
 

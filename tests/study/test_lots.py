@@ -21,10 +21,10 @@ from pipeline.decisions.lots.results import lot_fits, study_text
 from pipeline.decisions.selective_assembly import best_assembly
 from pipeline.errors import InputError
 from pipeline.library.lots import lots
-from pipeline.report.decisions.assembly import assembly_sentences, next_step
-from pipeline.sampling import draw
+from pipeline.report.decisions.certificate import assembly_sentences, pairs_next_step
 from pipeline.sampling.designs import correlated_numbers
-from pipeline.statistics import Estimate
+from pipeline.sampling.errors import draw
+from pipeline.statistics.intervals import Estimate
 
 ROOT = Path(__file__).parents[2]
 STUDY = load_study("quick", ROOT)
@@ -233,10 +233,10 @@ def test_a_gain_is_claimed_only_where_the_intervals_do_not_overlap():
         for random, chosen in ((low, high), (low, middle), (high, low))
     )
     assert "The difference is 15 percentage points." in assembly_sentences(shown, None)[0]
-    assert next_step(shown).startswith("Assemble the pairs")
+    assert pairs_next_step(shown).startswith("Assemble the pairs")
     assert "overlap, so the difference (8 percentage points) is not shown" in assembly_sentences(overlapping, None)[0]
     for other in (overlapping, worse):
-        assert next_step(other).startswith("Assemble at random")
+        assert pairs_next_step(other).startswith("Assemble at random")
 
 
 def test_the_share_of_pairs_that_bind_is_that_above_the_force():

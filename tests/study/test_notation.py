@@ -8,9 +8,9 @@ import pytest
 
 from pipeline.config import load_design, parse_study
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.notation.iso286 import DEVIATIONS_UM, TOLERANCES_UM, UP_TO_MM, limit_deviations
+from pipeline.config.iso286 import DEVIATIONS_UM, TOLERANCES_UM, UP_TO_MM, limit_deviations
 from pipeline.errors import InputError
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from stages.clearance import rigid_ends
 
 ROOT = Path(__file__).parents[2]

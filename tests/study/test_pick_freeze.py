@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from pipeline.config import load_study
-from pipeline.config.distributions.along_line import Fixed
+from pipeline.config.dimensions.pins import oval_shift
+from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.studies.study import Drivers
 from pipeline.config.studies.tolerances import Tolerances
-from pipeline.sampling import draw, draw_mixed, drawn_units, error_groups, oval_shift
+from pipeline.sampling.errors import draw
+from pipeline.sampling.pick_freeze import draw_mixed, drawn_units, error_groups
 
 QUICK = load_study("quick", Path(__file__).parents[2])
 N = 20

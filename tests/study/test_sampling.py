@@ -11,20 +11,12 @@ from scipy import stats
 
 from pipeline.assembly import errors as errors_in_mm
 from pipeline.config import load_study
+from pipeline.config.dimensions.pins import oval_shift
 from pipeline.config.distributions import library
-from pipeline.config.distributions.along_line import Fixed, Normal, Triangular, Uniform
-from pipeline.config.studies.cases import Case
-from pipeline.config.studies.tolerances import Tolerances
-from pipeline.sampling import (
-    dimensions,
-    draw,
-    draw_as_measured,
-    oval_shift,
-    replicates,
-    unmeasured_dimensions,
-    usual_beside,
-)
-from pipeline.sampling.designs import correlated_numbers, uniforms
+from pipeline.config.distributions.shipped import Fixed, Normal, Triangular, Uniform
+from pipeline.config.studies.tolerances import Case, Tolerances
+from pipeline.sampling.designs import correlated_numbers, replicates, uniforms
+from pipeline.sampling.errors import dimensions, draw, draw_as_measured, unmeasured_dimensions, usual_beside
 from stages.sample import columns_of_errors, errors_of_columns
 
 ROOT = Path(__file__).parents[2]

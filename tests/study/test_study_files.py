@@ -7,7 +7,7 @@ import pytest
 from changed_files import ROOT, changed, read_design
 
 from pipeline.config import load_design, load_study, parse_design, parse_study
-from pipeline.config.designs.operation import Operation
+from pipeline.config.designs.sections import Operation
 from pipeline.config.dimensions import dimension_library
 from pipeline.errors import InputError
 

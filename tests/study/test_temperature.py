@@ -13,7 +13,7 @@ from pipeline.model.geometry.clearance import gaps
 from pipeline.model.load_history.loop_readings import loop_readings
 from pipeline.model.load_history.response import respond
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 ROOT = Path(__file__).parents[2]
 EXPANSION, SLOPE = 1.2e-5, -3e-4

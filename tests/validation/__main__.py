@@ -15,7 +15,7 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from tests.validation import bench, coverage
 from tests.validation.blind.command_line import through_command_line
-from tests.validation.blind.report import write_reports
+from tests.validation.blind.rates import write_reports
 from tests.validation.blind.run import FULL_RUN, SEED, blind
 from tests.validation.licences import UNKNOWN, licences
 from tests.validation.rig import TRAINED, predicted_states, relocked_position, series_name, states_of, write_unit

@@ -19,9 +19,9 @@ from pipeline.config.studies.study import Study
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.load_cycle import ARCMIN
-from pipeline.sampling import draw, replicates
-from pipeline.statistics import Estimate, distribution, pass_share
-from pipeline.statistics.intervals import QUANTILES, share_interval
+from pipeline.sampling.designs import replicates
+from pipeline.sampling.errors import draw
+from pipeline.statistics.intervals import QUANTILES, Estimate, distribution, pass_share, share_interval
 
 Experiment = Literal["monte_carlo", "sobol", "latin_hypercube"]
 

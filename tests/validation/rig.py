@@ -29,12 +29,7 @@ from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.shared_fit import fitted_together
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
-from pipeline.identification.series.folds import (
-    held_numbers,
-    mean_squares,
-    predicted_by_others,
-    reversed_numbers,
-)
+from pipeline.identification.series.folds import held_numbers, mean_squares, predicted_by_others, reversed_numbers
 
 EVERY, FIRST_RAMP = 12, 100
 """Row that is kept, and first of the ramps to +-40 N m: as ``thinned.py`` of the project's own unit has them."""

@@ -10,9 +10,9 @@ from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from tests.validation import bench
-from tests.validation.bench import preload, rates
+from tests.validation.bench import rates
 from tests.validation.bench.table import Result
 
 RESULTS = [
@@ -50,9 +50,9 @@ def test_preloaded_units_of_the_bench_are_preloaded_and_the_same_with_play_are_n
     sampled = draw(study, 0, 20)
     clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
     drawn = drive_of(study, study.cycle.crank_deg[0], None, assembly.errors(sampled), clearance)
-    variants = preload.with_preload_and_with_play(drawn)
+    variants = rates.with_preload_and_with_play(drawn)
     assert len(variants[0].gap) == len(variants[1].gap) > 15
     for variant, interferes in zip(variants, (True, False), strict=True):
         play = rigid_play(variant.reducer, variant.gap, variant.bearing_clearance)
         assert np.all(play.preloaded == interferes)
-    np.testing.assert_allclose(variants[1].gap - variants[0].gap, 2e-3 * preload.NARROWED, atol=1e-12)
+    np.testing.assert_allclose(variants[1].gap - variants[0].gap, 2e-3 * rates.NARROWED, atol=1e-12)

@@ -12,11 +12,13 @@ import pytest
 
 from pipeline import assembly
 from pipeline.config import load_study
+from pipeline.config.dimensions.pins import oval_shift
 from pipeline.config.studies.study import Drivers
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
-from pipeline.sampling import draw, draw_mixed, error_groups, oval_shift
-from pipeline.statistics.variance_indices import variance_indices
+from pipeline.sampling.errors import draw
+from pipeline.sampling.pick_freeze import draw_mixed, error_groups
+from pipeline.statistics.sensitivity import variance_indices
 
 CRANKS = 0.0, 90.0, 180.0, 270.0
 STUDY = load_study("paper", Path(__file__).parents[2])

@@ -11,8 +11,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from pipeline.checks.calibrate import target_values
-from pipeline.checks.paper import assumptions, comparison, refits, shortfalls, table2
-from pipeline.checks.paper.page import PaperComparison, paper_page
+from pipeline.checks.paper import assumptions, comparison, refits, table2
+from pipeline.checks.paper.comparison import PaperComparison, paper_page
 from pipeline.checks.paper.table2 import Tables
 from pipeline.checks.response import metrics_of, solve_cases, with_numbers
 from pipeline.model.load_history.load_cycle import ARCMIN
@@ -30,7 +30,7 @@ MESH = 0.004
 def paper_shortfalls(study, disk, outputs, targets, parameters):
     table = table2.table2(study, outputs["aggregate"].read("metrics"), targets)
     predicted = table2.prediction(study, disk, targets, parameters)
-    return shortfalls.shortfalls(study, targets, parameters, table, predicted, Tables.read(study, outputs))
+    return refits.shortfalls(study, targets, parameters, table, predicted, Tables.read(study, outputs))
 
 
 def with_metrics(study, **values):
@@ -74,25 +74,25 @@ def test_the_disks_share_of_the_backlash_is_the_formula_of_its_pin_circle(study)
     per_um = 0.5e-3 * (1 - ratio * np.cos(beta)) / (cycloid.eccentricity_mm * (cycloid.pins - 1) * np.sin(beta))
     expected = ARCMIN * 2 * np.min(per_um) * np.array([0, 5, 10])
     first_order = study.model_copy(update={"clearance": study.clearance.model_copy(update={"method": "first_order"})})
-    assert shortfalls.disk_backlash(first_order) == pytest.approx(expected, rel=1e-9)
-    assert shortfalls.disk_backlash(study) == pytest.approx(expected, rel=2e-3)
+    assert refits.disk_backlash(first_order) == pytest.approx(expected, rel=1e-9)
+    assert refits.disk_backlash(study) == pytest.approx(expected, rel=2e-3)
 
 
 def test_a_straight_line_predicts_the_last_column_as_well(study, disk, paper_shortfalls, targets, parameters):
     errors = paper_shortfalls.predictions.set_index(["predictor", "metric"])["relative_error"]
     published = np.array([target.value for target in targets]).reshape(3, 3)
-    for name, tolerance in ((shortfalls.IN_DISK, (0, 5, 10)), (shortfalls.IN_ROLLER, (0, 3, 5))):
+    for name, tolerance in ((refits.IN_DISK, (0, 5, 10)), (refits.IN_ROLLER, (0, 3, 5))):
         line = np.array([np.polyval(np.polyfit(tolerance[:2], column[:2], 1), tolerance[2]) for column in published.T])
         assert errors[name].to_numpy() == pytest.approx(line / published[2] - 1, abs=1e-9)
-    share = shortfalls.disk_backlash(study)
+    share = refits.disk_backlash(study)
     backlash = share[2] + (1.419 - share[1]) / 3 * 5
     lost_motion = backlash + 0.153 + 2 * (0.295 - 0.153)
     by_hand = np.array([backlash / 2.470, lost_motion / 2.842, (2 * 5.897 - 6.337) / 5.401])
-    assert errors[shortfalls.GEOMETRY].to_numpy() == pytest.approx(by_hand - 1, abs=1e-9)
+    assert errors[refits.GEOMETRY].to_numpy() == pytest.approx(by_hand - 1, abs=1e-9)
     rebuilt = predicted_anew(study, disk, targets, parameters)
-    assert errors[shortfalls.MODEL].to_numpy() == pytest.approx(rebuilt, abs=1e-3)
+    assert errors[refits.MODEL].to_numpy() == pytest.approx(rebuilt, abs=1e-3)
     largest = paper_shortfalls.largest_errors
-    assert largest[shortfalls.GEOMETRY] < 1.1 * largest[shortfalls.MODEL] < 0.03
+    assert largest[refits.GEOMETRY] < 1.1 * largest[refits.MODEL] < 0.03
 
 
 def predicted_anew(study, disk, targets, parameters):
@@ -117,10 +117,10 @@ def test_the_choices_are_those_of_the_file(study, paper_shortfalls):
         if origin["status"] == "calibrated" or re.search("with Table 2 in sight|fitted to Table 2", origin["reason"])
     }
     keys = set(paper_shortfalls.choices["key"])
-    assert keys - choices_of_file == set(shortfalls.STUDY_CHOICES)
+    assert keys - choices_of_file == set(refits.STUDY_CHOICES)
     assert choices_of_file < keys
     assert (len(paper_shortfalls.choices), paper_shortfalls.targets) == (10, 8)
-    for key in shortfalls.STUDY_CHOICES:
+    for key in refits.STUDY_CHOICES:
         section, name = key.split(".")
         assert getattr(getattr(study, section), name)
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.checks.calculix import calculix_program
+from pipeline.checks.calculix.program import calculix_program
 from pipeline.checks.calculix.quadtree_mesh import Curve, curved_mesh
 from pipeline.checks.specimen import Specimen
-from pipeline.checks.verify.elastic import holes
+from pipeline.checks.verify import holes
 from pipeline.config import load_study
 
 ROOT = Path(__file__).parents[2]

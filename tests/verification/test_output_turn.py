@@ -15,7 +15,7 @@ from pipeline.mounting import drive_of
 from pipeline.populations import output_turn
 from pipeline.populations.output_turn import PHASES, free_error, loaded_error, loaded_steps, rigid_cranks
 from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 ROOT = Path(__file__).parents[2]
 

@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as t_distribution
 
-from pipeline.checks.calibrate import (
-    FittedNumber,
-    Target,
-    calibrate,
-    read_parameters,
-    target_values,
-    write,
-)
+from pipeline.checks.calibrate import FittedNumber, Target, calibrate, read_parameters, target_values, write
 from pipeline.checks.leastsquares import fit_numbers
 from pipeline.checks.paper import assumptions, comparison, procedures, refits, table2
 from pipeline.checks.paper.drawings import drawings

@@ -14,7 +14,7 @@ from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.response import respond
 from pipeline.model.units import ARCMIN
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 ROOT = Path(__file__).parents[2]
 CATALOGUE = {"rv_40e": 108.0, "rv_80e": 196.0}

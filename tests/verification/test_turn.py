@@ -11,11 +11,11 @@ from scipy.optimize import linprog
 
 from pipeline import assembly
 from pipeline.config import Study, load_design, parse_study
-from pipeline.config.designs.operation import FrictionSection, Operation, Rating
+from pipeline.config.designs.sections import FrictionSection, Operation, Rating
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
 from pipeline.model.geometry.clearance import gaps
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from stages.chain import STAGES
 from stages.tables.convergence import continuation
 

@@ -11,18 +11,19 @@ import numpy as np
 import pytest
 
 from pipeline import cli, settings
-from pipeline.checks.calculix import calculix_deck, calculix_program, run_calculix
-from pipeline.checks.specimen import Specimen, loaded_equilibria
-from pipeline.checks.verify import CHECKS, page, run_checks, suite
-from pipeline.checks.verify.elastic import cylinder, whole
-from pipeline.checks.verify.findings import (
+from pipeline.checks.calculix.deck import calculix_deck
+from pipeline.checks.calculix.program import calculix_program, run_calculix
+from pipeline.checks.specimen import (
     Finding,
+    Specimen,
     at_least,
     largest_difference,
+    loaded_equilibria,
     positive,
     reported_number,
     skipped_check,
 )
+from pipeline.checks.verify import CHECKS, laws, page, run_checks, suite, whole
 from pipeline.checks.verify.suite import COLUMNS, PAGE, CheckRow, write_results
 from pipeline.config import load_study
 from pipeline.errors import InputError
@@ -52,7 +53,7 @@ def rows(crude):
     checks = {name: check for name, check in CHECKS.items() if name not in SLOW}
     compliance = {"disk compliance": checks.pop("disk compliance")}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cylinder, "WIDTHS", cylinder.WIDTHS[1:])
+        patch.setattr(laws, "WIDTHS", laws.WIDTHS[1:])
         patch.setattr(whole, "SHARES", whole.SHARES[::2])
         return list(run_checks(crude, checks)) + list(run_checks(small_reducer(**FINE), compliance))
 

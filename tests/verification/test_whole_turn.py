@@ -19,8 +19,8 @@ from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks, tur
 from pipeline.populations.turn_gaps import SeparateGaps
 from pipeline.populations.turn_residuals import Correlation, fitted_correlation, upper_bounds
 from pipeline.populations.turn_search import audit, lies_elsewhere, worst_at
-from pipeline.sampling import draw
-from pipeline.statistics.audited import audited_distribution, audited_share
+from pipeline.sampling.errors import draw
+from pipeline.statistics.two_phase import audited_distribution, audited_share
 from stages.chain import STAGES
 
 ROOT = Path(__file__).parents[2]

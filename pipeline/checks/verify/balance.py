@@ -7,8 +7,16 @@ import numpy as np
 from scipy.optimize import minimize, root
 
 from pipeline.arrays import Complex, Real
-from pipeline.checks.specimen import SHARES, Specimen, loaded_equilibria
-from pipeline.checks.verify.findings import Finding, at_least, largest_difference, relative, vanishing
+from pipeline.checks.specimen import (
+    SHARES,
+    Finding,
+    Specimen,
+    at_least,
+    largest_difference,
+    loaded_equilibria,
+    relative,
+    vanishing,
+)
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria, solve
 from pipeline.model.geometry.reducer import Bearing, Reducer

@@ -7,8 +7,7 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.arrays import Real
-from pipeline.checks.specimen import Specimen
-from pipeline.checks.verify.findings import Finding, largest_difference, relative
+from pipeline.checks.specimen import Finding, Specimen, largest_difference, relative
 from pipeline.config.designs.design import Design
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.reducer import Reducer

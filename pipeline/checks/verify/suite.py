@@ -9,23 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.checks.specimen import Specimen
+from pipeline.checks.specimen import Check, Finding, Specimen
 from pipeline.checks.verify.balance import check_equilibrium
-from pipeline.checks.verify.elastic.condensation import check_disk_compliance
-from pipeline.checks.verify.elastic.cylinder import check_cylinder_between_flats
-from pipeline.checks.verify.elastic.elasticity import check_elastic_bodies
-from pipeline.checks.verify.elastic.holes import check_holes
-from pipeline.checks.verify.elastic.whole import check_calculix, check_unreduced
-from pipeline.checks.verify.findings import Check, Finding
-from pipeline.checks.verify.flank import check_flank
-from pipeline.checks.verify.geometry import check_profile
-from pipeline.checks.verify.laws import check_contact_laws
-from pipeline.checks.verify.linear_share import check_linear_share
+from pipeline.checks.verify.disks import check_disks, check_turn
+from pipeline.checks.verify.elasticity import check_disk_compliance, check_elastic_bodies
+from pipeline.checks.verify.flank import check_flank, check_profile
+from pipeline.checks.verify.holes import check_holes
+from pipeline.checks.verify.laws import check_contact_laws, check_cylinder_between_flats
+from pipeline.checks.verify.load_sharing import check_li_guan, check_linear_share
 from pipeline.checks.verify.play import check_rigid_backlash
-from pipeline.checks.verify.reducers.disks import check_disks
-from pipeline.checks.verify.reducers.li_guan import check_li_guan
-from pipeline.checks.verify.reducers.rv import check_rv
-from pipeline.checks.verify.reducers.turn import check_turn
+from pipeline.checks.verify.rv import check_rv
+from pipeline.checks.verify.whole import check_calculix, check_unreduced
 from pipeline.config import load_study
 from pipeline.engine.store import write_atomic
 

@@ -1,8 +1,36 @@
-"""Dimensions of the disks: flank, bore and holes."""
+"""Dimensions of the disks: flank, bore and holes; growth of the parts by temperatures that a study draws."""
 
-from pipeline.config.dimensions.dimension import HOLES, HOLES_IN_DISK, LOBES, PINS_IN_HOLES, Dimension
+from pipeline.config.dimensions.dimension import HOLES, HOLES_IN_DISK, LOBES, PINS_IN_HOLES, Dimension, Need
+
+
+def growth(part: str, length: str, rank: int, draw_column: int) -> Dimension:
+    """The growth of a part by its temperature, which differs from unit to unit, told of its characteristic length."""
+    return Dimension(
+        name=f"{part}_growth",
+        title=f"thermal growth of {part}",
+        sign=f"of {length}, warmer than its mean temperature positive",
+        meaning=f"growth of {length} beyond that at the mean temperature of the {part}",
+        rank=rank,
+        draw_columns=(draw_column,),
+        need=Need(
+            lambda design: design.thermal is not None and part in design.thermal.drawn_parts,
+            f"{part}_C in [temperature] with a distribution",
+        ),
+        counted_where_varied=True,
+    )
+
+
+GROWTH = (
+    growth("disk", "the disk at the pin circle's radius", rank=110, draw_column=140),
+    growth("pins", "the pins' radius", rank=120, draw_column=141),
+    growth("housing", "the pin circle's radius", rank=130, draw_column=142),
+    growth("crank", "the eccentricity", rank=140, draw_column=143),
+)
+"""Dimensions by drawn temperatures."""
+
 
 DIMENSIONS = (
+    *GROWTH,
     # Size of the disk: material off its whole flank.
     Dimension(
         name="disk_profile",

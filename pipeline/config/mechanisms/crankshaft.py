@@ -96,3 +96,17 @@ class Crankshaft(Shaft):
         if not self.has_clearance and self.support_exponent != 1:
             requirement = "must be 1 of preloaded supports; add support_clearance_um, 0 of supports that just touch"
             yield Mistake(f"{key}.support_exponent", self.support_exponent, requirement)
+
+
+class FirstStage(Section):
+    """Sun on the input, held, and a planet on each crank.
+
+    `backlash_um` along the pitch circle is the way of a planet from flank to flank; `mesh_stiffness_N_per_mm` is that
+    of one planet's mesh along it. By the pressure angle a mesh also pushes sun and planet apart.
+    """
+
+    sun_teeth: Annotated[int, Field(ge=5, le=1000)]
+    planet_teeth: Annotated[int, Field(ge=5, le=1000)]
+    backlash_um: Clearance
+    mesh_stiffness_N_per_mm: Annotated[float, Field(ge=1, le=1e9)]
+    pressure_angle_deg: Annotated[float, Field(ge=10, le=35)] = 20.0

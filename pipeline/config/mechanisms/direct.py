@@ -8,24 +8,20 @@ from typing import TYPE_CHECKING, Literal
 
 from pipeline.arrays import Index
 from pipeline.config.files.section import Mistake
-from pipeline.config.mechanisms.drawing import Panel
-from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
+from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Panel, Words
 from pipeline.model.contact.laws import ContactLaws, no_laws
 from pipeline.model.geometry.contacts import Contacts, DiskPose, no_contacts
 
 if TYPE_CHECKING:
-    from pipeline.config.designs.cycloid import Cycloid
     from pipeline.config.designs.design import Disk
+    from pipeline.config.designs.sections import Cycloid
 
 
 class Direct(OutputMechanism):
     """The disk's rotation is the output's, whatever its centre does: an ideal Oldham coupling, without contacts."""
 
     words = Words(contact="output contact", station="output contact", drawing="", loads="")
-    diameter_readings = {
-        "half_diameter": "the output has no contacts",
-        "diameter": "the output has no contacts",
-    }
+    diameter_readings = {"half_diameter": "the output has no contacts", "diameter": "the output has no contacts"}
     material_keys = ()
     interfaces = 1
 

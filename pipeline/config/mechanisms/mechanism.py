@@ -6,22 +6,70 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 import numpy as np
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.config.files.section import Mistake, Section
-from pipeline.config.mechanisms.drawing import Panel
 from pipeline.model.contact.laws import ContactLaws, Material, no_laws
 from pipeline.model.geometry.contacts import Contacts, DiskPose, no_contacts
 from pipeline.model.geometry.reducer import Bearing
 from pipeline.registry import OUTPUT_MECHANISMS
 
 if TYPE_CHECKING:
-    from pipeline.config.designs.cycloid import Cycloid
     from pipeline.config.designs.design import Disk
+    from pipeline.config.designs.sections import Cycloid
     from pipeline.model.contact.line_laws import ContactLaw
+
+
+Part = Literal["disk", "output", "between"]
+"""Whose outline a circle is, or whose text: of the disk, of the output, or of a body between them."""
+
+
+@dataclass(frozen=True)
+class Circles:
+    """Circles of one radius about the centres (n,) complex, and a text within each."""
+
+    centre: Complex
+    radius: float
+    part: Part
+    texts: tuple[str, ...] = ()
+    text_size: float = 7.0
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points (n,) complex that are marked."""
+
+    point: Complex
+
+
+@dataclass(frozen=True)
+class RowLabel:
+    """A text at the end of a row that runs in a direction: it is written along the row, away from it."""
+
+    point: complex
+    direction: complex
+    text: str
+    part: Part
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One drawing of a part of the mechanism.
+
+    Attributes
+    ----------
+    shapes : from the back to the front.
+    reach : half of its width, None to show the whole disk.
+    disk : whether the disk stands behind the shapes.
+    """
+
+    title: str
+    shapes: tuple[Circles | Points | RowLabel, ...]
+    reach: float | None = None
+    disk: bool = False
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,14 @@ from pydantic import Field
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.config.files.section import Clearance, Millimetres, Mistake, Section
-from pipeline.config.mechanisms.drawing import Circles, Panel, Points
-from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
+from pipeline.config.mechanisms.mechanism import Circles, Holes, LawInputs, OutputMechanism, Panel, Points, Words
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, in_series, scaled_laws
 from pipeline.model.elastic.beam import LONGEST, SHORTEST, pin_flexibility
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose
 
 if TYPE_CHECKING:
-    from pipeline.config.designs.cycloid import Cycloid
     from pipeline.config.designs.design import Disk
+    from pipeline.config.designs.sections import Cycloid
 
 
 class Bush(Section):

@@ -12,14 +12,13 @@ from pydantic import Field
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.config.files.section import Millimetres, Mistake
-from pipeline.config.mechanisms.drawing import Circles, Panel, Part, RowLabel
-from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
+from pipeline.config.mechanisms.mechanism import Circles, LawInputs, OutputMechanism, Panel, Part, RowLabel, Words
 from pipeline.model.contact.laws import ContactLaws, LineContact, concatenated_laws
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined_contacts
 
 if TYPE_CHECKING:
-    from pipeline.config.designs.cycloid import Cycloid
     from pipeline.config.designs.design import Disk
+    from pipeline.config.designs.sections import Cycloid
 
 PLATE = {"rotates": "only rotates", "floats": "rotates and floats"}
 PARTS: tuple[Part, Part] = ("output", "between")

@@ -7,10 +7,10 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from pipeline.config.designs.contact_laws import stiffness_problems
 from pipeline.config.designs.design import Design
-from pipeline.config.designs.effects import study_effect_problems
+from pipeline.config.designs.problems import stiffness_problems, study_effect_problems
 from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Mistake, nearest_name, number_at
+from pipeline.config.studies.optional import Tails, without_tails
 from pipeline.config.studies.study import (
     FEWEST_BASE_SAMPLES,
     LOADED_ANGLES,
@@ -22,7 +22,6 @@ from pipeline.config.studies.study import (
     Reduce,
     Samples,
 )
-from pipeline.config.studies.tails import Tails, without_tails
 
 LARGEST_HYPERCUBE = 100_000
 """A Latin hypercube is held as a whole by every worker, some 3 kB a sample."""

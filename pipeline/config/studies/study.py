@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, create_model, model_validator
 
-from pipeline.config.designs.contact_laws import LawName
 from pipeline.config.designs.design import Design
+from pipeline.config.designs.problems import LawName
 from pipeline.config.files.section import Derived, Millimetres, NotNegative, Section
-from pipeline.config.studies.cases import Case
 from pipeline.config.studies.costs import Costs
-from pipeline.config.studies.model_forms import ModelForms
-from pipeline.config.studies.tails import Tails
-from pipeline.config.studies.tolerances import Tolerances
+from pipeline.config.studies.optional import ModelForms, Tails
+from pipeline.config.studies.tolerances import Case, Tolerances
 from pipeline.model.metrics import Limited
 from pipeline.model.metrics import library as metric_library
 from pipeline.model.metrics.turn import turn_library

@@ -21,7 +21,7 @@ from pipeline.config.distributions import Distribution, Spread
 from pipeline.decisions.lots.fitted_distribution import FittedKind, fitted_kinds
 from pipeline.decisions.lots.measured_lot import FEWEST_PARTS
 from pipeline.sampling.designs import correlated_numbers
-from pipeline.statistics import Estimate
+from pipeline.statistics.intervals import Estimate
 
 REPLICATES = 399
 """Lots of the bootstrap: the ends of a 95 % interval are order statistics 10 and 390."""

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from pipeline.arrays import Real
-from pipeline.config.distributions.along_line import Fixed
 from pipeline.config.distributions.distribution import Distribution
+from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.fresh_units import Solve, fresh_values, yields
 from pipeline.decisions.lots.dimension_fit import DimensionFit
 from pipeline.decisions.lots.fitted_distribution import fitted_kinds
 from pipeline.errors import InputError
-from pipeline.statistics import Estimate
 from pipeline.statistics.differences import share_difference
+from pipeline.statistics.intervals import Estimate
 
 RESAMPLED_LOTS = 20
 """Lots drawn from the measured parts: their standard deviation is known to 16 %, which Student's t accounts for."""

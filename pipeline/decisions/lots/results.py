@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config import parse_study
+from pipeline.config.changing import toml_of
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.study import Study
 from pipeline.decisions.fresh_units import Solve
 from pipeline.decisions.lots.dimension_fit import DimensionFit, dimension_fit
@@ -20,10 +20,10 @@ from pipeline.decisions.lots.fitted_distribution import relative_bic
 from pipeline.decisions.lots.lot_yield import LotYield, lot_yield, study_of_lot
 from pipeline.decisions.lots.measured_lot import FEWEST_PARTS, MeasuredLot
 from pipeline.decisions.run_comparison import DIFFERENCES, ComparedRun, differences
-from pipeline.engine.frames import write_tables
+from pipeline.engine.store import write_tables
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
-from pipeline.statistics import Estimate
+from pipeline.statistics.intervals import Estimate
 
 NO_ESTIMATE = Estimate(np.nan, np.nan, np.nan, 0)
 
@@ -179,7 +179,7 @@ def fit_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
                     f"{name}_ci_high": known_estimate.ci_high,
                 }
             rows.append(row)
-    return pd.DataFrame(rows, columns=[column.name for column in FITS.columns])
+    return FITS.frame(rows)
 
 
 def outlier_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
@@ -190,7 +190,7 @@ def outlier_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
         for fit in lot_result.fits
         for part, element in fit.outliers
     ]
-    return pd.DataFrame(rows, columns=[column.name for column in OUTLIERS.columns])
+    return OUTLIERS.frame(rows)
 
 
 def yield_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
@@ -201,7 +201,7 @@ def yield_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
         for tolerances, shares in (("drawn", lot_result.outcome.as_drawn), ("made", lot_result.outcome.as_made))
         for metric, share in shares.items()
     ]
-    return pd.DataFrame(rows, columns=[column.name for column in YIELDS.columns])
+    return YIELDS.frame(rows)
 
 
 def cost_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
@@ -211,7 +211,7 @@ def cost_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
         for lot_result in findings
         for cost in lot_result.outcome.costs
     ]
-    return pd.DataFrame(rows, columns=[column.name for column in COSTS.columns])
+    return COSTS.frame(rows)
 
 
 def lot_differences(study: Study, findings: Sequence[LotFindings]) -> pd.DataFrame:

@@ -127,7 +127,7 @@ def compare_states(state_before: State, state_after: State, further: Sequence[St
 
     Notes
     -----
-    All numbers share their positions; they are counted by the largest t of them (``pipeline.statistics.rotations``).
+    All numbers share their positions; they are counted by the largest t of them (``pipeline.statistics.differences``).
     """
     labels = _shared_labels(state_before, state_after)
     table = loop_table([state_before, state_after, *further], 2)

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.engine.frames import write_tables
-from pipeline.engine.store import write_json
+from pipeline.engine.store import write_json, write_tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.errors import InputError
 from pipeline.identification.change.comparison import Change, Comparison, compare_states

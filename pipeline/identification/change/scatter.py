@@ -11,7 +11,7 @@ import scipy  # its statistics are slow to import: they are when they are called
 from scipy.optimize import brentq
 
 from pipeline.arrays import Real, Whole
-from pipeline.statistics.rotations import Family, family
+from pipeline.statistics.differences import Family, family
 
 POWER = 0.8
 """Chance with which a change of the detection limit is shown."""

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.engine.frames import write_tables
-from pipeline.engine.store import write_json
+from pipeline.engine.store import write_json, write_tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.identification.described.description import FEWEST_GROUPS, FULLY_DESCRIBED, Description, Number
 from pipeline.identification.measurement.measurement import Measurement

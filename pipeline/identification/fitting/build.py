@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.arrays import Real, Truth
-from pipeline.config.designs.design import Design
-from pipeline.config.designs.plausible_range import LAWS, plausible_range
-from pipeline.config.studies.cases import Case
+from pipeline.config.designs.design import LAWS, Design, plausible_range
 from pipeline.config.studies.study import Study
+from pipeline.config.studies.tolerances import Case
 from pipeline.errors import InputError
 from pipeline.identification.bench.course import Course, CrankMotion
 from pipeline.identification.bench.simulator import BEYOND, Forward
@@ -30,8 +29,8 @@ from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.effect import LOOPS, RATE, STILL
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.backbone import Backbone
-from pipeline.sampling import Errors as SampledErrors
-from pipeline.sampling import draw, draw_as_measured, usual_beside
+from pipeline.sampling.errors import Errors as SampledErrors
+from pipeline.sampling.errors import draw, draw_as_measured, usual_beside
 
 MESHED_SECTIONS = ("cycloid.", "disk.bore_radius_mm", "housing.")
 """Calibrated numbers that a fit leaves alone: each value would need its own mesh."""

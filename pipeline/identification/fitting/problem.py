@@ -20,7 +20,7 @@ from pipeline.model.effects.effect import CRANKS, CYCLES, MOVES, TEMPERATURE, TI
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
-from pipeline.sampling import Errors as SampledErrors
+from pipeline.sampling.errors import Errors as SampledErrors
 
 Candidate = Effect | InstrumentEffect
 

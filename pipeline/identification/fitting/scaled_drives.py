@@ -15,8 +15,7 @@ import numpy as np
 from pipeline import assembly
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
-from pipeline.config.files.keys import with_value
-from pipeline.config.files.section import number_at
+from pipeline.config.files.section import number_at, with_value
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws, concatenated_laws, scaled_laws
 from pipeline.model.effects import Conditions
@@ -24,7 +23,7 @@ from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.load_history.drive import Drive
 from pipeline.mounting import drive_of
-from pipeline.sampling import Errors as SampledErrors
+from pipeline.sampling.errors import Errors as SampledErrors
 
 Scales = tuple[float, ...]
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Real, Truth, Whole
 from pipeline.config.files.section import nearest_name
-from pipeline.config.files.table_file import TableFile, read_table, shortened_list
-from pipeline.config.files.text_file import LARGEST_VALUE
+from pipeline.config.files.table_file import LARGEST_VALUE, TableFile, read_table, shortened_list
 from pipeline.errors import InputError
 from pipeline.identification.measurement.columns import FileColumn
 from pipeline.identification.measurement.unit_file import UnitFile

@@ -11,16 +11,10 @@ from pydantic import ValidationError
 from pipeline.config import Study, load_design, parse_study
 from pipeline.config.designs.design import Design
 from pipeline.config.files.messages import problems_of
-from pipeline.config.files.section import (
-    NAME,
-    NAME_RULE,
-    Mistake,
-    nearest_name,
-    shown_value,
-)
+from pipeline.config.files.section import NAME, NAME_RULE, Mistake, nearest_name, shown_value
 from pipeline.config.mechanisms.carrier import Carrier
 from pipeline.config.reading import found_file, raise_if, read_toml, validate_sections, with_tuples
-from pipeline.config.studies.cases import Case, case_problems
+from pipeline.config.studies.tolerances import Case, case_problems
 from pipeline.errors import InputError
 from pipeline.identification.measurement.unit_sections import (
     NEITHER,

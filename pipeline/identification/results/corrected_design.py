@@ -12,13 +12,12 @@ import numpy as np
 from pipeline import assembly
 from pipeline.arrays import Real
 from pipeline.config import load_study
+from pipeline.config.changing import toml_of
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.files.keys import with_value
-from pipeline.config.files.section import number_at
-from pipeline.config.files.writing import toml_of
+from pipeline.config.files.section import number_at, with_value
 from pipeline.config.reading import parse_design, parse_study
-from pipeline.config.studies.cases import Case, elements
 from pipeline.config.studies.study import Study
+from pipeline.config.studies.tolerances import Case, elements
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
@@ -42,7 +41,7 @@ from pipeline.model.effects import Effect
 from pipeline.model.effects.effect import TIME
 from pipeline.model.units import MM_PER_UM
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from pipeline.engine.frames import write_tables
-from pipeline.engine.store import write_json
+from pipeline.engine.store import write_json, write_tables
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables

@@ -4,13 +4,7 @@ import numpy as np
 
 from pipeline.model.compiled import algebraic_part, merged_part
 from pipeline.model.equilibrium.blocks import count, moves, part_of
-from pipeline.model.equilibrium.inverse_update import (
-    exclude,
-    include,
-    product,
-    solve_positive_tangent,
-    solve_tangent,
-)
+from pipeline.model.equilibrium.inverse_update import exclude, include, product, solve_positive_tangent, solve_tangent
 from pipeline.model.equilibrium.residual import add_deflection, deflect, force_at_penetration, residuals
 from pipeline.model.equilibrium.return_mapping import add_friction, share_of_braking
 

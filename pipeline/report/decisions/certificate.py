@@ -1,19 +1,22 @@
-"""The page that certifies one unit."""
+"""Pages on measured parts: the certificate of a unit, and which parts to assemble."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
 
+import numpy as np
+
+from pipeline.config.studies.study import Study
 from pipeline.decisions.certificate import BAND, Certificate, Compensated, limit_sentence
+from pipeline.decisions.selective_assembly import DRAWS, Assembly, pair_rows
 from pipeline.engine.store import write_atomic
-from pipeline.figures.decisions import certificate_figure
+from pipeline.figures.decisions import certificate_figure, margins_figure
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.model.metrics.turn import turn_library
-from pipeline.report.layout.rendering import drawn_picture, render
-from pipeline.report.layout.wording import DASH, interval, rounded_number
+from pipeline.report.layout import DASH, drawn_picture, interval, render, rounded_number
+from pipeline.statistics.intervals import Estimate
 
-TEMPLATE = "decisions/certificate.html"
 PROBABLE = 0.5
 """Probability of meeting every limit below which a unit rather fails."""
 
@@ -29,7 +32,7 @@ def compensation_sentence(unit: Certificate, loop: Compensated | None) -> str:
     )
 
 
-def next_step(unit: Certificate) -> str:
+def unit_next_step(unit: Certificate) -> str:
     """What to do with the unit: use it where it probably meets its limits, else change what fails first."""
     if unit.meets_all is None or unit.meets_all.value >= PROBABLE:
         return "Load compensation.csv into the controller."
@@ -48,12 +51,12 @@ def write_certificate_page(unit: Certificate, loop: Compensated | None, folder: 
     figure = certificate_figure(loops.torque, loops.angle[:, 0], BAND, float(loops.crank_deg[0]))
     caption = "Lines: median of the units that the measured one may be. Bands: 95 % of them."
     page = render(
-        TEMPLATE,
+        "decisions/certificate.html",
         label=unit.label,
         study=unit.study,
         measured=[PARAMETERS[name] for name in unit.measured_dimensions],
         sentences=[limit_sentence(unit), compensation_sentence(unit, loop)],
-        next_step=next_step(unit),
+        next_step=unit_next_step(unit),
         left=compensation_sentence(unit, loop),
         metrics=[
             {
@@ -69,5 +72,90 @@ def write_certificate_page(unit: Certificate, loop: Compensated | None, folder: 
         bounds=[(METRICS[b.metric].axis, b.quantity, rounded_number(b.value)) for b in unit.bounds],
         crank=float(loops.crank_deg[0]),
         pictures={"loop": drawn_picture(figure, "Predicted loop", caption, folder / "figures" / "loop")},
+    )
+    write_atomic(folder / "report.html", page.encode())
+
+
+SHOWN_PAIRS = 30
+"""Pairs of the page, those with the smallest margins."""
+
+
+def is_difference_shown(assembly: Assembly) -> bool:
+    """Whether the intervals of the two yields do not overlap."""
+    chosen, random = assembly.selected_yield, assembly.random
+    return chosen.ci_low > random.ci_high or random.ci_low > chosen.ci_high
+
+
+def pairs_next_step(assembly: Assembly) -> str:
+    """What to do with the assignment."""
+    if assembly.selected_yield.value > assembly.random.value and is_difference_shown(assembly):
+        return "Assemble the pairs of pairs.csv, and measure the units of the pairs with the smallest margins."
+    return (
+        "Assemble at random, or measure more dimensions of the parts, those with the largest share of the variance "
+        "first, and repeat the command."
+    )
+
+
+def assembly_sentences(assembly: Assembly, mounting_limit: float | None) -> list[str]:
+    """Yields of the assignment and of random assembly, whether they differ, and how many pairs bind."""
+    gain = f"{rounded_number(100 * (assembly.selected_yield.value - assembly.random.value))} percentage points"
+    texts = [
+        f"The assignment gives a yield of {_percent(assembly.selected_yield)}, random assembly "
+        f"{_percent(assembly.random)}. "
+        + (
+            f"The difference is {gain}."
+            if is_difference_shown(assembly)
+            else f"The intervals overlap, so the difference ({gain}) is not shown."
+        )
+    ]
+    if mounting_limit is not None:
+        texts.append(
+            f"{100 * assembly.binding_share(mounting_limit):.3g} % of all combinations bind: their contacts are "
+            f"pressed by more than {mounting_limit:g} N without torque."
+        )
+    return texts
+
+
+def _percent(share: Estimate) -> str:
+    return f"{100 * share.value:.3g} % (95 % CI {100 * share.ci_low:.3g} to {100 * share.ci_high:.3g})"
+
+
+def write_assembly_page(study: Study, assembly: Assembly, mounting_limit: float | None, folder: Path) -> None:
+    """Write report.html and its figure into ``folder``."""
+    rows = pair_rows(assembly)
+    table_rows = [
+        {
+            "first": row.first,
+            "second": row.second,
+            "margin": f"{rounded_number(100 * row.margin)} %" if np.isfinite(row.margin) else "no equilibrium",
+            "passes": row.passes,
+            "force": f"{row.mounting_force_N:.3g}",
+        }
+        for row in rows.head(SHOWN_PAIRS).itertuples()
+    ]
+    caption = "Shares of units below each predicted margin. Units below zero miss a limit."
+    selected_margins = assembly.margin[tuple(assembly.pairs.T)]
+    figure = margins_figure({"all combinations": assembly.margin.ravel(), "assignment": selected_margins})
+    page = render(
+        "decisions/assembly.html",
+        study=study,
+        first=assembly.first_lot.name,
+        second=assembly.second_lot.name,
+        sentences=assembly_sentences(assembly, mounting_limit),
+        next_step=pairs_next_step(assembly),
+        draws=DRAWS,
+        yields=[
+            {
+                "title": title,
+                "yield": f"{100 * share.value:.3g} %",
+                "ends": f"{100 * share.ci_low:.3g} to {100 * share.ci_high:.3g} %",
+                "units": f"{share.n:,}",
+            }
+            for title, share in (("at random", assembly.random), ("by the assignment", assembly.selected_yield))
+        ],
+        pairs=table_rows,
+        n_pairs=len(rows),
+        with_forces=mounting_limit is not None,
+        pictures={"margins": drawn_picture(figure, "Predicted margins", caption, folder / "figures" / "margins")},
     )
     write_atomic(folder / "report.html", page.encode())

@@ -13,17 +13,14 @@ import pandas as pd
 from pipeline.config.files.section import shown_value
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS, ComparedRun, differing_inputs
-from pipeline.engine.frames import write_tables
-from pipeline.engine.store import write_atomic
+from pipeline.engine.store import write_atomic, write_tables
 from pipeline.engine.table import Columns
 from pipeline.figures.distributions import overlay_figure
 from pipeline.figures.labels import LIMITED_METRICS, METRICS, parameter_title
 from pipeline.model.metrics import Quantity, signed_number
-from pipeline.report.layout.rendering import Picture, drawn_pictures, render
-from pipeline.report.layout.wording import DASH, SHARE, count_text, interval, number, percent
-from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL
+from pipeline.report.layout import DASH, SHARE, Picture, count_text, drawn_pictures, interval, number, percent, render
+from pipeline.statistics.sensitivity import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL
 
-TEMPLATE = "decisions/compare.html"
 KINDS = {
     TOTAL: "share of the variance, in all",
     FIRST_ORDER: "share of the variance, by itself",
@@ -48,7 +45,7 @@ def write_comparison(
     frame = frames[DIFFERENCES.name]
     metrics = [name for name in METRICS if not _constant(a, b, name)]
     page = render(
-        TEMPLATE,
+        "decisions/compare.html",
         a=a,
         b=b,
         settings=[(key, *(value or DASH for value in pair)) for key, *pair in settings],

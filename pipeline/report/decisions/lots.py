@@ -13,10 +13,8 @@ from pipeline.decisions.lots.results import LotFindings, cost_rows, fit_rows, lo
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import lots_figure
 from pipeline.figures.labels import METRICS, PARAMETERS
-from pipeline.report.layout.rendering import drawn_picture, render
-from pipeline.report.layout.wording import listed_text, rounded_number
+from pipeline.report.layout import drawn_picture, listed_text, render, rounded_number
 
-TEMPLATE = "decisions/lots.html"
 DRIFT_LEVEL = 0.05
 """Familywise level of the drifts that the page names, over all dimensions of a lot (Bonferroni)."""
 
@@ -85,7 +83,7 @@ def write_lots_page(study: Study, findings: Sequence[LotFindings], files: Sequen
     ]
     caption = "Steps: measured parts. Dashed: fitted distribution. Dotted: limits of the drawing."
     page = render(
-        TEMPLATE,
+        "decisions/lots.html",
         study=study,
         sentences=[text for lot_result in findings for text in sentences(lot_result)],
         files=files,

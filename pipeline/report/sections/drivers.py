@@ -1,19 +1,174 @@
-"""Which errors drive the metrics."""
+"""Which errors drive a metric, in words: the leading indices that the samples determine."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
-from pipeline.figures.drivers import sensitivity_figure
-from pipeline.figures.labels import METRICS
+from pipeline.figures.labels import METRICS, parameter_title
+from pipeline.figures.yields import sensitivity_figure
+from pipeline.model.metrics import signed_number
 from pipeline.report import inputs
 from pipeline.report.drawing import Drawing
-from pipeline.report.drivers import base_samples, constant_metrics, driver_tables, drivers
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import plain_number
+from pipeline.report.layout import DASH, UNDETERMINED_TEXT, percent, percent_interval, plain_number
+from pipeline.report.results import Cell
 from pipeline.report.sections.section import Page, Section
+from pipeline.statistics.sensitivity import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
+
+MOST_NAMED = 3
+"""Errors that a row names."""
+NONE_LEADS = "none stands out"
+
+
+@dataclass(frozen=True)
+class Driver:
+    """What drives one metric.
+
+    Attributes
+    ----------
+    in_all, by_itself, by_rank : the leading errors by total index, first-order index and rank correlation.
+    together : what errors cause only acting together, the rest of the first-order indices, with its interval.
+    """
+
+    metric: str
+    title: str
+    in_all: str
+    by_itself: str
+    by_rank: str
+    together: Cell
+
+
+def drivers(frames: Frames) -> list[Driver]:
+    """For each metric the errors that drive its worst value over the turn most, as far as the samples tell."""
+    table = frames.sensitivity[frames.sensitivity["over"] == "worst"]
+    return [_driver(metric, table[table["metric"] == metric]) for metric in frames.shown_metrics]
+
+
+def driver_tables(frames: Frames) -> dict[str, list[tuple[str, list[Cell]]]]:
+    """By metric, every error with its total index, first-order index and rank correlation; largest total first."""
+    table = frames.sensitivity[(frames.sensitivity["over"] == "worst") & (frames.sensitivity["parameter"] != SUM)]
+    return {metric: _driver_rows(table[table["metric"] == metric]) for metric in frames.shown_metrics}
+
+
+def _driver_rows(table: pd.DataFrame) -> list[tuple[str, list[Cell]]]:
+    cells: dict[str, dict[str, Cell]] = {}
+    totals: dict[str, float] = {}
+    columns = (table[name] for name in ("parameter", "kind", "index", "ci_low", "ci_high"))
+    for parameter, kind, index, low, high in zip(*columns, strict=True):
+        title = parameter_title(str(parameter))
+        if np.isfinite(index):
+            texts = (
+                (
+                    signed_number(index, 2),
+                    f"{signed_number(low, 2)} to {signed_number(high, 2)}" if np.isfinite([low, high]).all() else "",
+                )
+                if kind == RANK_CORRELATION
+                else (percent(index), percent_interval(low, high))
+            )
+            cells.setdefault(title, {})[str(kind)] = Cell(*texts)
+        if kind == TOTAL:
+            totals[title] = float(np.nan_to_num(index))
+    titles = sorted(cells, key=lambda title: -totals.get(title, 0.0))
+    kinds = (TOTAL, FIRST_ORDER, RANK_CORRELATION)
+    return [(title, [cells[title].get(kind, Cell(DASH)) for kind in kinds]) for title in titles]
+
+
+def main_contributor(frames: Frames, metric: str) -> str:
+    """The tolerance that drives a metric most, with its total share of the variance; empty where none is determined."""
+    rows = _judged_rows(frames, metric)
+    total, ranks = _leading(rows, TOTAL), _leading(rows, RANK_CORRELATION)
+    if len(total):
+        share = percent(float(total.iloc[0]))
+        return f"{parameter_title(total.index[0])} ({share} of its variance, interactions included)"
+    if len(ranks):
+        return f"{parameter_title(ranks.index[0])} (rank correlation {signed_number(float(ranks.iloc[0]), 2)})"
+    return ""
+
+
+def share_note(frames: Frames, metric: str) -> str:
+    """Which share of the variance the page states of the main contributor, and its share by itself; else empty."""
+    rows = _judged_rows(frames, metric)
+    total = _leading(rows, TOTAL)
+    if total.empty:
+        return ""
+    note = (
+        "A share with interactions included counts all variance in which the tolerance takes part, alone or together "
+        "with others (total Sobol\u2019 index); making this tolerance alone exact removes less where tolerances "
+        "interact"
+    )
+    alone = rows[(rows["kind"] == FIRST_ORDER) & (rows["parameter"] == total.index[0])]
+    if alone.empty or not np.isfinite(alone["index"].iloc[0]):
+        return f"{note}."
+    index, low, high = (float(alone[name].iloc[0]) for name in ("index", "ci_low", "ci_high"))
+    share = f"{percent(index)} ({percent_interval(low, high)}) of the variance of the {METRICS[metric].inline}"
+    return f"{note}: by itself the {parameter_title(total.index[0])} causes {share} (first-order index)."
+
+
+def _judged_rows(frames: Frames, metric: str) -> pd.DataFrame:
+    """Indices of a metric over what its limit judges: the study's choice where it has them, else the worst."""
+    table = frames.sensitivity[frames.sensitivity["metric"] == metric]
+    overs = [name for name in (frames.turn_statistic, "worst", "turn") if (table["over"] == name).any()]
+    return table[table["over"] == overs[0]] if overs else table
+
+
+def base_samples(frames: Frames) -> int:
+    """Base samples that the shares of the variance rest on, the fewest of any that is determined; 0 if none is."""
+    shares = frames.sensitivity[frames.sensitivity["kind"] == TOTAL].dropna(subset=["index"])
+    return int(shares["n"].min()) if len(shares) else 0
+
+
+def constant_metrics(frames: Frames) -> list[str]:
+    """Metrics that do not vary over the samples, which therefore nothing drives."""
+    over_turn = frames.over_turn[frames.shown_metrics]
+    spans = np.ptp(over_turn.to_numpy(), axis=0) if len(over_turn) else np.ones(over_turn.shape[1])
+    return [METRICS[name].inline for name in over_turn.columns[spans == 0]]
+
+
+def _driver(metric: str, table: pd.DataFrame) -> Driver:
+    total, first_order, ranks = (_leading(table, kind) for kind in (TOTAL, FIRST_ORDER, RANK_CORRELATION))
+    return Driver(
+        metric=metric,
+        title=METRICS[metric].title,
+        in_all=_names([f"{name} ({percent(share)})" for name, share in _titled_indices(total)], table, TOTAL),
+        by_itself=_names(
+            [f"{name} ({percent(share)})" for name, share in _titled_indices(first_order)], table, FIRST_ORDER
+        ),
+        by_rank=_names(
+            [f"{name} ({signed_number(rank, 2)})" for name, rank in _titled_indices(ranks)], table, RANK_CORRELATION
+        ),
+        together=_together(table),
+    )
+
+
+def _titled_indices(indices: pd.Series) -> list[tuple[str, float]]:
+    return [(parameter_title(str(name)), float(index)) for name, index in indices.head(MOST_NAMED).items()]
+
+
+def _names(leaders: list[str], table: pd.DataFrame, kind: str) -> str:
+    has_index = np.isfinite(table.loc[table["kind"] == kind, "index"].to_numpy(float)).any()
+    return "; ".join(leaders) or (NONE_LEADS if has_index else UNDETERMINED_TEXT)
+
+
+def _leading(table: pd.DataFrame, kind: str) -> pd.Series:
+    """Determined indices of one kind by parameter, largest first; a share below 0 is noise."""
+    rows = table[(table["kind"] == kind) & (table["parameter"] != SUM)]
+    index = rows["index"].to_numpy(float)
+    certain = are_determined(index, rows["ci_low"].to_numpy(float), rows["ci_high"].to_numpy(float))
+    leading = rows[certain & ((index > 0) | (kind == RANK_CORRELATION))]
+    indices = pd.Series(leading["index"].to_numpy(float), leading["parameter"].astype(str))
+    return indices.sort_values(ascending=False, kind="stable", key=np.abs)
+
+
+def _together(table: pd.DataFrame) -> Cell:
+    rows = table[(table["kind"] == FIRST_ORDER) & (table["parameter"] == SUM)]
+    if rows.empty or not np.isfinite(rows["index"].iloc[0]):
+        return Cell(DASH)
+    index, low, high = (float(rows[name].iloc[0]) for name in ("index", "ci_low", "ci_high"))
+    return Cell(percent(1 - index), percent_interval(1 - high, 1 - low))
 
 
 def _values(page: Page) -> Mapping[str, object]:

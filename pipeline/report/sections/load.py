@@ -15,10 +15,10 @@ from pipeline.figures.contacts import (
     spring_laws_figure,
 )
 from pipeline.figures.hysteresis import bearing_figure
-from pipeline.figures.spread import spread_frame
+from pipeline.figures.labels import spread_frame
 from pipeline.report.drawing import Drawing, band_sentence, disk_words, loop_spreads, loop_traces
 from pipeline.report.frames import DRAWN_CASES, Frames
-from pipeline.report.layout.wording import plain_number
+from pipeline.report.layout import plain_number
 from pipeline.report.sections.section import Section
 
 RISING = (0.25, 0.5, 1.0)

@@ -14,7 +14,7 @@ from pipeline.figures.distributions import published_figure
 from pipeline.figures.labels import LIMITED_METRICS, METRICS
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import count_text, interval, number, percent, plain_number
+from pipeline.report.layout import count_text, interval, number, percent, plain_number
 from pipeline.report.sections.section import Section
 
 OF_UNITS = (5, 50, 95)

@@ -4,14 +4,53 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
 
 from pipeline.registry import REPORT_SECTIONS
 from pipeline.report.drawing import Drawing
-from pipeline.report.explorer.explorer import explorer_data
+from pipeline.report.explorer import explorer_data
 from pipeline.report.frames import Frames
-from pipeline.report.layout.rendering import LinkedPicture
+from pipeline.report.layout import REPORT, LinkedPicture, environment, one_file, plain_number
 from pipeline.report.results import Results
-from pipeline.report.stage_graph import StageNote
+
+
+@dataclass(frozen=True)
+class StageNote:
+    """A finished stage by its record: what it reads, when it ran, for how long, and how many of its items failed.
+
+    `rows` are those of all its tables.
+    """
+
+    name: str
+    reads: tuple[str, ...]
+    start_time: str
+    seconds: float
+    items: int
+    failed_items: int
+    rows: int
+
+    @classmethod
+    def from_record(cls, name: str, reads: Sequence[str], record: Mapping[str, Any]) -> "StageNote":
+        """From the record of the stage's output."""
+        items, failed_items = int(record.get("items", 0)), int(record.get("failed", 0))
+        rows = sum(table["rows"] for table in record["tables"].values())
+        return cls(name, tuple(reads), str(record["started"]), float(record["seconds"]), items, failed_items, rows)
+
+    @property
+    def state(self) -> str:
+        """What became of it, in a few words."""
+        if not self.rows:
+            return "nothing asked for"
+        if not self.items:
+            return "complete"
+        return f"{self.items:,} done" if not self.failed_items else f"{self.failed_items:,} of {self.items:,} failed"
+
+    @property
+    def ran(self) -> str:
+        """When it ran: date and time of day, universal."""
+        return self.start_time[:16].replace("T", " ")
 
 
 @dataclass(frozen=True)
@@ -105,3 +144,23 @@ def drawings(frames: Frames) -> Iterable[Drawing]:
     """All figures that the frames have rows for, one after the other."""
     for section in sections_of(frames):
         yield from section.drawings(frames)
+
+
+def report_page(page: Page) -> str:
+    """The report as one self-contained HTML document."""
+    templates, study = environment(REPORT), page.frames.study
+    shared_values = {
+        "study": study,
+        "frames": page.frames,
+        "results": page.results,
+        "pictures": page.pictures,
+        "level": plain_number(100 * study.metrics.confidence),
+    }
+
+    def content(section: Section) -> Markup:
+        source = templates.from_string(f"{section.source}\n")  # a template loses its last line break
+        return Markup(source.render(shared_values | dict(section.values(page))))
+
+    parts = [(section, content(section)) for section in sections_of(page.frames)]
+    contents = [(section.name, section.title) for section, _ in parts]
+    return one_file(templates, "page.html", **shared_values, parts=parts, sections=contents, explorer=page.explorer)

@@ -11,10 +11,9 @@ from pipeline.config.designs.design import Design
 from pipeline.figures.reducer import nominal_gap_figure, reducer_figure
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.report import inputs
-from pipeline.report.cases import ROWS_SHOWN
 from pipeline.report.drawing import Drawing, flank_fact, nominal_gap_curve, nominal_gaps
-from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import plain_number
+from pipeline.report.frames import ROWS_SHOWN, Frames
+from pipeline.report.layout import plain_number
 from pipeline.report.sections.section import Page, Section
 
 FLANK_POINTS_PER_LOBE = 48

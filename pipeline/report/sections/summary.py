@@ -1,20 +1,149 @@
 """The answer first: a card for each limit, which limit fails and why, and what the yield holds for."""
 
 from collections.abc import Iterator, Mapping
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 
 from pipeline.config.studies.study import ALL_LIMITS
+from pipeline.figures.labels import LIMITED_METRICS
 from pipeline.figures.yields import failures_figure
+from pipeline.model.metrics.turn import turn_library
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames
-from pipeline.report.model_forms import FormResults
-from pipeline.report.results import Results
+from pipeline.report.layout import count_text, interval, percent, percent_interval
+from pipeline.report.results import Cell, Results, preload_warning
+from pipeline.report.sections.drivers import main_contributor, share_note
+from pipeline.report.sections.further import FormResults
 from pipeline.report.sections.section import Page, Section
-from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges
-from pipeline.report.verdict import Verdict
+from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges, next_target
+
+
+@dataclass(frozen=True)
+class LimitCard:
+    """One limit: the yield against it, how the metric is distributed, and the tolerance that drives it."""
+
+    name: str
+    title: str
+    limit: str
+    met: Cell
+    spread: str
+    contributor: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the page says first of a study with random units."""
+
+    frames: Frames
+    results: Results
+
+    @cached_property
+    def cards(self) -> list[LimitCard]:
+        """One card for each limit, the worst yield first; a metric without a yield stands last."""
+        yields = {name: self.results.estimate(name, "yield")[0] for name in self.frames.limits}
+        order = sorted(yields, key=lambda name: (bool(np.isnan(yields[name])), yields[name]))
+        return [self._card(name) for name in order]
+
+    def _card(self, name: str) -> LimitCard:
+        metric = LIMITED_METRICS[name]
+        low, high = (self.results.estimate(name, statistic)[0] for statistic in ("p05", "p95"))
+        return LimitCard(
+            name=name,
+            title=metric.title,
+            limit=f"{self.results.limit(name)}{'' if metric.unit == '1' else f' {metric.unit}'}",
+            met=self.results.share(name, "yield"),
+            spread=f"{interval(low, high, metric)} {metric.unit}".removesuffix(" 1") if np.isfinite(low) else "",
+            contributor=main_contributor(self.frames, name),
+        )
+
+    @property
+    def no_contributor(self) -> str:
+        """What stands in place of a main contributor where none is determined."""
+        return f"no contributor is significant with {count_text(len(self.frames.over_turn), 'unit')}"
+
+    @property
+    def share_note(self) -> str:
+        """What the share of a main contributor is, of the first card that has one."""
+        return next(filter(None, (share_note(self.frames, card.name) for card in self.cards)), "")
+
+    @cached_property
+    def breaks(self) -> Mapping[str, NDArray[np.bool_]]:
+        """Whether each unit (n,) breaks each limit, of the units for which every limited metric holds."""
+        turn = self.frames.units.set_index("sample")[list(turn_library())]
+        values: pd.DataFrame = self.frames.over_turn.join(turn)[list(self.frames.limits)].dropna()
+        pass_flags = self.frames.study.limits.pass_flags({name: values[name].to_numpy(float) for name in values})
+        return {name: ~np.asarray(passes) for name, passes in pass_flags.items()}
+
+    @property
+    def failures(self) -> str:
+        """Which limit is broken in what share of the failing units, and which tolerance drives that metric."""
+        if ALL_LIMITS not in self.breaks or not self.results.all_limits.interval:
+            return ""
+        failing = self.breaks[ALL_LIMITS]
+        value, low, high = self.results.estimate(ALL_LIMITS, "yield")
+        if not failing.any():
+            return f"No unit of {len(failing):,} fails a limit; the failing share is at most {percent(1 - low)}."
+        shares = {name: float(np.mean(broken[failing])) for name, broken in self.breaks.items() if name != ALL_LIMITS}
+        worst_limit = max(shares, key=lambda name: shares[name])
+        contributor = main_contributor(self.frames, worst_limit)
+        driver_text = f"its main contributor is the {contributor}" if contributor else self.no_contributor
+        return (
+            f"{percent(1 - value)} of the units fail (95 % CI {percent_interval(1 - high, 1 - low)}); "
+            f"{percent(shares[worst_limit])} of these on {LIMITED_METRICS[worst_limit].inline}; {driver_text}."
+        ).replace("95 % CI", f"{100 * self.frames.study.metrics.confidence:g} % CI")
+
+    @property
+    def advice(self) -> str:
+        """What to do where units fail: the command that finds the cheapest change, and what it still needs."""
+        if not self.failures or not self.breaks[ALL_LIMITS].any():
+            return ""
+        study = self.frames.study
+        target = next_target(self.results.estimate(ALL_LIMITS, "yield")[0])
+        command = f"make allocate STUDY={study.name} YIELD={target:g}"
+        needs = "" if study.costs.of_dimensions else " First state under [costs] what tolerances cost."
+        return (
+            f"To find the cheapest tolerances for a yield of {percent(target)}, run: {command}.{needs} It changes all "
+            "priced tolerances together and checks the result on new load-solved units."
+        )
+
+    @property
+    def preload_warning(self) -> str:
+        """A warning where most units are preloaded; else empty."""
+        return preload_warning(self.frames.distributions, self.frames.turn_statistic)
+
+    @property
+    def holds_for(self) -> str:
+        """Which crank angles the yield counts, and on which side of it the yield of a whole turn lies."""
+        if self.frames.turn_statistic != "worst":
+            return f"It counts the {self.frames.turn_statistic} value of each unit over {self.results.angles}."
+        if self.results.n_searched:
+            return "It holds for the whole turn of the output."
+        angles = count_text(int(self.frames.units.iloc[0]["n_angles"]), "loaded crank angle")
+        doubled_yield = self.results.doubled_yield
+        doubling_text = f" (with twice as many an estimated {doubled_yield})" if doubled_yield else ""
+        return f"It counts {angles}{doubling_text}; over the whole turn of the output the yield is at most this."
+
+    @property
+    def angles_note(self) -> str:
+        """How the worst crank angle of each unit was searched, or how to search it; empty for other values."""
+        if self.frames.turn_statistic != "worst":
+            return ""
+        if not self.results.n_searched:
+            return (
+                "Units can fail between the loaded crank angles. To search the worst angle of each unit, state "
+                "loaded_angles = 31 under [cycle] of the study, without crank_deg and turn."
+            )
+        n_audited = min(self.frames.study.cycle.audited_units, len(self.frames.over_turn))
+        return (
+            f"The worst crank angle of each unit was searched: {self.results.n_searched:,} pitches of the pins were "
+            f"ranked, and the most promising load-solved. {n_audited} random units, solved at all pitches, correct "
+            "what that misses; the interval includes it."
+        )
 
 
 def _values(page: Page) -> Mapping[str, object]:

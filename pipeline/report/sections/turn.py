@@ -1,17 +1,267 @@
 """A loop under load and a whole turn: transmission error, forces on bearings and pins."""
 
 from collections.abc import Iterator
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
 from pipeline import assembly
-from pipeline.figures.hysteresis import hysteresis_figure
+from pipeline.figures.hysteresis import hysteresis_figure, orders_figure, transmission_figure, turn_forces_figure
+from pipeline.figures.labels import spread_frame
+from pipeline.model.metrics.turn import FEWEST_ANGLES, NEEDS, TurnMetric, turn_library
+from pipeline.model.metrics.turn.turn_metric import BALANCE, FRICTION, RATING, SPEED, TURN
 from pipeline.report.drawing import Drawing, band_sentence, loop_spreads, loop_traces
-from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import plain_number
-from pipeline.report.results import STATISTICS
+from pipeline.report.frames import Frames, case_label
+from pipeline.report.layout import (
+    DASH,
+    count_text,
+    interval,
+    listed_text,
+    number,
+    percent,
+    percent_interval,
+    plain_number,
+)
+from pipeline.report.results import STATISTICS, Cell
 from pipeline.report.sections.section import Section
-from pipeline.report.turn import TurnSection, turn_drawings
+
+CASES_SHOWN = 12
+"""Listed cases in the table; all of them stand in the table of units."""
+
+
+@dataclass(frozen=True)
+class TurnRow:
+    """One metric of the turn as text: of the nominal reducer, over the samples, its limit and its yield."""
+
+    title: str
+    unit: str
+    values: tuple[str, ...]
+    estimates: tuple[Cell, ...]
+    limit: str
+    share_within: Cell
+
+
+@dataclass(frozen=True)
+class TurnSection:
+    """What the page says of the turn."""
+
+    frames: Frames
+
+    @cached_property
+    def _estimates(self) -> pd.DataFrame:
+        table = self.frames.distributions
+        return table[table["over"] == "turn"].set_index(["metric", "statistic"])[["value", "ci_low", "ci_high"]]
+
+    def _estimate(self, name: str, statistic: str) -> tuple[float, float, float]:
+        key = name, statistic
+        return tuple(self._estimates.loc[key]) if key in self._estimates.index else (np.nan, np.nan, np.nan)
+
+    @cached_property
+    def shown_samples(self) -> list[int]:
+        """Samples with a column of their own: the nominal reducer, or the listed cases."""
+        count = min(self.frames.study.samples.rows, CASES_SHOWN)
+        return list(range(count)) if self.frames.is_listed else [0] * self.frames.study.samples.nominal_first
+
+    @property
+    def columns(self) -> list[str]:
+        """Their labels."""
+        return [case_label(self.frames.study, sample) for sample in self.shown_samples]
+
+    @cached_property
+    def rows(self) -> list[TurnRow]:
+        """The metrics that are known of some unit."""
+        return [self._row(name, metric) for name, metric in turn_library().items() if self._is_known(name)]
+
+    def _is_known(self, name: str) -> bool:
+        return bool(self.frames.units[name].notna().any())
+
+    def _row(self, name: str, metric: TurnMetric) -> TurnRow:
+        units = self.frames.units.set_index("sample")[name]
+        cells = []
+        for statistic in STATISTICS:
+            value, low, high = self._estimate(name, statistic)
+            cells.append(Cell(number(value, metric), interval(low, high, metric) if np.isfinite(value) else ""))
+        share, low, high = self._estimate(name, "yield")
+        limits = self.frames.limits
+        side = "≥" if metric.smaller_is_worse else "≤"
+        return TurnRow(
+            metric.title,
+            metric.unit,
+            tuple(number(float(units[sample]), metric) for sample in self.shown_samples),
+            () if self.frames.is_listed else tuple(cells),
+            f"{side} {plain_number(limits[name])}" if name in limits else DASH,
+            Cell(percent(share), percent_interval(low, high)) if np.isfinite(share) else Cell(DASH),
+        )
+
+    @property
+    def has_limits(self) -> bool:
+        """Whether a metric of the turn has a limit and the samples are random."""
+        return not self.frames.is_listed and any(name in self.frames.limits for name in turn_library())
+
+    @cached_property
+    def missing_needs(self) -> set[str]:
+        """What the study or its design does not have, of ``NEEDS``."""
+        operation, has_rank = self.frames.study.design.operation, bool(self.told_apart)
+        available = {
+            TURN: has_rank,
+            BALANCE: not has_rank or self._is_known("bearing_force_peak_N"),
+            SPEED: operation is not None,
+            RATING: operation is not None and operation.rating is not None,
+            FRICTION: operation is not None and operation.friction is not None,
+        }
+        return {need for need, present in available.items() if not present}
+
+    @property
+    def unknown_metrics(self) -> list[str]:
+        """The metrics that no unit has, each with what it needs and what the study lacks of that."""
+        texts = []
+        for name, metric in turn_library().items():
+            if not self._is_known(name):
+                missing = [need for need in metric.needs if need in self.missing_needs] or metric.needs
+                texts.append(f"{metric.title}: it needs {listed_text([NEEDS[need] for need in missing])}.")
+        return texts
+
+    @property
+    def definitions(self) -> list[tuple[str, str, str]]:
+        """Name, title and definition of every metric of the turn."""
+        torques = vars(assembly.definitions(self.frames.study))
+        return [(metric.name, metric.title, metric.definition.format(**torques)) for metric in turn_library().values()]
+
+    @property
+    def torque(self) -> str:
+        """The torque that is held [N m]."""
+        return plain_number(assembly.definitions(self.frames.study).rigidity_high)
+
+    @property
+    def told_apart(self) -> int:
+        """Highest order under load that the loaded angles tell apart; 0 where they tell none."""
+        is_loaded = self.frames.orders["torque_Nm"] != 0
+        angles = len(self.frames.study.cycle.crank_deg)
+        return (angles - 1) // 2 if is_loaded.any() and angles >= FEWEST_ANGLES else 0
+
+    @cached_property
+    def folded_share(self) -> str:
+        """Share of the unloaded error's variance in orders that the loaded angles do not tell apart, in the mean."""
+        rows = self.frames.orders
+        free_rows = rows[(rows["torque_Nm"] == 0) & (rows["sample"] >= self.frames.first_random)]
+        power = free_rows["amplitude_arcsec"] ** 2
+        return percent(float(power[free_rows["order"] > self.told_apart].sum() / power.sum())) if power.sum() else ""
+
+
+UNBALANCED_NOTE = " (not known of this reducer, see below)"
+"""Said of forces on a bearing that do not balance the torque on the output."""
+TILT = " That the offset of the disks' planes tilts them is not modelled: bearings carry more than this."
+"""Said of several disks."""
+MESH_ORDERS = 2
+"""Orders about that of the pins that are drawn with the lowest."""
+
+
+def turn_drawings(frames: Frames) -> Iterator[Drawing]:
+    """All figures of the turn; none from fewer angles than tell anything of it."""
+    if not frames.samples_drawn or len(frames.study.cycle.crank_deg) < FEWEST_ANGLES:
+        return
+    yield _transmission(frames)
+    if not frames.is_listed and len(frames.orders):
+        yield _orders(frames)
+    yield _forces(frames)
+
+
+def _panels(frames: Frames) -> dict[str, float]:
+    """Torque [N m] of the two curves by their titles."""
+    held_torque = assembly.definitions(frames.study).rigidity_high
+    return {"Without load, at the end of the play": 0.0, f"{plain_number(held_torque)} N m held": held_torque}
+
+
+def _spread(frames: Frames, rows: pd.DataFrame, column: str, is_centred: bool) -> pd.DataFrame | None:
+    """Spread over the samples in the sense +, the nominal one left out; None of listed cases and of a single sample."""
+    rows = rows[(rows["sense"] == "+") & (rows["sample"] >= frames.first_random)]
+    table = rows.pivot(index="sample", columns="crank_deg", values=column).dropna()
+    if frames.is_listed or len(table) < 2:
+        return None
+    values = table.to_numpy()
+    shifted_values = values - values.mean(axis=1, keepdims=True) if is_centred else values
+    return spread_frame(shifted_values, crank_deg=table.columns.to_numpy())
+
+
+def _of_torque(rows: pd.DataFrame, torque: float) -> pd.DataFrame:
+    return rows[np.abs(rows["torque_Nm"]) == torque]
+
+
+def _transmission(frames: Frames) -> Drawing:
+    label, sample = next(iter(frames.samples_drawn.items()))
+    panels, spreads = {}, {}
+    for title, torque in _panels(frames).items():
+        rows = _of_torque(frames.transmission, torque)
+        unit = rows[rows["sample"] == sample]
+        mean = unit.groupby("sense", observed=True)["error_arcsec"].transform("mean")
+        panels[title] = unit.assign(error_arcsec=unit["error_arcsec"] - mean)
+        spread = _spread(frames, rows, "error_arcsec", is_centred=True)
+        if spread is not None:
+            spreads[title] = spread
+    return Drawing(
+        "transmission",
+        f"Transmission error over a turn of the {frames.study.cycle.turn}",
+        f"Angle of the output less that of the nominal ratio, about its mean: {frames.owner(label)} in both senses"
+        f"{', and the spread of the samples in the sense +' if spreads else ''}.",
+        partial(transmission_figure, panels, spreads),
+    )
+
+
+def _orders(frames: Frames) -> Drawing:
+    pins, panels = frames.study.design.cycloid.pins, {}
+    cycle, under_load = frames.study.cycle, bool((frames.orders["torque_Nm"] != 0).any())
+    angles = len(cycle.crank_deg) if under_load else cycle.rigid_angles
+    lowest = (angles - 1) // 2 // cycle.crank_turns
+    folded_text = f" Orders beyond {lowest} fold back onto these" if under_load else ""
+    for title, torque in _panels(frames).items():
+        rows = _of_torque(frames.orders, torque)
+        rows = rows[(rows["sample"] >= frames.first_random) & (rows["order"] <= lowest)]
+        if len(rows):
+            quantiles = rows.groupby("order")["amplitude_arcsec"].quantile([0.5, 0.95]).unstack()
+            panels[title] = quantiles.set_axis(["middle", "high"], axis=1).reset_index()
+    free_rows = _of_torque(frames.orders, 0.0)
+    mesh = free_rows.loc[np.abs(free_rows["order"] - pins) <= MESH_ORDERS, "amplitude_arcsec"]
+    at_pins = f" At the order of the {pins} pins the unloaded one has {mesh.median():.2g} arcsec." if len(mesh) else ""
+    return Drawing(
+        "orders",
+        "Orders of the transmission error",
+        f"Amplitude of the waves per turn of the crank, both senses.{at_pins}{folded_text}"
+        f"{' under load, for the loaded angles do not distinguish them.' if folded_text else ''}",
+        partial(orders_figure, panels),
+    )
+
+
+def _forces(frames: Frames) -> Drawing:
+    label, sample = next(iter(frames.samples_drawn.items()))
+    rows = frames.transmission[frames.transmission["torque_Nm"] != 0]
+    spread = _spread(frames, rows, "bearing_force_N", is_centred=False)
+    contacts = frames.turn_contacts[frames.turn_contacts["sample"] == sample]
+    of_pin = []
+    if len(contacts):
+        pin = contacts[contacts["contact"] == contacts["contact"].min()]
+        of_pin.append(pin.assign(sense=np.where(pin["torque_Nm"] > 0, "+", "-")))
+    held_torque = plain_number(assembly.definitions(frames.study).rigidity_high)
+    design = frames.study.design
+    bearing, several = design.output.words.bearing, design.disk.count > 1 or design.output.carries_disks
+    force = "largest force of a disk on a" if several else "force of the disk on the"
+    return Drawing(
+        "turn_forces",
+        f"Forces over a turn of the {frames.study.cycle.turn}",
+        f"{held_torque} N m held. Left: {force} {bearing}{_whose(frames, label, spread)}"
+        f"{UNBALANCED_NOTE if frames.units['bearing_force_peak_N'].isna().all() else ''}."
+        f"{TILT if frames.study.design.disk.count > 1 else ''} "
+        f"Right: contact force of one pin of {frames.owner(label)}; it carries in one half of the turn in each sense.",
+        partial(turn_forces_figure, rows[rows["sample"] == sample], spread, of_pin, bearing),
+    )
+
+
+def _whose(frames: Frames, label: str, spread: pd.DataFrame | None) -> str:
+    samples = frames.transmission["sample"].nunique()
+    band = f", and the spread of {count_text(samples, 'sample')}" if spread is not None else ""
+    return f" of {frames.owner(label)}{band}"
 
 
 def _curve_drawings(frames: Frames) -> Iterator[Drawing]:
@@ -42,7 +292,7 @@ CURVE = Section(
 )
 
 
-TURN = Section(
+TURN_SECTION = Section(
     name="turn",
     title="Over a turn",
     rank=90,
@@ -51,4 +301,4 @@ TURN = Section(
     drawings=turn_drawings,
 )
 
-SECTIONS = (CURVE, TURN)
+SECTIONS = (CURVE, TURN_SECTION)

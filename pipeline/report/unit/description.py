@@ -12,11 +12,10 @@ from pipeline.figures.measured_unit import DESCRIPTION_STYLES, REMAINDER_TITLES,
 from pipeline.identification.described.description import Description, Number
 from pipeline.identification.described.results import TITLES, content
 from pipeline.identification.results.residual_signatures import Signature
-from pipeline.report.layout.rendering import drawn_pictures, render
+from pipeline.report.layout import drawn_pictures, render
 from pipeline.report.unit.facts import discrepancy_facts
-from pipeline.report.unit.numbers import digits, interval
+from pipeline.report.unit.rows import digits, interval
 
-TEMPLATE = "unit/description.html"
 CAPTIONS = {
     "loops": (
         "Loops",
@@ -49,7 +48,7 @@ def write_description_page(
         description.baselines
     )
     page = render(
-        TEMPLATE,
+        "unit/description.html",
         verdict=content(description),
         numbers=[_number(number) for number in description.numbers],
         errors=[

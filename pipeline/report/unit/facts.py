@@ -12,10 +12,9 @@ from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.discrepancy import Discrepancy
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.statement import title_of
-from pipeline.report.layout.wording import count_text, listed_text, plain_number
-from pipeline.report.unit.numbers import digits, interval, shown_unit, with_capital
-from pipeline.report.unit.remainder_cards import scatter_words
-from pipeline.sampling import unmeasured_dimensions
+from pipeline.report.layout import count_text, listed_text, plain_number
+from pipeline.report.unit.rows import digits, interval, scatter_words, shown_unit, with_capital
+from pipeline.sampling.errors import unmeasured_dimensions
 
 HALVED = 16
 """Fall of the error of cubic splines with half the distance: fourth order, de Boor, A Practical Guide to Splines."""

@@ -26,7 +26,7 @@ from pipeline.identification.results import tables
 from pipeline.identification.results.write import Findings
 from pipeline.identification.selection.held_out import STAGES
 from pipeline.identification.selection.statements.statement import title_of
-from pipeline.report.layout.rendering import Picture, drawn_pictures, render
+from pipeline.report.layout import Picture, drawn_pictures, render
 from pipeline.report.unit.facts import (
     comparison_sentence,
     data_facts,
@@ -37,22 +37,23 @@ from pipeline.report.unit.facts import (
     structure_facts,
     tolerances_sentence,
 )
-from pipeline.report.unit.numbers import digits, with_capital
-from pipeline.report.unit.remainder_cards import remainder_cards, written_facts
+from pipeline.report.unit.record import TURNING_CAPTIONS, turning_figures
 from pipeline.report.unit.rows import (
     baseline_row,
     calibrated_rows,
     candidate_row,
+    digits,
     error_row,
     headline,
     limit_row,
     loop_row,
     parameter_row,
+    remainder_cards,
     signature_row,
+    with_capital,
+    written_facts,
 )
-from pipeline.report.unit.turning import TURNING_CAPTIONS, turning_figures
 
-TEMPLATE = "unit/unit.html"
 STAGE_TITLES = {"declared": "As declared", "recalibrated": "Refitted"}
 CAPTIONS = {
     "loops": (
@@ -101,7 +102,7 @@ def write_page(
             | _fit_values(findings_of_unit, verdict, frames)
             | {"pictures": _pictures(findings_of_unit, frames, folder)}
         )
-    page = render(TEMPLATE, **values)
+    page = render("unit/unit.html", **values)
     write_atomic(folder / "report.html", page.encode())
 
 

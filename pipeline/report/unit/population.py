@@ -13,18 +13,11 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.figures.measured_unit import quantiles_figure
 from pipeline.populations.comparison import MetricComparison
-from pipeline.populations.results import (
-    comparison_frame,
-    quantile_frame,
-    sentence,
-)
+from pipeline.populations.results import comparison_frame, quantile_frame, sentence
 from pipeline.populations.single_units import SingleUnits
 from pipeline.populations.tolerance_shift import Candidate, Closing
-from pipeline.report.layout.rendering import drawn_picture, render
-from pipeline.report.layout.wording import DASH, listed_text
-from pipeline.report.unit.numbers import digits, p_value
-
-TEMPLATE = "unit/population.html"
+from pipeline.report.layout import DASH, drawn_picture, listed_text, render
+from pipeline.report.unit.rows import digits, p_value
 
 
 def write_population_page(
@@ -61,7 +54,7 @@ def write_population_page(
         folder / "figures" / "quantiles",
     )
     page = render(
-        TEMPLATE,
+        "unit/population.html",
         study=study,
         units=units,
         biases=_biases(comparisons),

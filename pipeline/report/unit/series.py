@@ -1,4 +1,4 @@
-"""The page on several states of one drive."""
+"""Pages on several states of one drive: a series, and what changed between two."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ import numpy as np
 import pandas as pd
 
 from pipeline.engine.store import write_atomic
-from pipeline.figures.measured_states import angle_figure, states_figure
+from pipeline.figures.measured_states import angle_figure, changes_figure, loops_figure, states_figure
+from pipeline.identification.change.results import ChangeAnswer
+from pipeline.identification.change.results import content as change_content
 from pipeline.identification.series.answer import SeriesAnswer, effect_sizes, number_text, state_errors
 from pipeline.identification.series.folds import StateFolds
-from pipeline.identification.series.results import content
+from pipeline.identification.series.results import content as series_content
 from pipeline.identification.series.shared_effects import TriedEffect
-from pipeline.report.layout.rendering import drawn_pictures, render
-from pipeline.report.unit.numbers import digits, interval
+from pipeline.report.layout import drawn_pictures, render
+from pipeline.report.unit.rows import digits, interval, p_value
 
-TEMPLATE = "unit/series.html"
-CAPTIONS = {
+SERIES_CAPTIONS = {
     "states": (
         "Numbers of the loops in each state",
         "Dots: mean over the positions, with the 95 % interval of the scatter of mounting. Line: trend, blue where it "
@@ -38,12 +39,12 @@ def write_series_page(answer: SeriesAnswer, frames: dict[str, pd.DataFrame], fol
     frames : tables that were written there.
     shown_folder : the folder as a user would type it.
     """
-    states, trends, verdict = frames["states"], frames["trends"], content(answer)
+    states, trends, verdict = frames["states"], frames["trends"], series_content(answer)
     figures = {"angle": angle_figure(frames["cells"])}
     if len(trends):
         figures["states"] = states_figure(states[states["source"] == "loops"], trends, verdict["variable"])
     page = render(
-        TEMPLATE,
+        "unit/series.html",
         verdict=verdict,
         classes=[
             [(effect.title, [number_text(*size) for size in effect_sizes(effect).values()]) for effect in members]
@@ -57,7 +58,7 @@ def write_series_page(answer: SeriesAnswer, frames: dict[str, pd.DataFrame], fol
         faults=[(name, fault) for name, faults in verdict["data_faults"].items() for fault in faults],
         folder=shown_folder,
         tables=list(frames),
-        pictures=drawn_pictures(figures, CAPTIONS, folder),
+        pictures=drawn_pictures(figures, SERIES_CAPTIONS, folder),
     )
     write_atomic(folder / "report.html", page.encode())
 
@@ -122,3 +123,66 @@ def _numbers(states: pd.DataFrame) -> tuple[list[str], list[tuple[str, list[str]
 
 def _error(value: float, low: float, high: float) -> str:
     return f"{digits(value)} ({interval(low, high)})" if low == low else digits(value)
+
+
+CHANGE_CAPTIONS = {
+    "loops": (
+        "Loops of both states",
+        "Mean loop at each crank position, less its mean angle. Dashed: before. Full: after.",
+    ),
+    "changes": (
+        "Change of each number",
+        "Dot and line: change and its 95 % interval over the positions; blue where the verdict names it. "
+        "Red strokes: changes that are detected with 80 % power.",
+    ),
+}
+
+
+def write_change_page(
+    change_answer: ChangeAnswer, frames: dict[str, pd.DataFrame], folder: Path, shown_folder: Path
+) -> None:
+    """Write report.html and its figures into ``folder``.
+
+    Parameters
+    ----------
+    frames : tables that were written there.
+    shown_folder : the folder as a user would type it.
+    """
+    verdict, changes, loops = change_content(change_answer), frames["changes"], frames["loops"]
+    clearest = change_answer.comparison.clearest.number.size.label
+    figures = {"loops": loops_figure(loops[loops["loops"] == clearest], verdict["before"])}
+    if change_answer.comparison.freedom:
+        figures["changes"] = changes_figure(changes)
+    page = render(
+        "unit/change.html",
+        verdict=verdict,
+        limits=change_answer.limits_sentence,
+        unmeasured=change_answer.unmeasured_sentence,
+        titles=[state.measurement.unit.settings.title for state in (change_answer.before, change_answer.after)],
+        changes=[_change(row) for row in changes.to_dict("records")],
+        freedom=change_answer.comparison.freedom,
+        faults=[(name, fault) for name, faults in verdict["data_faults"].items() for fault in faults],
+        folder=shown_folder,
+        tables=list(frames),
+        pictures=drawn_pictures(figures, CHANGE_CAPTIONS, folder),
+    )
+    write_atomic(folder / "report.html", page.encode())
+
+
+def _change(row: dict) -> dict[str, str | bool]:
+    scale, unit = (100.0, "%") if row["change_unit"] == "1" else (1.0, row["unit"])
+    return {
+        "title": row["title"].capitalize(),
+        "loops": row["loops"],
+        "before": digits(row["before"]),
+        "after": digits(row["after"]),
+        "unit": row["unit"],
+        "change_unit": unit,
+        "change": digits(scale * row["change"]),
+        "interval": interval(scale * row["ci_low"], scale * row["ci_high"]),
+        "p": p_value(row["p"]),
+        "p_family": p_value(row["p_family"]),
+        "detectable": f"{digits(scale * row['detectable'])} {unit}",
+        "scatter": f"{digits(scale * row['scatter'])} {unit}",
+        "named": row["named"],
+    }

@@ -19,7 +19,7 @@ from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection import model_selection
 from pipeline.model.effects.effect import TIME
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from tests.validation.__main__ import main
 from tests.validation.blind import generate as generating
 from tests.validation.blind import run
@@ -28,8 +28,7 @@ from tests.validation.blind.catalogue import CRANKS_A_DESIGN, OFF, PLAUSIBLE, UN
 from tests.validation.blind.effect_size import amplitude_of, problem_of
 from tests.validation.blind.generate import FULL, MEASURING_UM, NONE, RIGID, Maker, generate, kind_of, simulator_of
 from tests.validation.blind.outside_effects import OUTSIDE
-from tests.validation.blind.rates import lower_bound, rates
-from tests.validation.blind.report import write_reports
+from tests.validation.blind.rates import lower_bound, rates, write_reports
 from tests.validation.blind.true_unit import UnsoundError, true_unit
 
 ROOT = Path(__file__).parents[3]

@@ -15,8 +15,14 @@ from tests.validation.blind import command_line
 from tests.validation.blind.command_line import SEAL, TRUTH, designs
 from tests.validation.blind.compliant_drive.causes import LIBRARY, drawn_law, work_taken
 from tests.validation.blind.compliant_drive.drawing import drawn_parts
-from tests.validation.blind.compliant_drive.hysteresis import carried, delayed, followed, rayleigh_twist
-from tests.validation.blind.compliant_drive.statics import PowerLaw, coupled_compliance
+from tests.validation.blind.compliant_drive.statics import (
+    PowerLaw,
+    carried,
+    coupled_compliance,
+    delayed,
+    followed,
+    rayleigh_twist,
+)
 from tests.validation.blind.compliant_drive.unit import KINDS, LARGEST_SHARE, NO_WORK, drawn_unit, kind_of
 from tests.validation.blind.rigid_unit import rigid_drive
 

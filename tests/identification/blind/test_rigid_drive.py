@@ -11,15 +11,14 @@ from pipeline.identification.fitting.problem import candidates
 from pipeline.model.load_history.backbone import backbone, torque_levels
 from pipeline.model.load_history.turning_crank import CurvesOverCrank
 from pipeline.mounting import drive_of
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 from tests.validation.blind.bench import draw_bench
 from tests.validation.blind.catalogue import catalogue, no_compliance
 from tests.validation.blind.rigid_drive.drive import Bearing, Curve
 from tests.validation.blind.rigid_drive.effects import EFFECTS, NMM_PER_NM, RAD_PER_ARCMIN
-from tests.validation.blind.rigid_drive.line_contact import LineContact
-from tests.validation.blind.rigid_drive.locked import locked_torques
-from tests.validation.blind.rigid_drive.noise import SLOW_SHARE, readings
-from tests.validation.blind.rigid_drive.train import Train
+from tests.validation.blind.rigid_drive.flank import LineContact
+from tests.validation.blind.rigid_drive.readings import SLOW_SHARE, readings
+from tests.validation.blind.rigid_drive.train import Train, locked_torques
 from tests.validation.blind.rigid_unit import machined, rigid_drive, rigid_unit
 from tests.validation.blind.true_unit import true_unit
 

@@ -16,7 +16,7 @@ from pipeline.model.effects.creep import KelvinVoigt
 from pipeline.model.load_history.backbone import backbone
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 TURNS = np.array([0.0, 12.0, -12.0, 12.0, 0.0])
 ROWS = 40

@@ -6,8 +6,8 @@ import pytest
 from synthetic_unit import ROOT
 
 from pipeline.config import load_design
-from pipeline.config.designs.plausible_range import DIMENSION, METAL_MODULUS, STIFFNESS, plausible_range
-from pipeline.config.files.writing import toml_of
+from pipeline.config.changing import toml_of
+from pipeline.config.designs.design import DIMENSION, METAL_MODULUS, STIFFNESS, plausible_range
 from pipeline.config.reading import parse_design
 from pipeline.errors import InputError
 

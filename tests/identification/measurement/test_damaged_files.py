@@ -27,8 +27,8 @@ from pathlib import Path
 from pipeline.errors import InputError
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.config.files import text_file
-text_file.LARGEST_TEXT = 1 << 27
+from pipeline.config.files import table_file
+table_file.LARGEST_TEXT = 1 << 27
 def peak():  # of this process alone: what getrusage says includes the parent's
     return int(re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1]) / 1024
 unit = load_measured_unit(sys.argv[1], Path(sys.argv[2]))

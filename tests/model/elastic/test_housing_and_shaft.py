@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from pipeline.model.elastic.ring import THICKEST, ring_flexibility
 from pipeline.model.load_history.response import respond
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from tests.study.changed_files import changed
 
 ROOT = Path(__file__).parents[3]

@@ -15,7 +15,7 @@ from pipeline.model.elastic.beam import pin_flexibility
 from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 ROOT = Path(__file__).parents[3]
 PIN = Material(206e3, 0.3, "plane_stress")

@@ -8,7 +8,7 @@ from drives import LINEAR, RATED, drive_with, small_drive
 from reducers import SMALL, laws_of, random_compliance
 from test_pin_in_hole import reducer_at as pins_in_holes
 
-from pipeline.config.designs.cycloid import Cycloid
+from pipeline.config.designs.sections import Cycloid
 from pipeline.model.contact.friction_elements import pin_sliders
 from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.reducer import Bearing, with_fixed_flange

@@ -12,7 +12,7 @@ from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.distributions import library
 from pipeline.config.mechanisms.pin_in_hole import Bush
-from pipeline.config.studies.cases import Case
+from pipeline.config.studies.tolerances import Case
 from pipeline.model.contact.laws import LineContact, concatenated_laws, cylinder_share, meshed_share
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.geometry.clearance import exact_gaps, gaps
@@ -21,7 +21,7 @@ from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Bearing, nominal_reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play, separated_play
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 
 ROOT = Path(__file__).parents[3]
 

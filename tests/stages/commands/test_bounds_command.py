@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from pipeline import cli, settings
-from pipeline.decisions.bounds import play, results
+from pipeline.decisions import bounds, play_bounds
 from pipeline.report.decisions.bounds import invalid_stacks
 
 ROOT = Path(__file__).parent.parent.parent.parent
@@ -23,7 +23,7 @@ def test_no_sample_lies_beyond_its_bounds(
 ) -> None:
     folder = new_runs()
     monkeypatch.setattr(settings, "RUNS", folder)
-    monkeypatch.setattr(results, "UNITS", 100)
+    monkeypatch.setattr(bounds, "UNITS", 100)
     text = (ROOT / "data/studies/quick.toml").read_text().replace("crank_deg = [0.0, 90.0]", "crank_deg = [0.0]")
     start, end = text.index("[tolerances.pin_radial]"), text.index("[tolerances.ovality_2]")  # rings make it slow
     study = tmp_path / "few.toml"
@@ -38,15 +38,15 @@ def test_no_sample_lies_beyond_its_bounds(
     metrics = pd.read_parquet(folder / "few/aggregate/metrics.parquet").iloc[1:]
     bound = {(row.metric, row.what): row.value for row in tables["bounds"].itertuples()}
     backlash = metrics["clearance_backlash_arcmin"]
-    assert bound["clearance_backlash_arcmin", play.LEAST_BOUND] <= backlash.min()
-    assert backlash.max() <= bound["clearance_backlash_arcmin", play.ATTAINED_BOUND]
+    assert bound["clearance_backlash_arcmin", play_bounds.LEAST_BOUND] <= backlash.min()
+    assert backlash.max() <= bound["clearance_backlash_arcmin", play_bounds.ATTAINED_BOUND]
     assert (
-        bound["clearance_backlash_arcmin", play.ATTAINED_BOUND]
-        <= 1.01 * bound["clearance_backlash_arcmin", play.BY_PROGRAM]
+        bound["clearance_backlash_arcmin", play_bounds.ATTAINED_BOUND]
+        <= 1.01 * bound["clearance_backlash_arcmin", play_bounds.BY_PROGRAM]
     )
-    assert metrics["lost_motion_arcmin"].max() <= bound["lost_motion_arcmin", results.WORST_FOUND]
+    assert metrics["lost_motion_arcmin"].max() <= bound["lost_motion_arcmin", bounds.WORST_FOUND]
     assert (
-        bound["torsional_rigidity_Nm_per_arcmin", results.WORST_FOUND]
+        bound["torsional_rigidity_Nm_per_arcmin", bounds.WORST_FOUND]
         <= metrics["torsional_rigidity_Nm_per_arcmin"].min()
     )
     np.testing.assert_allclose(tables["contributions"].groupby("metric", observed=True)["percent"].sum(), 100.0)

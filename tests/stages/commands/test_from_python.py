@@ -12,9 +12,9 @@ import pytest
 
 from pipeline import cli, settings
 from pipeline.config import Study
-from pipeline.config.studies.tails import Tails
-from pipeline.engine import expected_time, runner
-from pipeline.engine.expected_time import expected_seconds
+from pipeline.config.studies.optional import Tails
+from pipeline.engine import runner, work
+from pipeline.engine.work import expected_seconds
 from pipeline.errors import InputError
 from stages.hysteresis import HYSTERESIS
 from stages.tails import TAILS
@@ -126,7 +126,7 @@ def test_tails_of_another_study_are_no_timing_of_one_that_asks_for_none(
     asking = study.model_copy(update={"tails": Tails(units=100_000)})
     record = {"seconds": 119.0, "started": "2026", "settings": runner.fingerprint(TAILS, asking, {}).settings}
     (tmp_path / "asking").mkdir()
-    monkeypatch.setattr(expected_time.Output, "open", lambda folder: SimpleNamespace(record=record))
+    monkeypatch.setattr(work.Output, "open", lambda folder: SimpleNamespace(record=record))
     assert expected_seconds(TAILS, asking, tmp_path) == 119.0
     assert expected_seconds(TAILS, study, tmp_path) is None
 
@@ -142,7 +142,7 @@ def test_the_expected_time_of_a_stage_is_in_proportion_to_units_angles_and_pins(
     record = {"seconds": 3.0, "started": "2026", "settings": settings_of_run, "items": study.samples.rows}
     (tmp_path / "former").mkdir()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(expected_time.Output, "open", lambda folder: SimpleNamespace(record=record))
+        patch.setattr(work.Output, "open", lambda folder: SimpleNamespace(record=record))
         expected, expected_widest = (expected_seconds(HYSTERESIS, item, tmp_path) for item in (wide, widest))
     assert expected == pytest.approx(3.0 * wide.samples.rows / study.samples.rows * 2)
     assert expected_widest == pytest.approx(per_unit * widest.samples.rows * 4)  # a small run is mostly its beginning

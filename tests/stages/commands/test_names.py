@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pipeline import cli, settings
-from pipeline.config.files.writing import toml_of
+from pipeline.config.changing import toml_of
 
 ROOT = Path(__file__).parent.parent.parent.parent
 STEM = "größe_滚轮.v2+a-b"

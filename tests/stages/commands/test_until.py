@@ -16,9 +16,9 @@ from pipeline.engine import runner
 from pipeline.engine.store import Output
 from pipeline.errors import InputError
 from pipeline.library import running, studies
-from pipeline.report.known_yield import needed_units
-from pipeline.report.samples import SamplesSection
-from pipeline.statistics.sample_size import next_units
+from pipeline.report.results import needed_units
+from pipeline.report.sections.further import SamplesSection
+from pipeline.statistics.intervals import next_units
 
 BATCH, HALF_WIDTH = 8, 0.12
 

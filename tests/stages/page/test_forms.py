@@ -9,8 +9,8 @@ from tiny_pages import ROOT, tiny_study, written
 
 from pipeline.config import load_study
 from pipeline.populations.model_forms import OF_STUDY, contact_factor, model_forms, scaled_contacts
-from pipeline.report.model_forms import FormResults
 from pipeline.report.results import Results
+from pipeline.report.sections.further import FormResults
 
 RIGIDITY = "torsional_rigidity_Nm_per_arcmin"
 

@@ -10,12 +10,11 @@ from tiny_pages import STAGES_RUN, cells, frames_of, tiny_study, written
 from pipeline.config.studies.study import Limits
 from pipeline.engine.runner import Resources, run
 from pipeline.figures.labels import METRICS
-from pipeline.report.cases import case_rows
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import percent
-from pipeline.report.sections import drawings
-from pipeline.report.stage_graph import BOX, GAP, stage_graph
-from pipeline.report.validity import overload_phrases, ranges
+from pipeline.report.layout import percent
+from pipeline.report.sections.reference import BOX, GAP, overload_phrases, ranges, stage_graph
+from pipeline.report.sections.results import case_rows
+from pipeline.report.sections.section import drawings
 from stages.chain import STAGES
 
 FAILURE = "no equilibrium at <3> N m: residual 1e-3"

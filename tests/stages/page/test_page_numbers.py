@@ -16,8 +16,8 @@ from pipeline.engine.store import Output
 from pipeline.figures import style
 from pipeline.figures.labels import METRICS
 from pipeline.report.frames import HEADLINES
-from pipeline.report.layout.wording import interval, percent, percent_interval, plain_number
-from pipeline.report.turn import TurnSection
+from pipeline.report.layout import interval, percent, percent_interval, plain_number
+from pipeline.report.sections.turn import TurnSection
 from stages import report
 from stages.chain import REPORT, STAGES
 

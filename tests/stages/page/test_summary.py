@@ -10,13 +10,13 @@ from tiny_pages import tiny_study, written
 
 from pipeline.config.studies.study import ALL_LIMITS, Limits, PublishedUnit
 from pipeline.figures.labels import METRICS
-from pipeline.report.convergence import ESTIMATES, ConvergenceTable
-from pipeline.report.explorer import explorer
+from pipeline.report import explorer
 from pipeline.report.frames import Frames
-from pipeline.report.layout.wording import percent
+from pipeline.report.layout import percent
 from pipeline.report.results import Results
+from pipeline.report.sections.results import ESTIMATES, ConvergenceTable
 from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges, next_target
-from pipeline.statistics import pass_share
+from pipeline.statistics.intervals import pass_share
 
 
 def limited(frames: Frames, limits: Limits) -> Frames:

@@ -8,10 +8,8 @@ import pandas as pd
 
 from pipeline.config import Study, load_design, parse_study
 from pipeline.report.frames import Frames
-from pipeline.report.model_forms import FORM_TABLES
-from pipeline.report.page import report_page
-from pipeline.report.sections import Page
-from pipeline.report.stage_graph import StageNote
+from pipeline.report.sections.further import FORM_TABLES
+from pipeline.report.sections.section import Page, StageNote, report_page
 
 ROOT = Path(__file__).parents[3]
 

@@ -14,7 +14,7 @@ from pipeline.model.geometry.contacts import PIN
 from pipeline.model.load_history.load_cycle import BRANCHES
 from pipeline.model.load_history.response import CycleResponse
 from pipeline.mounting import drive_of
-from pipeline.sampling import draw
+from pipeline.sampling.errors import draw
 from stages.tables import curves
 
 

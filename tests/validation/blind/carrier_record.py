@@ -14,8 +14,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from pipeline.arrays import Real
 from tests.validation.blind.rigid_drive.carrier import CarrierDrive, Gears
 from tests.validation.blind.rigid_drive.drive import Bearing
-from tests.validation.blind.rigid_drive.flank import Flank
-from tests.validation.blind.rigid_drive.line_contact import LineContact
+from tests.validation.blind.rigid_drive.flank import Flank, LineContact
 
 NODES = (0.004, 0.02, 0.08, 0.3, 0.65, 1.06)
 """Net torques of each sense at which the drive is solved, over the largest one held."""

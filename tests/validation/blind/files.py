@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 
 from pipeline.arrays import Real
+from pipeline.config.changing import toml_of
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.study import Study
-from pipeline.sampling import Errors
+from pipeline.sampling.errors import Errors
 from tests.validation.blind.bench import Bench, quantised
 
 Reading = Callable[[Real, float, float, np.random.Generator], Real]

@@ -15,13 +15,13 @@ from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.build import refittable_keys
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.fitting.scaled_drives import scaled_design
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 from tests.validation.blind.bench import draw_bench, rows_a_cell
 from tests.validation.blind.catalogue import OFF, CataloguedCompliances, CatalogueReducer, no_compliance
 from tests.validation.blind.effect_size import Yardstick, amplitude_of, at_amplitude, draw_shape
 from tests.validation.blind.files import rounded, write_truth, write_unit
 from tests.validation.blind.outside_effects import OUTSIDE
-from tests.validation.blind.rigid_drive.noise import readings
+from tests.validation.blind.rigid_drive.readings import readings
 from tests.validation.blind.rigid_unit import RigidUnit, machined, rigid_unit
 from tests.validation.blind.true_unit import TrueUnit, UnsoundError, true_unit
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Real
-from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Study
+from pipeline.config.studies.tolerances import Case
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model, candidates, limit_cases

@@ -12,27 +12,17 @@ from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.problem import Candidate
-from pipeline.sampling import Errors
+from pipeline.sampling.errors import Errors
 from tests.validation.blind.bench import Bench, Ramp
 from tests.validation.blind.rigid_drive.drive import Bearing, NoBalanceError, RigidDrive
 from tests.validation.blind.rigid_drive.effects import EFFECTS, MM_PER_UM, NMM_PER_NM, RAD_PER_ARCMIN
-from tests.validation.blind.rigid_drive.flank import Flank
-from tests.validation.blind.rigid_drive.line_contact import LineContact
-from tests.validation.blind.rigid_drive.outputs import CrossedSlides, Output, PinsInHoles
+from tests.validation.blind.rigid_drive.flank import CrossedSlides, Flank, LineContact, Output, PinsInHoles
 from tests.validation.blind.rigid_drive.readings import Loading, Position
 from tests.validation.blind.true_unit import Outside, Track, UnsoundError, encoder_places
 
 ON_DIAMETER = 0.5
 """Material off the flank for an error of the disk's size on its diameter."""
-LOTS = (
-    "disk_profile",
-    "eccentricity",
-    "lobe_profile",
-    "pin_radial",
-    "pin_radius",
-    "pin_tangential",
-    "roller_diameter",
-)
+LOTS = ("disk_profile", "eccentricity", "lobe_profile", "pin_radial", "pin_radius", "pin_tangential", "roller_diameter")
 """Dimensions that the second simulator draws by itself."""
 HALF = 0.5
 """Of a diameter's error at each side of a roller or an output pin."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm, qmc
 
-from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
+from pipeline.decisions.cheapest import LinearUnits, cheapest
 
 RATE = np.array([4.0, 1.0, 9.0, 2.0])
 """Cost of tolerance i is RATE_i / t_i."""

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.decisions.allocation import allocate as allocation
-from pipeline.decisions.allocation.cheapest import LinearUnits
-from pipeline.decisions.allocation.search import Search, Trial, yield_text
-from pipeline.statistics import pass_share
+from pipeline.decisions import allocation as allocation
+from pipeline.decisions.allocation_search import Search, Trial, yield_text
+from pipeline.decisions.cheapest import LinearUnits
+from pipeline.statistics.intervals import pass_share
 
 N = 4000
 TARGET = 0.9

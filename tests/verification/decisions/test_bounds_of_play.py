@@ -9,8 +9,8 @@ import pytest
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.studies.tolerances import Tolerances
-from pipeline.decisions.bounds.box import Box, coordinate_search
-from pipeline.decisions.bounds.play import (
+from pipeline.decisions.box import Box, coordinate_search
+from pipeline.decisions.play_bounds import (
     ATTAINED_BOUND,
     BY_PROGRAM,
     LEAST_BOUND,

@@ -19,7 +19,7 @@ from pipeline.decisions.reweighting import (
 )
 from pipeline.decisions.run_comparison import ComparedRun
 from pipeline.errors import InputError
-from pipeline.sampling import Errors, draw
+from pipeline.sampling.errors import Errors, draw
 
 ROOT = Path(__file__).parent.parent.parent.parent
 BACKLASH = "clearance_backlash_arcmin"

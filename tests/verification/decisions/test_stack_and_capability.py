@@ -8,8 +8,7 @@ import pytest
 from scipy.stats import norm, truncnorm
 
 from pipeline.config import load_study
-from pipeline.decisions.bounds.box import Box
-from pipeline.decisions.bounds.linear import capability, stack
+from pipeline.decisions.box import Box, capability, stack
 from pipeline.figures.labels import METRICS
 from pipeline.report.decisions.bounds import bounds_sentence
 

@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pipeline.statistics.differences import (
-    mean_difference,
-    order_differences,
-    replicated_difference,
-    share_difference,
-)
+from pipeline.statistics.differences import mean_difference, order_differences, replicated_difference, share_difference
 
 CONFIDENCE = 0.95
 

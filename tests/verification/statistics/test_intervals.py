@@ -5,9 +5,16 @@ import pytest
 from scipy import stats
 from scipy.stats import qmc
 
-from pipeline.statistics import distribution, pass_share
-from pipeline.statistics.intervals import QUANTILES, mean_interval, quantile_interval, share_interval, std_interval
-from pipeline.statistics.replicated import (
+from pipeline.statistics.intervals import (
+    QUANTILES,
+    distribution,
+    mean_interval,
+    pass_share,
+    quantile_interval,
+    share_interval,
+    std_interval,
+)
+from pipeline.statistics.resampling import (
     effective_number,
     replicated_interval,
     replicated_quantile_interval,

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.statistics import pass_share
-from pipeline.statistics.sample_size import units_for_yield
+from pipeline.statistics.intervals import pass_share, units_for_yield
 
 
 @pytest.mark.parametrize(("share", "half_width"), [(0.8, 0.02), (0.95, 0.005), (0.99, 0.003), (0.5, 0.05)])

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.stats import qmc
 
-from pipeline.statistics import rank_correlation
+from pipeline.statistics.sensitivity import rank_correlation
 
 
 def ishigami(x):

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import sobol_indices
 
 from pipeline.config.studies.study import FEWEST_BASE_SAMPLES
-from pipeline.statistics.variance_indices import two_fidelity_indices, variance_indices
+from pipeline.statistics.sensitivity import two_fidelity_indices, variance_indices
 
 A = np.array([0.0, 0.5, 3.0, 9.0, 99.0])
 """Of the g-function: the larger, the less its input matters."""

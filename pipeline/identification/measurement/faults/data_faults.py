@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.arrays import Truth
-from pipeline.config.files.text_file import LARGEST_VALUE
+from pipeline.config.files.table_file import LARGEST_VALUE
 from pipeline.identification.measurement.cells import FEWEST_ROWS
 from pipeline.identification.measurement.faults.branch_faults import branch_faults
 from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows

@@ -6,13 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tests.validation.blind.compliant_drive.hysteresis import carried, delayed, followed, rayleigh_twist
-from tests.validation.blind.compliant_drive.statics import UM, Curve, Disk
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
+from pipeline.arrays import Real, Whole
+from tests.validation.blind.compliant_drive.statics import UM, Curve, Disk, carried, delayed, followed, rayleigh_twist
 
 ARCMIN = np.pi / 180 / 60
 """Radians of an arc minute."""
@@ -183,9 +179,7 @@ LIBRARY: Mapping[str, Cause] = {
         needs="cycle",
     ),
     "thermal_growth": Cause(
-        _size(60.0, signed=True),
-        lambda disk, v, k, w: _moved(disk, 1e-6 * v[0] * w * disk.radius),
-        needs="temperature",
+        _size(60.0, signed=True), lambda disk, v, k, w: _moved(disk, 1e-6 * v[0] * w * disk.radius), needs="temperature"
     ),
     "torque_zero": Cause(_of_torque(0.15, signed=True), read=lambda p, v: p.at(p.course.torque - v[0])),
     "angle_drift": Cause(

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from tests.validation.blind.compliant_drive.statics import UM, Disk, PowerLaw, coupled_compliance
-
-Real = NDArray[np.float64]
 
 CALIBRATED = "disk.thickness_mm", "bearing.stiffness_N_per_mm_power"
 """Numbers of the design that the files state wrongly, within the stated range."""

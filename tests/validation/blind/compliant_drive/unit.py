@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from pipeline.arrays import Real
 from tests.validation.blind.compliant_drive.causes import (
     FIXED_VALUES,
     LIBRARY,
@@ -23,8 +23,6 @@ from tests.validation.blind.compliant_drive.causes import (
 )
 from tests.validation.blind.compliant_drive.drawing import Parts, drawn_parts, written_files
 from tests.validation.blind.compliant_drive.statics import UnbalancedError
-
-Real = NDArray[np.float64]
 
 KINDS = ("none", "one", "two", "outside")
 SHARES = 200, 200, 60, 100

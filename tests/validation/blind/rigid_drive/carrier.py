@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Complex, Real
 from tests.validation.blind.rigid_drive.drive import (
     BALANCED,
     EASED,
@@ -31,14 +31,10 @@ from tests.validation.blind.rigid_drive.drive import (
     Bearing,
     NoBalanceError,
 )
-from tests.validation.blind.rigid_drive.flank import Flank
-from tests.validation.blind.rigid_drive.line_contact import LineContact
+from tests.validation.blind.rigid_drive.flank import Flank, LineContact
 
 ROUGHLY = 1e-4
 """Unbalanced force over that of the torque that is good enough where rounding of the energy lets no step be taken."""
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

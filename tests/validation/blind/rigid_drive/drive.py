@@ -9,15 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from tests.validation.blind.rigid_drive.flank import Flank
-from tests.validation.blind.rigid_drive.line_contact import LineContact
-from tests.validation.blind.rigid_drive.outputs import Output, Pose
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from pipeline.arrays import Complex, Real
+from tests.validation.blind.rigid_drive.flank import Flank, LineContact, Output, Pose
 
 NODES = 26
 """Torques of each sense at which the curve is solved; a monotone cubic joins them."""

@@ -6,11 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from tests.validation.blind.rigid_drive.drive import RigidDrive
 
-Real = NDArray[np.float64]
 Changed = Callable[[RigidDrive, float, float], RigidDrive]
 """A drive, load cycles before, and temperature over that of the drawing [K], to the drive with an effect."""
 

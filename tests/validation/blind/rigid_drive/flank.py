@@ -4,17 +4,21 @@ The flank is the parallel, at a pin's radius, of the curve that a pin's centre d
 pin and the flank is the distance of the pin's actual centre from that curve, less what the pin is too thick.
 
 Source: Litvin and Fuentes, Gear Geometry and Applied Theory (2004), ch. 13: the flank as an envelope.
+
+Line contacts of steel cylinders after Palmgren, with a linear spring behind them.
+
+What lies between a rigid disk and the output: crossed slides on rollers, or pins in holes of the disk.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from pipeline.arrays import Complex, Real
 
 FIRST_STARTS = (-0.12, 0.0, 0.12)
 """Starts of the nearest point about the nominal one, in pitches of the lobes: a pin above a root has two of them."""
@@ -107,3 +111,152 @@ class Flank:
             1j * (first_circle - self.pins * fast_circle),
             -first_circle + self.pins**2 * fast_circle,
         )
+
+
+APPROACH_MM, BY_FORCE, BY_LENGTH = 3.84e-5, 0.9, 0.8
+"""Approach [mm] of a roller and a raceway of steel: 3.84e-5 Q^0.9 / L^0.8 with Q in N, L in mm; Palmgren, Ball and
+Roller Bearing Engineering (1959)."""
+INVERSION_STEPS = 60
+"""Newton steps to a force at most; the approach is concave, so that they rise to it from below."""
+SETTLED = 1e-14
+"""Relative step at which a force is found."""
+
+
+@dataclass(frozen=True)
+class LineContact:
+    """Approach ``interfaces`` times Palmgren's and ``compliance`` [mm/N] times the force, over ``length`` [mm].
+
+    ``softness`` multiplies Palmgren's part.
+    """
+
+    length: float
+    interfaces: int = 1
+    compliance: float = 0.0
+
+    @property
+    def _scale(self) -> float:
+        return self.interfaces * APPROACH_MM / self.length**BY_LENGTH
+
+    def force(self, approach: Real) -> Real:
+        """Forces (n,) [N] at approaches [mm]; none where bodies are apart."""
+        penetration = np.maximum(approach, 0.0)
+        force = (penetration / self._scale) ** (1 / BY_FORCE)
+        if self.compliance == 0.0:
+            return force
+        force = np.minimum(force, penetration / self.compliance)
+        for _ in range(INVERSION_STEPS):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                slope = self.compliance + BY_FORCE * self._scale * force ** (BY_FORCE - 1)
+            deviation = penetration - self._scale * force**BY_FORCE - self.compliance * force
+            step = np.where(force > 0, deviation / slope, 0.0)
+            force = np.maximum(force + step, 0.1 * force)
+            if np.all(np.abs(step) <= SETTLED * np.maximum(force, SETTLED)):
+                break
+        return force
+
+    def stiffness(self, force: Real) -> Real:
+        """Slopes (n,) [N/mm] of the force; none where there is no force."""
+        with np.errstate(divide="ignore"):
+            soft = self.compliance + BY_FORCE * self._scale * force ** (BY_FORCE - 1)
+        return np.where(force > 0, 1 / soft, 0.0)
+
+    def energy(self, force: Real) -> Real:
+        """Elastic energy (n,) [N mm] under forces."""
+        return BY_FORCE / (1 + BY_FORCE) * self._scale * force ** (1 + BY_FORCE) + 0.5 * self.compliance * force**2
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the bodies stand, counted from the nominal mesh.
+
+    Attributes
+    ----------
+    shift : of the disk's centre from its eccentric, complex [mm].
+    disk, output : rotations [rad].
+    between : rotation of a body between them [rad].
+    """
+
+    shift: complex
+    disk: float
+    between: float
+    output: float
+
+
+class Output(Protocol):
+    """An output mechanism."""
+
+    @property
+    def contact(self) -> LineContact:
+        """Of every roller or pin."""
+        ...
+
+    def approaches(self, pose: Pose, eccentric: complex, rotation: float) -> tuple[Real, Real]:
+        """Approaches (n,) [mm] and slopes (n, 5) by shift x, shift y, disk, between, output [1], [mm/rad].
+
+        ``eccentric`` is the disk's actual centre without shift [mm], ``rotation`` that of disk and output nominally.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class CrossedSlides:
+    """A plate that only rotates, between two crossed slides: the disk's and the output's.
+
+    Attributes
+    ----------
+    direction : of the disk's slide at crank angle 0 [rad].
+    reach : (n_stations,) distances of the rollers of a row from the axis [mm].
+    gap : (8 n_stations,) [mm]: slide by slide, face by face, end by end, station by station.
+    """
+
+    contact: LineContact
+    direction: float
+    reach: Real
+    gap: Real
+
+    def approaches(self, pose: Pose, eccentric: complex, rotation: float) -> tuple[Real, Real]:
+        """Every roller is pressed as its face nears: by the disk's shift across its slide, and by relative rotation."""
+        normal = 1j * np.exp(1j * (self.direction + rotation))
+        parts, slopes = [], []
+        for slide, rotation_between in enumerate((pose.disk - pose.between, pose.between - pose.output)):
+            for face in (1, -1):
+                for end in (1, -1):
+                    arm = face * end * self.reach
+                    slope = np.zeros((len(arm), 5))
+                    translation = 0.0
+                    if slide == 0:
+                        translation = face * (normal.real * pose.shift.real + normal.imag * pose.shift.imag)
+                        slope[:, 0], slope[:, 1] = face * normal.real, face * normal.imag
+                    slope[:, 2 + slide], slope[:, 3 + slide] = arm, -arm
+                    parts.append(translation + arm * rotation_between)
+                    slopes.append(slope)
+        return np.concatenate(parts) - self.gap, np.concatenate(slopes)
+
+
+@dataclass(frozen=True)
+class PinsInHoles:
+    """Output pins about the housing's axis in holes of the disk.
+
+    Attributes
+    ----------
+    angle : (n,) of the pins about the axis, and of the holes about the disk's centre, at crank angle 0 [rad].
+    circle_radius : of both [mm].
+    room : (n,) radius of each hole less that of its pin [mm].
+    """
+
+    contact: LineContact
+    angle: Real
+    circle_radius: float
+    room: Real
+
+    def approaches(self, pose: Pose, eccentric: complex, rotation: float) -> tuple[Real, Real]:
+        """A pin touches once its axis lies farther from that of its hole than there is room."""
+        holes = self.circle_radius * np.exp(1j * (self.angle + rotation + pose.disk))
+        pins = self.circle_radius * np.exp(1j * (self.angle + rotation + pose.output))
+        separation = eccentric + pose.shift + holes - pins
+        normal = separation / np.abs(separation)
+        slope = np.zeros((len(separation), 5))
+        slope[:, 0], slope[:, 1] = normal.real, normal.imag
+        slope[:, 2] = np.real(np.conj(normal) * 1j * holes)
+        slope[:, 4] = -np.real(np.conj(normal) * 1j * pins)
+        return np.abs(separation) - self.room, slope

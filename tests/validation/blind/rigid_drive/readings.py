@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
+from pipeline.arrays import Real, Whole
 from tests.validation.blind.rigid_drive.drive import Curve, RigidDrive
 from tests.validation.blind.rigid_drive.effects import EFFECTS, NMM_PER_NM, RAD_PER_ARCMIN, Sensors
 from tests.validation.blind.rigid_drive.train import Train
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 SECONDS_AN_HOUR = 3600.0
 """Seconds of an hour."""
@@ -108,3 +107,18 @@ def _with_turns(torque: Real, turns: Real, leg: Whole) -> tuple[Real, NDArray[np
         steps += [*leg_torques, end]
         is_row += [True] * len(leg_torques) + [False]
     return np.array(steps), np.array(is_row)
+
+
+SLOW_SHARE = 0.15
+"""Of the noise's standard deviation, that of the wander: over the rows of a cell it weighs as the rest."""
+KEPT = 0.9
+"""Of the wander from row to row: it forgets within some ten rows."""
+
+
+def readings(angle: Real, deviation: float, step: float, rng: np.random.Generator) -> Real:
+    """Angles (n_rows,) as read, in whole steps; deviation and step in the unit of the angle."""
+    kicks = np.sqrt(1 - KEPT**2) * rng.standard_normal(len(angle))
+    kicks[0] = rng.standard_normal()
+    wander = lfilter([1.0], [1.0, -KEPT], kicks)
+    noise = np.sqrt(1 - SLOW_SHARE**2) * rng.standard_normal(len(angle)) + SLOW_SHARE * wander
+    return np.asarray(step * np.floor((angle + deviation * noise) / step), float)

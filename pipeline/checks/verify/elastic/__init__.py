@@ -1,1 +1,0 @@
-"""Checks of the elastic disk: exact answers, and the same or another mesh solved whole by other programs."""

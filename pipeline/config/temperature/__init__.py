@@ -1,1 +1,0 @@
-"""Temperatures of the parts of a reducer: stated, or drawn from unit to unit."""

@@ -1,1 +1,0 @@
-"""The loosest tolerances that keep the limits at a wanted yield for the least cost."""

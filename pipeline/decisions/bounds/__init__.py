@@ -1,1 +1,0 @@
-"""Worst cases over the tolerance box, beside statistics: bounds, linear stacks, and capability."""
