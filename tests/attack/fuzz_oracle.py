@@ -85,12 +85,19 @@ def _in_order(values: Real) -> Real:
 def ignored_settings(text: str, read: Mapping[str, Any], same: frozenset[str]) -> list[str]:
     """Keys of a settings file whose plain values are not those that were read, of the keys that are read as written."""
     loaded = dict(leaves(read))
+    text = text.replace("\r\n", "\n").replace("\r", "\n")  # a file is read with the line ends of any system
     return [
         f"{key} = {value!r} was read as {loaded.get(key)!r}"
         for key, value in leaves(tomllib.loads(text))
         if (key in same or not any(name == key or name.startswith(f"{key}.") for name in loaded))
-        and loaded.get(key) != value
+        and not _is_same(loaded.get(key), value)
     ]
+
+
+def _is_same(read: Any, written: Any) -> bool:
+    """Whether a value was read as written; an integer beyond 2^53 as the nearest number."""
+    numbers = all(type(value) in (int, float) for value in (read, written))
+    return float(read) == float(written) if numbers else read == written
 
 
 def leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
