@@ -13,6 +13,7 @@ import copy
 import os
 import random
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -43,7 +44,8 @@ SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
 }  # fmt: skip
 """Operators and bounds, and what takes their place."""
 LONGEST = 900
-"""Seconds of the tests on a mutant, after which it counts as killed: it does not end."""
+"""Seconds of processor time of the tests on a mutant, after which it counts as killed: it does not end."""
+KILLED, UNENDED, SURVIVED = "killed", "no end", "SURVIVED"
 
 
 def places(tree: ast.Module) -> Iterator[ast.AST]:
@@ -114,16 +116,37 @@ def _test_files(path: Path) -> list[Path]:
     return sorted(path.rglob("test_*.py")) if path.is_dir() else [path]
 
 
-def noticed(home: Path, tests: Sequence[str]) -> bool:
-    """Whether some test fails on the project in a folder."""
+def failed_test(home: Path, tests: Sequence[str]) -> str | None:
+    """The first test that fails on the project in a folder; "" if it does not end, None if all pass."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(home / ".compiled"), "OMP_NUM_THREADS": "1"}
     environment["PYTHONPATH"] = str(home)
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider", *tests]
-    try:
-        process = subprocess.run(command, cwd=home, env=environment, capture_output=True, timeout=LONGEST)
-    except subprocess.TimeoutExpired:
-        return True
-    return process.returncode != 0
+    process = subprocess.run(command, cwd=home, env=environment, capture_output=True, text=True, preexec_fn=_limited)
+    if process.returncode in (0, NOTHING_TO_RUN):
+        return None
+    found = re.search(r"^(?:FAILED|ERROR) (\S+)", process.stdout, re.M)
+    return found[1] if found else ""
+
+
+NOTHING_TO_RUN = 5
+"""Exit status of pytest where all tests of the files are for another target."""
+
+
+def _limited() -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST + 5))
+
+
+class Original:
+    """The project without a mutation: a test that fails there too says nothing of a mutant."""
+
+    def __init__(self, home: Path) -> None:
+        self.home, self.passed = home, dict[str, bool]()
+
+    def passes(self, test: str) -> bool:
+        """Whether a test passes on it."""
+        if test not in self.passed:
+            self.passed[test] = failed_test(self.home, [test]) is None
+        return self.passed[test]
 
 
 def main() -> None:
@@ -140,18 +163,19 @@ def main() -> None:
             ROOT, home, ignore=shutil.ignore_patterns(".git", ".venv", "runs", "__pycache__", "build", ".*_cache")
         )
         (home / ".venv").symlink_to(ROOT / ".venv")
-        for room in options.rooms:
-            if noticed(home, TESTS[room]):
-                sys.exit(f"{room}: its tests fail without a mutation; mend them first")
+        original = Original(home)
         for number in range(options.count):
             room = options.rooms[number % len(options.rooms)]
             path, line, change, text, function = mutant(rng, room)
             (home / path).write_text(text)
-            found = noticed(home, nearest_first(TESTS[room], path, function))
+            failed = failed_test(home, nearest_first(TESTS[room], path, function))
             shutil.copy(ROOT / path, home / path)
-            killed += found
-            print(f"{'killed  ' if found else 'SURVIVED'} {path}:{line} {change}", flush=True)
-            if not found:
+            if failed and not original.passes(failed):
+                sys.exit(f"{failed} fails without a mutation; mend it first")
+            outcome = SURVIVED if failed is None else KILLED if failed else UNENDED
+            killed += failed is not None
+            print(f"{outcome:8} {path}:{line} {change} {failed or ''}", flush=True)
+            if failed is None:
                 survivors[room].append(f"{path}:{line} {change}")
     for room, lines in survivors.items():
         print(f"{room}: {len(lines)} survived", *lines, sep="\n  ")
