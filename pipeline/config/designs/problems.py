@@ -12,9 +12,9 @@ from typing import Annotated, Any
 from pydantic import AfterValidator
 from pydantic_core import PydanticKnownError
 
-from pipeline.config.designs.design import Cycloid, Disk, Housing
+from pipeline.config.designs.design import Disk, Housing
 from pipeline.config.designs.flank import flank_problems
-from pipeline.config.designs.sections import Operation
+from pipeline.config.designs.sections import Cycloid, Operation
 from pipeline.config.files.section import MISSING, Mistake, nearest_name
 from pipeline.config.mechanisms import OutputMechanism
 from pipeline.config.mechanisms.crankshaft import Shaft

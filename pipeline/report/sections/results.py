@@ -117,7 +117,7 @@ class ConvergenceTable:
                 yield label, self._cells(means, share)
 
     @staticmethod
-    def _value(part, column: str, place: int) -> float:
+    def _value(part: pd.DataFrame, column: str, place: int) -> float:
         return float(part[column].iloc[place]) if place < len(part) else np.nan
 
     def _cells(self, means: list[float], share: list[float]) -> list[str]:
