@@ -12,8 +12,7 @@ from pipeline.figures.labels import PARAMETERS
 from pipeline.figures.reducer import nominal_gap_figure, reducer_figure
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.report import inputs
-from pipeline.report.drawing import Drawing, flank_fact, nominal_gap_curve, nominal_gaps
-from pipeline.report.frames import ROWS_SHOWN, Frames
+from pipeline.report.frames import ROWS_SHOWN, Drawing, Frames, flank_fact, nominal_gap_curve, nominal_gaps
 from pipeline.report.layout import plain_number
 from pipeline.report.sections.section import Page, Section
 
