@@ -4,8 +4,6 @@ A draw is told of the growth of the part's characteristic length, a toleranced d
 the temperature of another one: `pins_C = "disk"`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Design and study files read from TOML; all problems of all files are reported together."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Tolerances of a study as a drawing writes them, in place of `lower_um` and `upper_um`."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from math import isclose, sqrt

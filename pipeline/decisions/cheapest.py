@@ -5,8 +5,6 @@ Badness is how far a metric lies beyond its limit, in units of its spread; a uni
 The tolerances of a study that have a cost, and the study with some of them scaled.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """Two runs side by side: which inputs differ, and by how much mean, spread, quantiles and yield of every metric."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial

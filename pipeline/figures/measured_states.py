@@ -1,7 +1,5 @@
 """Figures of several states of one drive, of a unit whose crank turned, and of a record of a turning drive."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

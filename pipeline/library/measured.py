@@ -1,7 +1,5 @@
 """Questions about measured units: why one differs from its model, what changed, whether many differ from a study."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

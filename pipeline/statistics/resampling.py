@@ -7,8 +7,6 @@ spread tells how many independent samples would know it as well; with that numbe
 of the quantile that it cuts off. ``make coverage`` counts how often they hold the truth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 

@@ -3,8 +3,6 @@
 Effects and contact laws are checked against their libraries: names, parameters, stiffnesses that are needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from math import inf, pi, sin
 from typing import Annotated, Any

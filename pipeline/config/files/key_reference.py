@@ -3,8 +3,6 @@
 `problems_of` tells pydantic's errors in the words of a design or study file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import NoneType, UnionType

@@ -1,7 +1,5 @@
 """What a tolerance costs: of each dimension the cost of one element, or of the whole ring, against its zone."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Literal

@@ -6,8 +6,6 @@ Schwarz, Estimating the dimension of a model, Ann. Stat. 6 (1978) 461: BIC = k l
 distribution are those of David, Nagaraja, Order Statistics (2003), unbiased rather than of maximum likelihood.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Pages on worst cases over a tolerance box and on the cheapest tolerances."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The page on measured lots against a study."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Other forms of the model, the number of samples, and units in the far tails."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial

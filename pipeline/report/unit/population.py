@@ -1,7 +1,5 @@
 """Pages on a population of units, and on a drive of which no design is known."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Pages on several states of one drive: a series, and what changed between two."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
