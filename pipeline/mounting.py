@@ -66,7 +66,7 @@ def drive_of(
         compliance=np.zeros((contacts, contacts))
         if compliance is None
         else compliance + assembly.compliance_beside_disks(study.design, reducer),
-        rated_torque=assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
+        rated_torque=NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
         errors=errors,
         reading=GapReading(**dict(study.clearance)),
         shift=shift,

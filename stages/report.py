@@ -13,9 +13,8 @@ from pipeline.engine.parallel import end_idle_workers
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
 from pipeline.figures.labels import METRICS
-from pipeline.report.drawing import Drawing
 from pipeline.report.explorer import kept_samples
-from pipeline.report.frames import OK, ROWS_SHOWN, Frames, drawn_samples, unsolved_rows
+from pipeline.report.frames import OK, ROWS_SHOWN, Drawing, Frames, drawn_samples, unsolved_rows
 from pipeline.report.layout import LinkedPicture, with_pictures
 from pipeline.report.sections.section import Page, StageNote, TableNote, drawings, library, report_page
 from stages.reduce import MESH_FILE

@@ -7,6 +7,7 @@ import numpy as np
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.dimensions.dimension import DISKS as OF_DISKS
 from pipeline.config.dimensions.dimension import REDUCER as OF_REDUCER
+from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.sampling.errors import Errors, draw
@@ -133,7 +134,7 @@ def errors_of_columns(tables: Tables) -> Errors:
     return Errors(**fields)
 
 
-def _solve(study, chunk: Chunk) -> Tables:
+def _solve(study: Study, chunk: Chunk) -> Tables:
     return columns_of_errors(draw(study, chunk.start, chunk.stop), chunk.start, study.design.output.interfaces)
 
 
@@ -141,7 +142,7 @@ def _items(job: Job) -> int:
     return job.study.samples.rows
 
 
-def _prepare(job: Job):
+def _prepare(job: Job) -> Study:
     return job.study
 
 

@@ -19,7 +19,7 @@ from stages.hysteresis import prepare
 from stages.tables.distributions import OVER_ALL, over_turn
 from stages.tables.keys import SAMPLE
 from stages.tables.turn import WHOLE_TURN, loop_metrics
-from stages.tails import springs
+from stages.tails import OF_FRESH_UNITS, springs
 
 UNIT_ANGLES = 16_000
 """Units times loaded angles that are looked at: half a minute of processor time with nine tolerances."""
@@ -111,20 +111,7 @@ def _stated_yields(study: Study, distributions: pd.DataFrame) -> dict[str, Estim
 SCALES = Stage(
     name="scales",
     reads=("springs", "reduce", "hysteresis", "aggregate"),
-    sections=(
-        "samples",
-        "tolerances",
-        "design",
-        "clearance",
-        "springs",
-        "reduce",
-        "cycle.crank_deg",
-        "cycle.curve_crank_deg",
-        "cycle.levels_per_branch",
-        "cycle.torque_fraction",
-        "metrics",
-        "limits",
-    ),
+    sections=("samples", *OF_FRESH_UNITS),
     tables=(SURROGATE, YIELDS),
     module="stages.scales",
     run=_run,

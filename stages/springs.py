@@ -8,7 +8,7 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.units import UM_PER_MM
+from pipeline.model.units import NMM_PER_NM, UM_PER_MM
 from stages.tables.keys import CONTACT, CRANK
 
 BEARING = -1
@@ -95,9 +95,7 @@ def _run(job: Job) -> Tables:
         if crank not in study.cycle.curve_crank_deg:
             continue
         # up to the force with which one contact would carry the whole rated torque; dense where the law bends
-        largest_force = (
-            assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm / np.max(np.abs(reducer.contacts.arm))
-        )
+        largest_force = NMM_PER_NM * study.design.cycloid.rated_torque_Nm / np.max(np.abs(reducer.contacts.arm))
         force = largest_force * np.linspace(0, 1, points) ** 2
         curves.append(
             pd.DataFrame(

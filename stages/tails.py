@@ -61,25 +61,24 @@ def _run(job: Job) -> Tables:
     return {FAR_TAILS.name: FAR_TAILS.columns_of_rows([vars(row) for row in rows])}
 
 
+OF_FRESH_UNITS = (
+    "tolerances",
+    "design",
+    "clearance",
+    "springs",
+    "reduce",
+    "cycle.crank_deg",
+    "cycle.curve_crank_deg",
+    "cycle.levels_per_branch",
+    "cycle.torque_fraction",
+    "metrics",
+    "limits",
+)
+"""Sections of a study that the metrics of units of other draws or tolerances depend on."""
 TAILS = Stage(
     name="tails",
     reads=("springs", "reduce"),
-    sections=(
-        "tails",
-        "samples.experiment",
-        "samples.seed",
-        "tolerances",
-        "design",
-        "clearance",
-        "springs",
-        "reduce",
-        "cycle.crank_deg",
-        "cycle.curve_crank_deg",
-        "cycle.levels_per_branch",
-        "cycle.torque_fraction",
-        "metrics",
-        "limits",
-    ),
+    sections=("tails", "samples.experiment", "samples.seed", *OF_FRESH_UNITS),
     tables=(FAR_TAILS,),
     module="stages.tails",
     run=_run,

@@ -12,8 +12,16 @@ import numpy as np
 import pandas as pd
 
 from pipeline.arrays import Real
-from pipeline.checks.leastsquares import Fitted, fit_numbers
-from pipeline.checks.response import METRICS, Condensed, condense_disk, metrics_of, solve_cases, with_numbers
+from pipeline.checks.response import (
+    METRICS,
+    Condensed,
+    Fitted,
+    condense_disk,
+    fit_numbers,
+    metrics_of,
+    solve_cases,
+    with_numbers,
+)
 from pipeline.config import Design, Study, parse_design
 from pipeline.config.changing import toml_of
 from pipeline.config.files.section import nearest_name, number_at, with_value

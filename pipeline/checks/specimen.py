@@ -23,6 +23,7 @@ from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
+from pipeline.model.units import NMM_PER_NM
 from pipeline.sampling.errors import draw
 
 SHARES = np.array([0.03, 0.25, 0.5, 0.75, 1.0])
@@ -99,7 +100,7 @@ class Specimen:
     @property
     def rated_torque(self) -> float:
         """[N mm]"""
-        return assembly.NMM_PER_NM * self.study.design.cycloid.rated_torque_Nm
+        return NMM_PER_NM * self.study.design.cycloid.rated_torque_Nm
 
     def in_stress(self, stress: str) -> "Specimen":
         """The same sample with the disk in ``plane_stress`` or ``plane_strain``."""

@@ -1,7 +1,5 @@
 """Designs and studies with other numbers, checked as those of a file, and settings as a TOML file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

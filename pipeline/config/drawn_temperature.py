@@ -4,8 +4,6 @@ A draw is told of the growth of the part's characteristic length, a toleranced d
 the temperature of another one: `pins_C = "disk"`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,7 +12,7 @@ from pydantic import ValidationError
 from pipeline.config.designs.design import Design
 from pipeline.config.designs.sections import Thermal, ThermalPart
 from pipeline.config.distributions import Distribution
-from pipeline.config.files.messages import problems_of
+from pipeline.config.files.key_reference import problems_of
 from pipeline.config.files.section import MISSING, Mistake, Section, nearest_name
 from pipeline.config.stated_temperature import Temperature, Warm, materials_of_parts, temperature_rise
 from pipeline.config.studies.tolerances import Tolerance

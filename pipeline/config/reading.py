@@ -1,7 +1,5 @@
 """Design and study files read from TOML; all problems of all files are reported together."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -21,7 +19,7 @@ from pipeline.config.drawn_temperature import (
     read_draws,
     thermal_of,
 )
-from pipeline.config.files.messages import problems_of
+from pipeline.config.files.key_reference import problems_of
 from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Mistake, nearest_name, shown_value
 from pipeline.config.files.table_file import READ
 from pipeline.config.stated_temperature import (
@@ -35,7 +33,7 @@ from pipeline.config.stated_temperature import (
 )
 from pipeline.config.studies.consistency import provenance_problems, study_problems, with_turn
 from pipeline.config.studies.costs import Costs, cost_problems
-from pipeline.config.studies.mesh_defaults import ANY_MESH, with_mesh
+from pipeline.config.studies.optional import ANY_MESH, with_mesh
 from pipeline.config.studies.study import Study
 from pipeline.config.studies.tolerances import Case, Tolerances, case_problems, tolerance_problems
 from pipeline.config.tolerance_notation import with_notation

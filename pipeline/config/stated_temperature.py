@@ -5,8 +5,6 @@ what the pins' circle, the pins and the eccentric grow more than it goes into th
 tolerance grows with its part. So a uniform temperature of one material leaves a similar reducer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any

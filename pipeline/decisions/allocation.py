@@ -5,8 +5,6 @@ Rounds of load-solved units lead to the cheapest scales within a trust region ab
 file that runs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import count

@@ -1,7 +1,5 @@
 """Tables of the worst cases, the linear stacks and the capabilities of a study."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial

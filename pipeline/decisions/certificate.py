@@ -4,8 +4,6 @@ The dimensions that were not measured are drawn from the tolerances, so that eve
 units that the measured one may be. Bounds hold for all of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

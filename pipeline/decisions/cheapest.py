@@ -5,11 +5,10 @@ Badness is how far a metric lies beyond its limit, in units of its spread; a uni
 The tolerances of a study that have a cost, and the study with some of them scaled.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy  # its functions are slow to import: they are when they are called
@@ -118,7 +117,7 @@ def cheapest(units: LinearUnits, costs: Sequence[CostOfScale], target: float, lo
     return Best(min(feasible, key=lambda scale_factors: cost(np.log(scale_factors))[0]), True)
 
 
-def _minimum(cost: Callable, spare: Callable, logs: Real, low: Real, high: Real) -> Real:
+def _minimum(cost: Callable[..., Any], spare: Callable[..., Any], logs: Real, low: Real, high: Real) -> Real:
     constraint = {"type": "ineq", "fun": lambda x: spare(x)[0], "jac": lambda x: spare(x)[1]}
     bounds = list(zip(low, high, strict=True))
     options = {"maxiter": 200, "ftol": 1e-9}

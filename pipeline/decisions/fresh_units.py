@@ -1,7 +1,5 @@
 """Yields of units that decided nothing: load-solved behind the draws that a study has counted already."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

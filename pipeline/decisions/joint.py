@@ -5,8 +5,6 @@ linear spring with Coulomb friction. Angles in rad, torques in N m. Each number 
 of one unit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """Bounds of the rigid play of a study's reducer over its tolerance box at one crank angle, by linear programs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

@@ -10,8 +10,6 @@ Owen, Monte Carlo theory, methods and examples (2013), chapter 9: self-normalise
 variance, and the effective sample size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Two runs side by side: which inputs differ, and by how much mean, spread, quantiles and yield of every metric."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -152,7 +150,7 @@ def differences(a: ComparedRun, b: ComparedRun) -> Columns:
     return DIFFERENCES.columns_of_rows(rows)
 
 
-def _case_rows(a: ComparedRun, b: ComparedRun) -> list[tuple]:
+def _case_rows(a: ComparedRun, b: ComparedRun) -> list[tuple[Any, ...]]:
     """The cases of equal labels, one by one: nothing about them is random."""
     values = [_by_label(run) for run in (a, b)]
     common = [label for label in values[0].index if label in values[1].index]
@@ -187,7 +185,7 @@ class _Pair:
         return all(entry is not None for entry in self.replicate)
 
 
-def _sample_rows(a: ComparedRun, b: ComparedRun) -> list[tuple]:
+def _sample_rows(a: ComparedRun, b: ComparedRun) -> list[tuple[Any, ...]]:
     n = shared_draws(a.study, b.study)
     frames = [run.units.set_axis(run.units.index - int(run.study.samples.nominal_first)) for run in (a, b)]
     if n:
@@ -211,7 +209,9 @@ def _sample_rows(a: ComparedRun, b: ComparedRun) -> list[tuple]:
     return rows
 
 
-def _known_values(pair: _Pair, has_value: tuple, values: tuple) -> tuple[tuple, tuple]:
+def _known_values(
+    pair: _Pair, has_value: tuple[Any, ...], values: tuple[Any, ...]
+) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Values and replicates of what is known, of both runs where they are paired."""
     if pair.is_paired:
         has_value = (has_value[0] & has_value[1],) * 2
@@ -219,7 +219,7 @@ def _known_values(pair: _Pair, has_value: tuple, values: tuple) -> tuple[tuple, 
     return tuple(v[k] for v, k in zip(values, has_value, strict=True)), replicate
 
 
-def _metric_rows(pair: _Pair, metric: str) -> Iterator[tuple]:
+def _metric_rows(pair: _Pair, metric: str) -> Iterator[tuple[Any, ...]]:
     total = tuple(frame[metric].to_numpy(float) for frame in pair.values)
     (a, b), replicate = _known_values(pair, tuple(np.isfinite(entry) for entry in total), total)
     if min(a.size, b.size) == 0:
@@ -241,7 +241,9 @@ def _metric_rows(pair: _Pair, metric: str) -> Iterator[tuple]:
         yield (metric, name, of_a, of_b, of_b - of_a, *ends[name], a.size, b.size, pair.is_paired)
 
 
-def _yield_rows(pair: _Pair, name: str, within_limit: tuple, has_value: tuple) -> Iterator[tuple]:
+def _yield_rows(
+    pair: _Pair, name: str, within_limit: tuple[Any, ...], has_value: tuple[Any, ...]
+) -> Iterator[tuple[Any, ...]]:
     (a, b), replicate = _known_values(pair, has_value, within_limit)
     if min(a.size, b.size) == 0:
         return

@@ -4,8 +4,6 @@ Source of the assignment: Crouse, On implementing 2D rectangular assignment algo
 Syst. 52 (2016) 1679, as SciPy has it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

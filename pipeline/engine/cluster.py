@@ -1,7 +1,5 @@
 """Chunks on the workers of a Dask cluster: who may be asked to solve them, and what happens when one of them dies."""
 
-from __future__ import annotations
-
 import ipaddress
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager

@@ -111,7 +111,7 @@ def _others_title(contacts: pd.DataFrame, bearing: str) -> str:
     return f"(b) {bearing.capitalize()}" + (" and output" if (contacts["kind"] == "output").any() else "")
 
 
-def _draw(axes: Axes, rows: pd.DataFrame, column: str, style: dict) -> None:
+def _draw(axes: Axes, rows: pd.DataFrame, column: str, style: dict[str, Any]) -> None:
     loaded_rows = rows[rows["force_N"] > 0]
     values, beyond_limit = loaded_rows[column].to_numpy(), loaded_rows["beyond_limit"].to_numpy()
     tangent = beyond_limit | np.append(beyond_limit[1:], False)  # joined to the last point of the law proper

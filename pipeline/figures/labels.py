@@ -3,6 +3,8 @@
 No plotting library is imported for them.
 """
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -34,7 +36,7 @@ LOW, HIGH = 0.05, 0.95
 """Shares of the samples below the ends of a band."""
 
 
-def spread_frame(values: NDArray[np.float64], **keys: NDArray) -> pd.DataFrame:
+def spread_frame(values: NDArray[np.float64], **keys: NDArray[Any]) -> pd.DataFrame:
     """5th and 95th percentile and median of each column over the samples.
 
     Parameters
@@ -50,7 +52,7 @@ def spread_frame(values: NDArray[np.float64], **keys: NDArray) -> pd.DataFrame:
     return pd.DataFrame({**keys, "low": low, "middle": middle, "high": high})
 
 
-def centred_loops(angle: NDArray[np.float64], branch: NDArray, torque: NDArray[np.float64]) -> NDArray[np.float64]:
+def centred_loops(angle: NDArray[np.float64], branch: NDArray[Any], torque: NDArray[np.float64]) -> NDArray[np.float64]:
     """Loops (n, n_steps) about the middle of their width at zero torque, where a bench puts its zero.
 
     Parameters

@@ -1,8 +1,7 @@
 """Figures of several states of one drive, of a unit whose crank turned, and of a record of a turning drive."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -83,7 +82,7 @@ def states_figure(states: pd.DataFrame, trends: pd.DataFrame, variable: str) -> 
     return figure
 
 
-def _line(values: np.ndarray, place: np.ndarray, trend: dict, line: np.ndarray) -> np.ndarray:
+def _line(values: np.ndarray, place: np.ndarray, trend: dict[str, Any], line: np.ndarray) -> np.ndarray:
     """The trend through the mean of the states (n,): exponential of a positive number."""
     if trend["slope_unit"] == "1":
         return np.exp(np.log(values).mean()) * (1 + trend["slope"]) ** (line - place.mean())

@@ -1,7 +1,5 @@
 """Figures of a measured unit: its loops against the models, and what the residual depends on."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

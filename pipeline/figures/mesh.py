@@ -3,6 +3,7 @@
 import io
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -123,7 +124,7 @@ COLOURS = (7, 1)
 """Of the layers by their order, in AutoCAD's index: black or white, and red."""
 
 
-def outlines_dxf(outlines: Mapping[str, NDArray]) -> bytes:
+def outlines_dxf(outlines: Mapping[str, NDArray[Any]]) -> bytes:
     """A drawing in millimetres with one closed polyline on a layer of each name.
 
     Parameters
@@ -154,7 +155,7 @@ def outlines_dxf(outlines: Mapping[str, NDArray]) -> bytes:
 
 
 def write_vtk(
-    path: Path, nodes: NDArray[np.complex128], triangles: NDArray[np.intp], point_data: Mapping[str, NDArray]
+    path: Path, nodes: NDArray[np.complex128], triangles: NDArray[np.intp], point_data: Mapping[str, NDArray[Any]]
 ) -> None:
     """Write quadratic triangles and fields on their nodes.
 

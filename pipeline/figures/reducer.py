@@ -1,6 +1,7 @@
 """The reducer with the numbers of its contacts, and the gap that the drawn flank leaves to nominal pins."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -54,7 +55,7 @@ def reducer_figure(
     return figure
 
 
-def circles(axes: Axes, centre: NDArray[np.complex128], radius: float, **style) -> None:
+def circles(axes: Axes, centre: NDArray[np.complex128], radius: float, **style: Any) -> None:
     """Circles of one radius [mm] about the centres (n,) [mm]."""
     size = np.full(len(centre), 2 * radius)
     axes.add_collection(

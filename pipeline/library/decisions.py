@@ -1,7 +1,5 @@
 """Questions that help to decide: two runs side by side, what to loosen or tighten, and worst cases."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

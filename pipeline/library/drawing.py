@@ -1,7 +1,5 @@
 """Results of a run on axes of the caller, who chooses the figure, its size and its file."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 

@@ -1,7 +1,5 @@
 """Questions about measured parts: the yield of lots, which parts go together, and the certificate of one unit."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path

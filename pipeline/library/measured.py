@@ -1,7 +1,5 @@
 """Questions about measured units: why one differs from its model, what changed, whether many differ from a study."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,9 +31,8 @@ from pipeline.populations import results as population_results
 from pipeline.populations.comparison import MetricComparison, load_population, metric_comparisons
 from pipeline.populations.single_units import single_units
 from pipeline.populations.tolerance_shift import closing, read_population_run
-from pipeline.report.unit.description import write_description_page
 from pipeline.report.unit.page import write_page
-from pipeline.report.unit.population import write_population_page
+from pipeline.report.unit.population import write_description_page, write_population_page
 from pipeline.report.unit.record import write_record_page
 from pipeline.report.unit.series import write_change_page, write_series_page
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance

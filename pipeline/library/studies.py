@@ -1,7 +1,5 @@
 """Designs, studies and their runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -14,8 +14,7 @@ from pipeline.config.studies.tolerances import Case, Tolerances
 from pipeline.figures.labels import PARAMETERS
 from pipeline.model.contact.line_laws.contact_law import law_of
 from pipeline.model.effects import library
-from pipeline.report.drawing import flank_fact
-from pipeline.report.frames import Frames
+from pipeline.report.frames import Frames, flank_fact
 from pipeline.report.layout import DASH, count_text, listed_text, plain_number
 
 UNITS = {

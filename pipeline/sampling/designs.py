@@ -1,7 +1,5 @@
 """Designs of experiment: which uniform numbers belong to a draw, and how they are correlated along a circle."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Manufacturing errors of a study's samples: sample k is the same for any division of the samples."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, make_dataclass
 from typing import TYPE_CHECKING, Protocol

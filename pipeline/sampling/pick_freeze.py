@@ -5,8 +5,6 @@ the circle, or an ovality's amplitude with its phase. Groups are independent, si
 of its own and errors are correlated within a tolerance only. That is what makes shares of the variance meaningful.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

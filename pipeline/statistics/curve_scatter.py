@@ -5,8 +5,6 @@ has its own mean. What is left are contrasts between groups, whose restricted li
 and its interval. Source: Patterson and Thompson, Biometrika 58 (1971) 545; the interval by the profile likelihood.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ replicates (Sobol', hypercube) are compared by the spread between their independ
 The largest t of several tests of the same normal data: rotations give its distribution for any correlation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

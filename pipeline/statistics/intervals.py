@@ -7,8 +7,6 @@ Latin hypercube are not independent; their intervals come from the spread betwee
 `units_for_yield` is the number of independent units that a wanted accuracy of the yield takes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ spread tells how many independent samples would know it as well; with that numbe
 of the quantile that it cuts off. ``make coverage`` counts how often they hold the truth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
@@ -54,34 +52,6 @@ def max_t(gains: Real, resamples: int, seed: int) -> tuple[Real, Real]:
     largest_t = resampled_gains.max(axis=1)
     p = (1 + np.sum(largest_t[:, None] >= t, axis=0)) / (resamples + 1)
     return t, p
-
-
-def confidence_set(losses: Real, level: float, resamples: int, seed: int) -> NDArray[np.bool_]:
-    """Models (n_models,) that hold the best one with confidence ``level``.
-
-    Source
-    ------
-    Model confidence set with the range statistic of the worst, Hansen, Lunde, Nason, Econometrica 79 (2011) 453.
-
-    Parameters
-    ----------
-    losses : (n_blocks, n_models)
-    """
-    members = np.ones(losses.shape[1], bool)
-    resampled_gains = resampled_means(losses, resamples, seed)
-    while members.sum() > 1:
-        member_losses = losses[:, members]
-        relative = member_losses.mean(axis=0) - member_losses.mean()
-        noise = resampled_gains[:, members] - resampled_gains[:, members].mean(axis=1, keepdims=True) - relative
-        spread = np.sqrt(np.mean(noise**2, axis=0))
-        if np.all(spread <= 0):
-            break
-        scale = np.where(spread > 0, spread, np.inf)
-        worst_t = np.max(relative / scale)
-        if np.mean(np.max(noise / scale, axis=1) >= worst_t) >= 1 - level:
-            break
-        members[np.flatnonzero(members)[np.argmax(relative / scale)]] = False
-    return members
 
 
 CONFIDENCE = 0.95

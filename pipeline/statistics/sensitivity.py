@@ -6,8 +6,6 @@ errors of different groups are independent. Nothing is assumed of the metric: it
 Which error drives a metric, and in which sense: rank correlations of errors that are one number per unit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -18,8 +18,6 @@ Two-sample statistics: Lehmann, Nonparametrics (1975), app. 5; effective numbers
 of Health Surveys (1999), sec. 2.6.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -1,6 +1,7 @@
 """Which errors drive the metrics: rank correlations of the samples, and shares of the variance by group of errors."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -70,13 +71,15 @@ def sensitivity(job: Job, units: Columns, of_angles: Columns, worst_values: pd.D
     return SENSITIVITY.columns_of_rows(rows)
 
 
-def _row(metric: str, turn_value: str, parameter: str, kind: str, values: tuple[float, float, float], n: int) -> dict:
+def _row(
+    metric: str, turn_value: str, parameter: str, kind: str, values: tuple[float, float, float], n: int
+) -> dict[str, Any]:
     index, low, high = values
     row = {"metric": metric, "over": turn_value, "parameter": parameter, "kind": kind}
     return {**row, "index": index, "ci_low": low, "ci_high": high, "n": n}
 
 
-def _ranks(job: Job, worst_values: pd.DataFrame) -> list[dict]:
+def _ranks(job: Job, worst_values: pd.DataFrame) -> list[dict[str, Any]]:
     """Rank correlations of every metric, each over the samples for which it holds."""
     study: Study = job.study
     scalar_table, rows = _scalars(job, worst_values.index.to_numpy()), []
@@ -118,7 +121,7 @@ def _scalars(job: Job, samples: np.ndarray) -> Mapping[str, np.ndarray]:
     return {name: np.asarray(values)[samples] for name, values in {**scalar_columns, **means}.items()}
 
 
-def _shares(job: Job, units: Columns, of_angles: Columns) -> list[dict]:
+def _shares(job: Job, units: Columns, of_angles: Columns) -> list[dict[str, Any]]:
     """First-order and total indices of every group; none where the study asks for none or nothing varies.
 
     Those of the worst over a turn that is searched rest on the searched units, with the help of the worst over the

@@ -103,7 +103,7 @@ DIMENSION = Dimension(name="colour", title="colour", sign="dark", meaning="of th
 """
 PLAY = """
 from matplotlib.figure import Figure
-from pipeline.report.drawing import Drawing
+from pipeline.report.frames import Drawing
 from pipeline.report.sections import Section
 KINEMATIC = "clearance/kinematic"
 def drawn(kinematic):

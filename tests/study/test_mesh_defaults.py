@@ -8,7 +8,7 @@ import pytest
 
 from pipeline import assembly, elastic
 from pipeline.config import load_design, parse_study
-from pipeline.config.studies.mesh_defaults import lobe_length, with_mesh
+from pipeline.config.studies.optional import lobe_length, with_mesh
 from pipeline.config.studies.study import Reduce, Study
 from pipeline.errors import InputError
 

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.config import load_design, parse_study
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.iso286 import DEVIATIONS_UM, TOLERANCES_UM, UP_TO_MM, limit_deviations
+from pipeline.config.tolerance_notation import DEVIATIONS_UM, TOLERANCES_UM, UP_TO_MM, limit_deviations
 from pipeline.errors import InputError
 from pipeline.sampling.errors import draw
 from stages.clearance import rigid_ends

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from pipeline.cli import handover
+from pipeline.cli.handover import write_workbook
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
-from pipeline.report import workbook
-from pipeline.report.workbook import write_workbook
 
 TABLE = Table(
     "play", "unit", (Column("unit", "label", "", "label"), Column("play_arcmin", "float64", "arcmin", "play"))
@@ -40,7 +40,7 @@ def test_each_table_is_a_sheet_with_units_in_its_header(tmp_path):
 
 def test_a_table_too_long_for_a_sheet_is_left_out_with_a_reason(tmp_path, monkeypatch):
     folder_with(tmp_path, 5)
-    monkeypatch.setattr(workbook, "MOST_ROWS", 4)
+    monkeypatch.setattr(handover, "MOST_ROWS", 4)
     written, left_out = write_workbook(tmp_path, tmp_path / "book.xlsx")
     assert written == []
     assert left_out[0].startswith("play: 5 rows")

@@ -4,8 +4,6 @@ The rigid play is cheap and has what makes a metric hard to estimate: a hundred 
 gaps count. The truth is a far larger Monte Carlo experiment of another seed.
 """
 
-from __future__ import annotations
-
 from dataclasses import astuple, dataclass
 from typing import Literal
 

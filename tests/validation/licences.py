@@ -1,7 +1,5 @@
 """Licences of the packages that this program is installed with, by what each says of itself."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import re
 from dataclasses import dataclass

@@ -11,8 +11,6 @@ output apart, that is 0.0288 = 2/13 - 1/8 turns modulo 1/13 (0.027 to 0.033 in `
 position 1 again. The whole turns of the crank follow from the number of the position.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

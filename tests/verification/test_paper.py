@@ -8,12 +8,11 @@ import pytest
 from scipy.stats import t as t_distribution
 
 from pipeline.checks.calibrate import FittedNumber, Target, calibrate, read_parameters, target_values, write
-from pipeline.checks.leastsquares import fit_numbers
 from pipeline.checks.paper import assumptions, comparison, procedures, refits, table2
 from pipeline.checks.paper.drawings import drawings
 from pipeline.checks.paper.statements import statements
 from pipeline.checks.paper.table2 import Tables
-from pipeline.checks.response import METRICS, condense_disk, metrics_of, solve_cases, with_numbers
+from pipeline.checks.response import METRICS, condense_disk, fit_numbers, metrics_of, solve_cases, with_numbers
 from pipeline.config import load_design
 from pipeline.config.files.section import number_at
 from pipeline.errors import InputError

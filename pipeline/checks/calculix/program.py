@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.arrays import Real
-from pipeline.assembly import NMM_PER_NM
 from pipeline.checks.calculix.deck import SPAN, Deck, calculix_deck
 from pipeline.checks.specimen import SHARES, Specimen, loaded_equilibria
 from pipeline.config import Study
 from pipeline.engine.store import write_atomic
 from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.model.units import NMM_PER_NM
 
 PROGRAM = "ccx"
 NAME = "reducer"

@@ -18,7 +18,6 @@ import pandas as pd
 from pipeline import assembly
 from pipeline.arrays import Real
 from pipeline.checks.calibrate import FittedNumber, Target, of_targets
-from pipeline.checks.leastsquares import fit_numbers
 from pipeline.checks.paper.assumptions import Assumption, with_elastic_plate
 from pipeline.checks.paper.statements import bearing_deflections
 from pipeline.checks.paper.table2 import LARGEST_ERROR, Misfit, Tables
@@ -26,6 +25,7 @@ from pipeline.checks.response import (
     Condensed,
     SolvedCases,
     condense_disk,
+    fit_numbers,
     metrics_of,
     pins_in_contact,
     solve_cases,

@@ -3,7 +3,8 @@
 Check of the disk's compliance: symmetry, patch loads, and independence of mesh and patch width at every pin.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from skfem import Basis, ElementTriP2, ElementVector, FacetBasis, Functional, LinearForm, MeshTri
@@ -44,7 +45,7 @@ def _small_disk(edges: int, growth: float, largest_edge: float) -> MeshTri:
     return lobed_disk_mesh(flank_nodes(SMALL, edges), SMALL.lobes, BORE, growth, largest_edge)
 
 
-def _nodal(body: ElasticBody, exact) -> Real:
+def _nodal(body: ElasticBody, exact: Callable[[Real, Real], Real]) -> Real:
     """Freedoms (n_freedoms,) of the displacement field ``exact(x, y)``."""
     freedoms = np.zeros(body.freedoms.size)
     freedoms[body.freedoms] = np.transpose(exact(body.nodes.real, body.nodes.imag))
@@ -100,10 +101,10 @@ def manufactured_error(mesh: MeshTri, stress: Stress) -> float:
     basis = Basis(mesh, ElementVector(ElementTriP2()), intorder=8)
     boundary = FacetBasis(mesh, ElementVector(ElementTriP2()), intorder=8)
 
-    def force(v, w):
+    def force(v: Any, w: Any) -> Any:
         return sum(f * v[i] for i, f in enumerate(_force_of_manufactured(stress, *w.x)))
 
-    def traction(v, w):
+    def traction(v: Any, w: Any) -> Any:
         sigma = _stress_of_manufactured(stress, *w.x)
         return sum(sigma[i, j] * w.n[j] * v[i] for i in range(2) for j in range(2))
 

@@ -3,10 +3,12 @@
 Check of the modified flank: exact gaps by a search, first order of the textbooks, the published take-up.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pipeline import assembly
 from pipeline.arrays import Complex, Real
@@ -48,7 +50,7 @@ def flank_distance(profile: CycloidProfile, centre: Complex, start: Real) -> Rea
     return away(0.5 * (low + high))
 
 
-def difference(function, psi: Real) -> Complex:
+def difference(function: Callable[..., Any], psi: Real) -> Complex:
     """Numerical derivative of a function of the flank parameter."""
     total: Complex = sum(weight * function(psi + k * STEP) for k, weight in STENCIL.items())
     return total / STEP
@@ -152,7 +154,7 @@ AWAY_FROM_ROOTS = np.radians(40.0)
 class TurnedFlank(CycloidProfile):
     """The flank of a rotation, each point as the textbooks write it; for ``flank_distance``."""
 
-    def flank(self, psi):
+    def flank(self, psi: ArrayLike) -> Complex:
         k, phase = self.shortening, self.lobes * np.asarray(psi)
         s = np.sqrt(1 + k * k - 2 * k * np.cos(phase))
         arm = self.eccentricity * self.lobes * np.abs(np.sin(phase)) / s

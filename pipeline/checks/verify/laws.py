@@ -3,8 +3,9 @@
 Check of contact on a mesh: a meshed cylinder pressed between two flats, against Johnson's compression.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +37,7 @@ SCALE = 3.7
 LINE = LineContact(np.array([0.4, 0.8, 48.0]), 1.0, STEEL, STEEL)
 
 
-def _difference(function, force: Real) -> Real:
+def _difference(function: Callable[..., Any], force: Real) -> Real:
     """Numerical derivative of eighth order by the logarithm of the force."""
     pairs = ((weight, force * (1 + k * STEP), force * (1 - k * STEP)) for k, weight in STENCIL.items())
     return sum(weight * (function(upper) - function(lower)) for weight, upper, lower in pairs) / STEP

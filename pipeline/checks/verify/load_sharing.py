@@ -72,7 +72,6 @@ def check_linear_share(specimen: Specimen) -> Iterator[Finding]:
 
 
 STUDY, FORCES = "li_guan", Path("data") / "published" / "li_guan_forces.csv"
-SIX = "the six forces, rigid disk, linear law, fitted flank, over the largest [N]"
 LIMIT = 5e-4
 """Of the largest force: the published ones are rounded to 0.1 N."""
 VARIANTS = (

@@ -1,6 +1,6 @@
 """Check of the rigid backlash: the general program of the whole chain against the separated form of its parts."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -67,7 +67,7 @@ def _searched_end(reducer: Reducer, gap: Real, clearance: float, sense: float) -
     return sense * _golden(over_y, -edge, edge)
 
 
-def _golden(function, low: Real, high: Real) -> Real:
+def _golden(function: Callable[[Real], Real], low: Real, high: Real) -> Real:
     """Largest value (n,) of concave functions on [low, high], each entry its own search."""
     lower, upper = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     at_lower, at_upper = function(lower), function(upper)

@@ -3,8 +3,6 @@
 A measured flank may lie in a CSV file, which the design names beside its drawn flank.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping
 from pathlib import Path

@@ -3,8 +3,6 @@
 Effects and contact laws are checked against their libraries: names, parameters, stiffnesses that are needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from math import inf, pi, sin
 from typing import Annotated, Any
@@ -12,9 +10,9 @@ from typing import Annotated, Any
 from pydantic import AfterValidator
 from pydantic_core import PydanticKnownError
 
-from pipeline.config.designs.design import Cycloid, Disk, Housing
+from pipeline.config.designs.design import Disk, Housing
 from pipeline.config.designs.flank import flank_problems
-from pipeline.config.designs.sections import Operation
+from pipeline.config.designs.sections import Cycloid, Operation
 from pipeline.config.files.section import MISSING, Mistake, nearest_name
 from pipeline.config.mechanisms import OutputMechanism
 from pipeline.config.mechanisms.crankshaft import Shaft

@@ -1,7 +1,5 @@
 """Sections of a design: the cycloid stage, how the reducer runs, and what its parts do whose temperatures are drawn."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Literal, TypeVar
 

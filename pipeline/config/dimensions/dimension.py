@@ -1,7 +1,5 @@
 """What a toleranced dimension declares, the elements that have one each, and the library of all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache

@@ -1,7 +1,5 @@
 """What all sections of a design or study file share: frozen, strict, no unknown keys; and how a problem reads."""
 
-from __future__ import annotations
-
 import contextlib
 import difflib
 import json

@@ -3,8 +3,6 @@
 `check_text` refuses a file that is no text, or too large, before its name is trusted.
 """
 
-from __future__ import annotations
-
 import codecs
 import csv
 import gzip

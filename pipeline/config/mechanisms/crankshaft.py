@@ -1,7 +1,5 @@
 """Shafts that carry eccentrics between two support bearings: a plain reducer's input, and the cranks of a carrier."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Contradictions between values that are each allowed: in a study, and between provenance and the numbers it is of."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """What a tolerance costs: of each dimension the cost of one element, or of the whole ring, against its zone."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -13,7 +11,7 @@ from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.files.section import Mistake, NotNegative, Positive, Section
-from pipeline.config.iso286 import TOLERANCES_UM, UP_TO_MM, grade_width_um
+from pipeline.config.tolerance_notation import TOLERANCES_UM, UP_TO_MM, grade_width_um
 
 EXAMPLE_COSTS = {str(grade): 10 ** ((6 - grade) / 5) for grade in TOLERANCES_UM}
 """Relative cost by grade, that of grade 6 being 1: an EXAMPLE, no measurement. From grade 6 on the zones of ISO

@@ -1,14 +1,19 @@
-"""Optional sections of a study: other forms of the model, and far tails.
+"""What a study may leave out: other forms of the model, far tails, and mesh numbers, which follow from the design.
 
-Of tails: how many units a rough model looks at, how many are load-solved, and what has no tail.
+The section of tails says how many units a rough model looks at, how many are load-solved, and what has no tail.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Mapping
+from math import ceil, isfinite
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 from pydantic import Field
 
+from pipeline.config.designs.design import Design
+from pipeline.config.designs.flank import flank_profile
 from pipeline.config.files.section import Section
 from pipeline.model.metrics import library
 
@@ -49,3 +54,61 @@ def without_tails(samples: Samples, limits: Limits) -> str:
     if not limited_under_load(limits):
         return "[limits] names no metric under load; set one, as lost_motion_arcmin"
     return ""
+
+
+PATCH_SHARE = 0.1
+"""Half width of a patch over the radius of the body that presses on it."""
+EDGES_PER_HALF_WIDTH = 2
+"""Edges of the flank under half of a patch."""
+FEWEST_EDGES, MOST_EDGES, NARROWEST = 8, 2000, 1e-3
+"""Bounds of the edges of a lobe, and of the half width of a patch [mm], as of the section `reduce`."""
+GROWTH = 0.35
+"""Growth of the edges with the depth below the flank."""
+EDGES_OF_RADIUS = 30
+"""Largest edges along the radius of the pin circle."""
+ARC_SAMPLES = 2000
+"""Points of a lobe whose chords are its length."""
+
+ANY_MESH = {
+    "patch_half_width_mm": 1.0,
+    "flank_edges_per_lobe": 8,
+    "growth": GROWTH,
+    "largest_edge_mm": 1.0,
+    "roller_patch_half_width_mm": 1.0,
+}
+"""Mesh of a study whose design cannot be read, so that no key of the mesh is reported as missing."""
+
+
+def with_mesh(reduce: Mapping[str, Any], design: Design) -> dict[str, Any]:
+    """The section `reduce` of a study file, completed by the numbers that follow from its design.
+
+    Notes
+    -----
+    Edges half as long and, in holes, patches half as wide move lost motion, rigidity and pressure of the nominal
+    reducer by less than 0.1 % for `li_guan` and `pin_in_hole_39`, and by 1.8 % for `printed_drive`.
+    """
+    cycloid, output = design.cycloid, design.output
+    stated = reduce.get("patch_half_width_mm")
+    width = (
+        stated if isinstance(stated, float | int) and stated > 0 else _three_digits(PATCH_SHARE * cycloid.pin_radius_mm)
+    )
+    edges = EDGES_PER_HALF_WIDTH * lobe_length(design) / max(width, NARROWEST)
+    rolling = output.patch_half_width_mm(PATCH_SHARE)
+    defaults = {
+        "patch_half_width_mm": width,
+        "flank_edges_per_lobe": min(max(ceil(edges), FEWEST_EDGES), MOST_EDGES),
+        "growth": GROWTH,
+        "largest_edge_mm": _three_digits(cycloid.pin_circle_radius_mm / EDGES_OF_RADIUS),
+        "roller_patch_half_width_mm": _three_digits(rolling) if isfinite(rolling) else width,
+    }
+    return {**defaults, **reduce}
+
+
+def lobe_length(design: Design) -> float:
+    """Length of the flank of one lobe [mm]."""
+    profile = flank_profile(design.cycloid, design.flank)
+    return float(np.abs(np.diff(profile.flank(np.linspace(0, profile.lobe_pitch, ARC_SAMPLES)))).sum())
+
+
+def _three_digits(value: float) -> float:
+    return float(f"{value:.3g}")

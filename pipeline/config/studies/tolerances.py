@@ -4,8 +4,6 @@ Tolerances are limit deviations about a fit allowance, as on a drawing. A listed
 every element, in place of distributions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
 from operator import or_

@@ -6,8 +6,6 @@ deviation, difference of logarithms of the correlation length). Source: Davison,
 Application (1997), sections 2.4 and 5.2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

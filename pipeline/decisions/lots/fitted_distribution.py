@@ -6,10 +6,9 @@ Schwarz, Estimating the dimension of a model, Ann. Stat. 6 (1978) 461: BIC = k l
 distribution are those of David, Nagaraja, Order Statistics (2003), unbiased rather than of maximum likelihood.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -58,7 +57,7 @@ def fitted_kinds(values: Real, dimension: Dimension, drawing: Distribution) -> l
     return sorted(kinds, key=lambda kind: kind.bic)
 
 
-Fit = tuple[dict, float, int] | None
+Fit = tuple[dict[str, Any], float, int] | None
 """Settings of the distribution, logarithm of the likelihood, and number of fitted numbers."""
 
 
@@ -94,7 +93,7 @@ def _truncated_normal(deviation: Real, dimension: Dimension, drawing: Distributi
     return _normal_settings(float(optimum.x[0]), float(np.exp(optimum.x[1])), lower, upper), -n * float(optimum.fun), 2
 
 
-def _normal_settings(mean: float, scale: float, lower: float, upper: float) -> dict:
+def _normal_settings(mean: float, scale: float, lower: float, upper: float) -> dict[str, Any]:
     return {"distribution": "normal", "lower_um": lower, "upper_um": upper, "mean_um": mean, "sigma_um": scale}
 
 

@@ -5,8 +5,6 @@ that of lots drawn with replacement from the parts, which are fitted and solved 
 Source: Davison, Hinkley, Bootstrap Methods and their Application (1997), section 2.2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 

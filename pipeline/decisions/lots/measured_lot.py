@@ -1,7 +1,5 @@
 """Measured parts as deviations of toleranced dimensions, and the ovalities of measured pin circles."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

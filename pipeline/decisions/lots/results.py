@@ -1,7 +1,5 @@
 """What a comparison of measured lots with a study leaves behind: its tables, and a study file of each lot."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

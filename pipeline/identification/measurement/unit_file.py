@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from pipeline.config import Study, load_design, parse_study
 from pipeline.config.designs.design import Design
-from pipeline.config.files.messages import problems_of
+from pipeline.config.files.key_reference import problems_of
 from pipeline.config.files.section import NAME, NAME_RULE, Mistake, nearest_name, shown_value
 from pipeline.config.mechanisms.carrier import Carrier
 from pipeline.config.reading import found_file, raise_if, read_toml, validate_sections, with_tuples

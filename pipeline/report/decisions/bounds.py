@@ -1,8 +1,7 @@
 """Pages on worst cases over a tolerance box and on the cheapest tolerances."""
 
-from __future__ import annotations
-
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -79,12 +78,12 @@ def _picture(bounds: pd.DataFrame, stacks: pd.DataFrame, folder: Path) -> Pictur
     return drawn_picture(figure, title, caption, folder / "figures" / "bounds")
 
 
-def _bound(row: dict) -> tuple[str, str, str, str]:
+def _bound(row: dict[str, Any]) -> tuple[str, str, str, str]:
     quantity = METRICS[row["metric"]]
     return quantity.axis, f"{row['crank_deg']:.4g}", row["what"], number(row["value"], quantity)
 
 
-def _stack(row: dict) -> dict[str, str]:
+def _stack(row: dict[str, Any]) -> dict[str, str]:
     quantity = METRICS[row["metric"]]
     gap = row["linear"] / row["full"] - 1 if row["full"] else float("nan")
     return {
@@ -114,7 +113,7 @@ def _contributions(table: pd.DataFrame, invalid: list[str]) -> list[tuple[str, s
     return rows
 
 
-def _capability(row: dict) -> dict[str, object]:
+def _capability(row: dict[str, Any]) -> dict[str, object]:
     quantity = METRICS[row["metric"]]
     return {
         "title": quantity.axis,

@@ -1,7 +1,5 @@
 """Pages on measured parts: the certificate of a unit, and which parts to assemble."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

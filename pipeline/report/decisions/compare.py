@@ -1,7 +1,5 @@
 """The page on two runs side by side."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,10 +1,9 @@
 """The page on measured lots against a study."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -124,7 +123,7 @@ def _yields(table: pd.DataFrame) -> list[dict[str, str]]:
     return rows
 
 
-def _cost(row: dict) -> dict[str, str]:
+def _cost(row: dict[str, Any]) -> dict[str, str]:
     return {
         "lot": row["lot"],
         "title": PARAMETERS[row["dimension"]],
@@ -134,7 +133,7 @@ def _cost(row: dict) -> dict[str, str]:
     }
 
 
-def _fit(row: dict) -> dict[str, object]:
+def _fit(row: dict[str, Any]) -> dict[str, object]:
     cells: dict[str, object] = {
         "lot": row["lot"],
         "title": PARAMETERS[row["dimension"]],

@@ -12,8 +12,7 @@ from pipeline.figures.labels import METRICS, parameter_title
 from pipeline.figures.yields import sensitivity_figure
 from pipeline.model.metrics import signed_number
 from pipeline.report import inputs
-from pipeline.report.drawing import Drawing
-from pipeline.report.frames import Frames
+from pipeline.report.frames import Drawing, Frames
 from pipeline.report.layout import DASH, UNDETERMINED_TEXT, percent, percent_interval, plain_number
 from pipeline.report.results import Cell
 from pipeline.report.sections.section import Page, Section

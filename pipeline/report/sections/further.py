@@ -1,7 +1,5 @@
 """Other forms of the model, the number of samples, and units in the far tails."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -14,8 +12,7 @@ from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.labels import METRICS
 from pipeline.figures.yields import sample_convergence_figure
 from pipeline.model.metrics import signed_number
-from pipeline.report.drawing import Drawing
-from pipeline.report.frames import HEADLINES, Frames
+from pipeline.report.frames import HEADLINES, Drawing, Frames
 from pipeline.report.layout import DASH, count_text, interval, number, percent, percent_interval, plain_number
 from pipeline.report.results import Cell, Results, needed_units, yield_estimate
 from pipeline.report.sections.section import Section

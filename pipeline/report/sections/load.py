@@ -16,8 +16,7 @@ from pipeline.figures.contacts import (
 )
 from pipeline.figures.hysteresis import bearing_figure
 from pipeline.figures.labels import spread_frame
-from pipeline.report.drawing import Drawing, band_sentence, disk_words, loop_spreads, loop_traces
-from pipeline.report.frames import DRAWN_CASES, Frames
+from pipeline.report.frames import DRAWN_CASES, Drawing, Frames, band_sentence, disk_words, loop_spreads, loop_traces
 from pipeline.report.layout import plain_number
 from pipeline.report.sections.section import Section
 

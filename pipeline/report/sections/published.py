@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from pipeline import assembly
 from pipeline.figures.distributions import published_figure
 from pipeline.figures.labels import LIMITED_METRICS, METRICS
-from pipeline.report.drawing import Drawing
-from pipeline.report.frames import Frames
+from pipeline.report.frames import Drawing, Frames
 from pipeline.report.layout import count_text, interval, number, percent, plain_number
 from pipeline.report.sections.section import Section
 

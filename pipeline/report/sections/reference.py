@@ -1,7 +1,5 @@
 """What a reader looks up: definitions, limits of the model, numbers of the design, tables and versions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

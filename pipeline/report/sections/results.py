@@ -12,9 +12,8 @@ from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.distributions import crank_figure, distributions_figure
 from pipeline.figures.labels import METRICS
 from pipeline.figures.yields import units_figure
-from pipeline.report.drawing import Drawing
 from pipeline.report.explorer import UNITS_SHOWN, WORST_SHOWN, explored_units
-from pipeline.report.frames import HEADLINES, OK, ROWS_SHOWN, Frames, case_label, unsolved_rows
+from pipeline.report.frames import HEADLINES, OK, ROWS_SHOWN, Drawing, Frames, case_label, unsolved_rows
 from pipeline.report.layout import DASH, count_text, number, percent, plain_number
 from pipeline.report.results import STATISTICS, Results
 from pipeline.report.sections.section import Page, Section
@@ -117,7 +116,7 @@ class ConvergenceTable:
                 yield label, self._cells(means, share)
 
     @staticmethod
-    def _value(part, column: str, place: int) -> float:
+    def _value(part: pd.DataFrame, column: str, place: int) -> float:
         return float(part[column].iloc[place]) if place < len(part) else np.nan
 
     def _cells(self, means: list[float], share: list[float]) -> list[str]:

@@ -9,9 +9,8 @@ from typing import Any
 from markupsafe import Markup
 
 from pipeline.registry import REPORT_SECTIONS
-from pipeline.report.drawing import Drawing
 from pipeline.report.explorer import explorer_data
-from pipeline.report.frames import Frames
+from pipeline.report.frames import Drawing, Frames
 from pipeline.report.layout import REPORT, LinkedPicture, environment, one_file, plain_number
 from pipeline.report.results import Results
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.config.designs.design import Design
+from pipeline.figures.labels import PARAMETERS
 from pipeline.figures.reducer import nominal_gap_figure, reducer_figure
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.report import inputs
-from pipeline.report.drawing import Drawing, flank_fact, nominal_gap_curve, nominal_gaps
-from pipeline.report.frames import ROWS_SHOWN, Frames
+from pipeline.report.frames import ROWS_SHOWN, Drawing, Frames, flank_fact, nominal_gap_curve, nominal_gaps
 from pipeline.report.layout import plain_number
 from pipeline.report.sections.section import Page, Section
 
@@ -29,7 +29,7 @@ def _values(page: Page) -> Mapping[str, object]:
         "tolerance_rows": inputs.tolerance_rows(study.tolerances),
         "zero_tolerances": inputs.zero_tolerances(study.tolerances),
         "nominal_outside": inputs.nominal_outside(study.tolerances),
-        "case_titles": [inputs.PARAMETERS[name] for name in cases],
+        "case_titles": [PARAMETERS[name] for name in cases],
         "case_inputs": [(case.label, inputs.case_cells(case, cases)) for case in study.cases[:ROWS_SHOWN]],
     }
 

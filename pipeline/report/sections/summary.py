@@ -13,8 +13,7 @@ from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.labels import LIMITED_METRICS
 from pipeline.figures.yields import failures_figure
 from pipeline.model.metrics.turn import turn_library
-from pipeline.report.drawing import Drawing
-from pipeline.report.frames import Frames
+from pipeline.report.frames import Drawing, Frames
 from pipeline.report.layout import count_text, interval, percent, percent_interval
 from pipeline.report.results import Cell, Results, preload_warning
 from pipeline.report.sections.drivers import main_contributor, share_note

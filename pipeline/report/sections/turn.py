@@ -13,8 +13,7 @@ from pipeline.figures.hysteresis import hysteresis_figure, orders_figure, transm
 from pipeline.figures.labels import spread_frame
 from pipeline.model.metrics.turn import FEWEST_ANGLES, NEEDS, TurnMetric, turn_library
 from pipeline.model.metrics.turn.turn_metric import BALANCE, FRICTION, RATING, SPEED, TURN
-from pipeline.report.drawing import Drawing, band_sentence, loop_spreads, loop_traces
-from pipeline.report.frames import Frames, case_label
+from pipeline.report.frames import Drawing, Frames, band_sentence, case_label, loop_spreads, loop_traces
 from pipeline.report.layout import (
     DASH,
     count_text,

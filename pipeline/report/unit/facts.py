@@ -1,7 +1,5 @@
 """What the page on a measured unit says in words: its data, the errors beside the model's, and what is left."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

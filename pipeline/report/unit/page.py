@@ -1,7 +1,5 @@
 """The page on a measured unit: the verdict first, then what it rests on."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the page on a unit whose crank turned shows: its record."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

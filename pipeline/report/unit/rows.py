@@ -1,7 +1,5 @@
 """Rows of the tables on the page on a measured unit."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

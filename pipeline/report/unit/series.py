@@ -1,8 +1,7 @@
 """Pages on several states of one drive: a series, and what changed between two."""
 
-from __future__ import annotations
-
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -93,7 +92,7 @@ def _effect_row(effect: TriedEffect) -> dict[str, str | bool]:
     }
 
 
-def _trend(row: dict) -> dict[str, str | bool]:
+def _trend(row: dict[str, Any]) -> dict[str, str | bool]:
     scale, unit = (100.0, "%") if row["slope_unit"] == "1" else (1.0, row["slope_unit"])
     return {
         "number": row["number"].replace("_", " "),
@@ -169,7 +168,7 @@ def write_change_page(
     write_atomic(folder / "report.html", page.encode())
 
 
-def _change(row: dict) -> dict[str, str | bool]:
+def _change(row: dict[str, Any]) -> dict[str, str | bool]:
     scale, unit = (100.0, "%") if row["change_unit"] == "1" else (1.0, row["unit"])
     return {
         "title": row["title"].capitalize(),

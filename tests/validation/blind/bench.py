@@ -1,7 +1,5 @@
 """What a bench does to a unit: turning torques, rows in time, temperature, noise and quantisation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Records of an RV reducer of the second simulator: a pair of encoders, held torques in both senses, temperatures."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

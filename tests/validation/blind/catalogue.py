@@ -1,7 +1,5 @@
 """The catalogue of reducers that blind units are drawn from: what the model believes, and what generates the data."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -3,8 +3,6 @@
 Before the identification runs, a unit's folder holds its files and the hash of its truth, and nothing else.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """A generated unit as files: what a bench leaves behind, and the sealed truth apart from it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

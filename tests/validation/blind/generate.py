@@ -1,7 +1,5 @@
 """Seeded units with nothing, one or two effects of the library, or one outside it; and their sealed truth."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -3,8 +3,6 @@
 Effects are fitted with the generator's own model, all else known, to curves without noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product

@@ -1,7 +1,5 @@
 """Effects that the library lacks, known to the generator alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 

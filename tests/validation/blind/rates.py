@@ -1,7 +1,5 @@
 """What the identification reaches on blind units, each rate with its one-sided 95 % bound."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """A blind unit of the second simulator: a study's design as rigid bodies, with tolerances and a bench of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Blind units through the identification, one row a case: what was there, what was said, and how well it fits."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """The generator's own solution of a unit on its ramps: a fine frictionless curve, with friction every row a step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

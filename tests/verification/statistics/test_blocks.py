@@ -1,9 +1,9 @@
-"""Block bootstrap: rates of error under the null, power, and coverage of the model confidence set."""
+"""Block bootstrap: rates of error under the null, and power."""
 
 import numpy as np
 from scipy.stats import binom
 
-from pipeline.statistics.resampling import confidence_set, max_t, resampled_means
+from pipeline.statistics.resampling import max_t, resampled_means
 
 RUNS = 300
 RESAMPLES = 300
@@ -43,21 +43,3 @@ def test_gain_that_is_the_same_everywhere_has_no_error_to_be_judged_by():
     t, p = max_t(gains, 500, 0)
     assert t[0] == 0
     assert p[0] > 0.5
-
-
-def test_confidence_set_keeps_the_best_as_often_as_it_says():
-    rng, kept_items, sizes = np.random.default_rng(4), 0, []
-    for run in range(RUNS):
-        losses = 1 + 0.5 * rng.normal(size=(30, 1)) + 0.3 * rng.normal(size=(30, 5)) + np.array([0, 0, 0.05, 0.3, 1.0])
-        members = confidence_set(losses, 0.9, RESAMPLES, run)
-        kept_items += members[0]
-        sizes.append(members)
-    assert kept_items >= binom.ppf(1e-3, RUNS, 0.9)
-    share = np.mean(sizes, axis=0)
-    assert share[4] == 0
-    assert share[3] < 0.3 < share[1]
-
-
-def test_confidence_set_of_equal_models_holds_both():
-    losses = np.random.default_rng(5).exponential(size=(20, 1)) * np.ones((1, 2))
-    assert confidence_set(losses, 0.9, 200, 0).tolist() == [True, True]

@@ -1,7 +1,5 @@
 """Parts of a unit as a shop makes them, drawn by seed, and the files in which a user would describe them."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass

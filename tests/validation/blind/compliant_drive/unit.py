@@ -1,7 +1,5 @@
 """A unit of the third simulator: drawn by seed, written as a bench leaves it, its truth handed out apart."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path

@@ -8,8 +8,6 @@ carrier, all as lengths; Newton's method on the energy, damped after Levenberg.
 Source: planet train with the carrier as output, Willis's equation; Litvin and Fuentes, Gear Geometry (2004), ch. 23.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

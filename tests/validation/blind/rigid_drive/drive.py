@@ -4,8 +4,6 @@ Poses are finite: pins slide along the curved flank as the disk moves, and nothi
 shift and rotation and the output's, all as lengths; Newton's method on the energy, damped after Levenberg.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Effects of the library, put into the rigid drive from their descriptions alone: none of their code is used."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

@@ -10,8 +10,6 @@ Line contacts of steel cylinders after Palmgren, with a linear spring behind the
 What lies between a rigid disk and the output: crossed slides on rollers, or pins in holes of the disk.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

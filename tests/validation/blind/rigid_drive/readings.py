@@ -1,7 +1,5 @@
 """What a bench reads of rigid drives, position by position, with effects."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

@@ -6,8 +6,6 @@ Nothing is differentiated by hand: at a crank angle the output stands where it i
 follows from balanced poses, and the motor's torque is the change of the stored energy over its own angle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
