@@ -1,5 +1,7 @@
 """The rough model that ranks pitches, against its definition solved by bisection; its fits, against exact answers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -74,6 +76,23 @@ def test_rotations_balance_the_torque_of_disks_that_share_it(rough, sense: int) 
         assert found[4] == pytest.approx(largest / springs.levels[-1], rel=1e-6)
         shares.append(found[4])
     assert np.ptp(shares) > 0.05
+
+
+def test_rotations_of_a_single_disk_balance_each_torque(rough) -> None:
+    """What is behind it does not give way: its play is added to the rotation at which each pin closes."""
+    springs, gaps = rough
+    springs = replace(springs, disk=np.zeros(PLACES, int), output_stiffness=np.full((LOBES, 1, 1), 1e12))
+    gaps = replace(gaps, output=np.random.default_rng(5).uniform(0, 2e-4, (N, LOBES, 2, 1, 1)))
+    features = springs.features(gaps).reshape(N, PINS * LOBES, 2, OF_SENSE)
+    for unit, pitch, sense in np.ndindex(N, PINS * LOBES, 2):
+        rows = (1.0, -1.0)[sense] * ARM < -1e-9
+        gap = gaps.of_pins[unit, pitch % PINS] + gaps.of_lobes[unit, pitch % LOBES]
+        ends = gap[rows] / np.abs(ARM[rows]) + gaps.output[unit, pitch % LOBES, sense, 0, 0]
+        found = features[unit, pitch, sense]
+        assert found[0] == pytest.approx(ends.min(), rel=1e-12)
+        assert found[4] == 1.0
+        moments = [moment(ends, springs.stiffness[rows], angle) for angle in found[1:4]]
+        np.testing.assert_allclose(moments, springs.levels, rtol=1e-9)
 
 
 def test_loads_by_the_output_are_those_of_springs_under_a_part_of_the_torque(rough) -> None:
