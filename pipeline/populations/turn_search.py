@@ -21,7 +21,7 @@ from pipeline.model.units import ARCMIN
 from pipeline.populations.turn_drives import TurnDrives, Units
 from pipeline.populations.turn_forces import PinForces
 from pipeline.populations.turn_gaps import SeparateGaps
-from pipeline.populations.turn_ranking import Ranking, place_compliance
+from pipeline.populations.turn_ranking import Ranking, SpringWork
 from pipeline.populations.turn_residuals import upper_bounds
 from pipeline.populations.turn_springs import Springs
 
@@ -115,19 +115,16 @@ def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence
     rng = np.random.default_rng(seed)
     pitches = rng.choice(drives.pitches, min(TRAINING_PITCHES, drives.pitches), replace=False)
     n_places = drives.study.design.cycloid.pins * drives.study.design.disk.count
-    place_forces, deflections, metrics = [], [], []
+    work, ends, top_forces, metrics = SpringWork(len(drives.laws[0])), _top_states(drives), [], []
     for pitch in pitches:
         drive, response, values = drives.solve_step(int(pitch) * drives.phases, units)
-        states = response.equilibria
-        deflection = drive.laws_of_states.deflection(states.force) + drive.elastic_deflection(states.force)
-        order = np.argsort(drives.places(int(pitch)))
-        place_forces.append(states.force[..., order])
-        deflections.append(deflection[..., order])
+        order, force = np.argsort(drives.places(int(pitch))), response.equilibria.force
+        deflection = drive.laws_of_states.deflection(force) + drive.elastic_deflection(force)
+        work.add(deflection[..., order], force[..., order])
+        top_forces.append(force[:, ends][..., order[:n_places]])
         metrics.append(values)
-    force, gaps = np.stack(place_forces, axis=1), SeparateGaps.from_units(drives, units)  # (n, n_pitches, n_states, n)
-    n_contacts = force.shape[-1]
-    compliance = place_compliance(np.stack(deflections, axis=1).reshape(-1, n_contacts), force.reshape(-1, n_contacts))
-    springs, top = Springs.from_compliance(drives, compliance), force[:, :, _top_states(drives), :n_places]
+    gaps, springs = SeparateGaps.from_units(drives, units), Springs.from_compliance(drives, work.compliance)
+    top = np.stack(top_forces, axis=1)  # (n, n_pitches, 2, n_places)
     forces = PinForces.from_pairs(springs, drives.laws[0].pressure[:n_places], gaps, pitches, top)
     of_metrics = dict(zip(library(), np.moveaxis(np.stack(metrics, axis=1), -1, 0), strict=True))
     return Ranking.from_pairs(springs, forces, gaps, pitches, of_metrics)

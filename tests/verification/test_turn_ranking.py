@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from pipeline.populations.turn_forces import PinForces, fitted_slopes
 from pipeline.populations.turn_gaps import NEVER_CLOSED, SeparateGaps
-from pipeline.populations.turn_ranking import WAVES, Ranking, place_compliance, waves
+from pipeline.populations.turn_ranking import WAVES, Ranking, SpringWork, waves
 from pipeline.populations.turn_springs import MOMENTS, OF_SENSE, Springs
 
 N, PINS, LOBES, PLACES, DISKS, HOLES = 2, 3, 2, 7, 2, 3
@@ -180,17 +180,25 @@ def test_waves_are_harmonics_that_come_back_after_all_lobes() -> None:
     np.testing.assert_allclose(turn[2, 4:], np.sin(2 * np.pi * 2 / 7 * np.arange(1, 5)), atol=1e-15)
 
 
+def spring_compliance(deflection: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Of states in two parts."""
+    work = SpringWork(force.shape[1])
+    for part in (slice(None, 3), slice(3, None)):
+        work.add(deflection[part], force[part])
+    return work.compliance
+
+
 def test_compliance_of_linear_springs_is_their_own_and_of_idle_ones_that_of_all() -> None:
     rng = np.random.default_rng(2)
     own, force = np.array([2e-6, 5e-6, 1e-6]), rng.uniform(0, 100, (8, 3))
     force[:, 2] = 0.0
     deflection = own * force
     deflection[3], force[3] = np.nan, 1e6  # a state without a result
-    found = place_compliance(deflection, force)
+    found = spring_compliance(deflection, force)
     kept = np.delete(force, 3, axis=0)
     of_all = np.sum(own * kept**2) / np.sum(kept**2)
     np.testing.assert_allclose(found, [2e-6, 5e-6, of_all], rtol=1e-12)
-    assert place_compliance(-deflection, force).min() == 1e-12  # never a spring that pulls
+    assert spring_compliance(-deflection, force).min() == 1e-12  # never a spring that pulls
 
 
 def test_slopes_of_an_exact_plane_are_found() -> None:
