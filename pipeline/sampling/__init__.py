@@ -11,6 +11,7 @@ from pipeline.sampling.errors import (
     draw_with_parts,
     errors_at,
     errors_with_parts,
+    joined_errors,
     unmeasured_dimensions,
     usual_beside,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "error_groups",
     "errors_at",
     "errors_with_parts",
+    "joined_errors",
     "oval_shift",
     "replicates",
     "uniforms",
