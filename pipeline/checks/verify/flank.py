@@ -11,8 +11,7 @@ from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, largest_difference, relative
 from pipeline.checks.verify.geometry import flank_distance
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
-from pipeline.model.geometry.flank_modification import FlankModification
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, FlankModification, disk_rotation
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 
 CRANKS = 16
