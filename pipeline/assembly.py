@@ -17,8 +17,7 @@ from pipeline.model.contact.laws import ContactLaws, LineContact, Material, conc
 from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
 from pipeline.model.elastic.ring import ring_flexibility
 from pipeline.model.geometry.clearance import Errors
-from pipeline.model.geometry.clocking import Clocking, clocking, same_places
-from pipeline.model.geometry.contacts import OUTPUT
+from pipeline.model.geometry.contacts import OUTPUT, Clocking, clocking, same_places
 from pipeline.model.geometry.cycloid_profile import KEPT_ANGLES, CycloidProfile
 from pipeline.model.geometry.out_of_round import ORDERS
 from pipeline.model.geometry.reducer import Bearing, OutputContacts, Reducer, nominal_reducer

@@ -144,7 +144,7 @@ DRIVERS = Stage(
     prepare=prepare,
     solve=_solve,
     failures=_failures,
-    chunk_factor=4,
+    chunk_factor=14,
     proportional_to=("cycle.crank_deg", "design.cycloid.pins"),
     unit_seconds=4.6e-6,
 )

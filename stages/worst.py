@@ -142,7 +142,7 @@ WORST = Stage(
     prepare=prepare,
     solve=_solve,
     chunk_reads=tuple(f"sample/{name}" for name in SAMPLED_TABLES),
-    chunk_factor=20,
+    chunk_factor=10,
     proportional_to=("design.cycloid.pins",),
     unit_seconds=2.9e-4,
 )

@@ -23,7 +23,7 @@ from pipeline.config.studies.tolerances import Tolerances
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import Tail, predicted_turn
 from pipeline.populations.tails import Population
-from pipeline.sampling.errors import Errors, draw
+from pipeline.sampling.errors import Errors, draw, joined_errors
 from pipeline.statistics.differences import share_difference
 from pipeline.statistics.intervals import Estimate
 
@@ -86,8 +86,7 @@ def surrogate_values(
     Columns by name: ``sample``, ``tolerance`` (`AS_STATED` once), ``scale`` and each metric, by the limits' side of it.
     """
     points = scaled_points(study)
-    parts = [rough(draw(_population(study, name, scale), start, stop)) for name, scale in points]
-    units = {name: np.concatenate([part[name] for part in parts]) for name in library()}
+    units = rough(joined_errors(*(draw(_population(study, name, scale), start, stop) for name, scale in points)))
     columns: dict[str, NDArray] = {
         "tolerance": np.repeat(np.array([name for name, _ in points], object), stop - start),
         "scale": np.repeat([scale for _, scale in points], stop - start),

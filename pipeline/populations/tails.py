@@ -24,7 +24,7 @@ from pipeline.engine.parallel import worker_results
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import LEVEL, Tail, TailPrediction
-from pipeline.sampling.errors import Errors, draw
+from pipeline.sampling.errors import Errors, draw, joined_errors
 from pipeline.statistics.resampling import FEWEST_BEYOND
 from pipeline.statistics.two_phase import inclusion_probability, tail_quantile, tail_share
 
@@ -137,9 +137,7 @@ def _join(parts: Sequence[Mapping[str, Real]]) -> Mapping[str, Real]:
 
 def _solve_units(population: Population, solve: Solve, selected_units: NDArray[np.intp]) -> Mapping[str, Real]:
     """Metrics of the taken units; each is drawn by its own number."""
-    unit_errors = [draw(population, int(unit), int(unit) + 1) for unit in selected_units]
-    columns = {name: np.concatenate([getattr(part, name) for part in unit_errors]) for name in vars(unit_errors[0])}
-    return solve(Errors(**columns))
+    return solve(joined_errors(*(draw(population, int(unit), int(unit) + 1) for unit in selected_units)))
 
 
 def _rows(

@@ -38,25 +38,30 @@ def fitted_slopes(features: Real, values: Real) -> Real:
 
 @entry
 def _second_layer(first_pins, first_lobes, second_pins, second_lobes, slopes, n_forces, peak, sums):
-    """Fill the root of the largest of the first ``n_forces`` sums (n, n_pitches), and add the others to ``sums``."""
-    n_pins, n_lobes, n_sums = first_pins.shape[1], first_lobes.shape[1], slopes.shape[1]
-    total = np.empty(n_sums, np.float32)
+    """Fill the root of the largest of the first ``n_forces`` sums (n, n_pitches), and add the others to ``sums``.
+
+    Forces of as many pitches as there are lobes are multiplied together: a library's product takes a third of the time.
+    """
+    n_pins, n_lobes, n_sums, none = first_pins.shape[1], first_lobes.shape[1], slopes.shape[1], np.float32(0.0)
+    force, total = np.empty((n_lobes, slopes.shape[0]), np.float32), np.empty((n_lobes, n_sums), np.float32)
     for s in range(peak.shape[0]):
-        for pitch in range(n_pins * n_lobes):
-            pin, lobe = pitch % n_pins, pitch % n_lobes
-            for i in range(n_sums):
-                total[i] = second_pins[s, pin, i] + second_lobes[s, lobe, i]
-            for k in range(slopes.shape[0]):
-                force = first_pins[s, pin, k] + first_lobes[s, lobe, k]
-                if force > 0:
-                    for i in range(n_sums):
-                        total[i] += slopes[k, i] * force
-            largest = np.float32(0.0)
-            for i in range(n_forces):
-                largest = total[i] if total[i] > largest else largest
-            peak[s, pitch] = np.sqrt(largest)
-            for i in range(n_forces, n_sums):
-                sums[s, pitch, i - n_forces] += total[i]
+        for first_pitch in range(0, n_pins * n_lobes, n_lobes):
+            for lobe in range(n_lobes):
+                of_pin, of_lobe = first_pins[s, (first_pitch + lobe) % n_pins], first_lobes[s, lobe]
+                for k in range(slopes.shape[0]):
+                    linear = of_pin[k] + of_lobe[k]
+                    force[lobe, k] = linear if linear > none else none
+            np.dot(force, slopes, total)
+            for lobe in range(n_lobes):
+                pitch, largest, row = first_pitch + lobe, none, total[lobe]
+                of_pin, of_lobe = second_pins[s, pitch % n_pins], second_lobes[s, lobe]
+                for i in range(n_sums):
+                    row[i] += of_pin[i] + of_lobe[i]
+                for i in range(n_forces):
+                    largest = row[i] if row[i] > largest else largest
+                peak[s, pitch] = np.sqrt(largest)
+                for i in range(n_forces, n_sums):
+                    sums[s, pitch, i - n_forces] += row[i]
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,15 @@ class SeparateGaps:
             output.append(_output_ends(drive))
         return cls(*(np.ascontiguousarray(np.stack(parts, axis=1)) for parts in (of_pins, of_lobes, output)))
 
+    @property
+    def n_pitches(self) -> int:
+        """Pitches of the output turn."""
+        return self.of_pins.shape[1] * self.of_lobes.shape[1]
+
+    def some(self, rows: slice) -> SeparateGaps:
+        """The gaps of some units."""
+        return SeparateGaps(self.of_pins[rows], self.of_lobes[rows], self.output[rows])
+
 
 def _without_errors(units: Units, names: Sequence[str]) -> Units:
     zeros = {name: np.zeros_like(getattr(units.errors, name)) for name in names}

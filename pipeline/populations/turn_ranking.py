@@ -95,15 +95,21 @@ def waves(pitches: Index, lobes: int) -> Real:
     return np.hstack([np.cos(angle), np.sin(angle)])
 
 
-def place_compliance(deflection: Real, force: Real) -> Real:
-    """Compliance (n_places,) [mm/N] of springs that take the work of forces (n_states, n_places) [N] over deflections.
+class SpringWork:
+    """Springs (n_places,) that take the work of forces over deflections, from some states after others."""
 
-    Of places that carry nothing in these states, that of all.
-    """
-    finite = np.all(np.isfinite(force) & np.isfinite(deflection), axis=1)
-    force, deflection = force[finite], deflection[finite]
-    work: Real = np.sum(force * deflection, axis=0)
-    square: Real = np.sum(force**2, axis=0)
-    of_all = np.sum(work) / np.sum(square)
-    compliance = np.divide(work, square, out=np.full_like(work, of_all), where=square > 0)
-    return np.maximum(compliance, SPRING_FLOOR)
+    def __init__(self, n_places: int) -> None:
+        self.work, self.square = np.zeros((2, n_places))
+
+    def add(self, deflection: Real, force: Real) -> None:
+        """Add states with deflections [mm] under forces [N] (..., n_places); those without a result are left out."""
+        finite = np.all(np.isfinite(force) & np.isfinite(deflection), axis=-1)
+        self.work += np.sum(force[finite] * deflection[finite], axis=0)
+        self.square += np.sum(force[finite] ** 2, axis=0)
+
+    @property
+    def compliance(self) -> Real:
+        """Compliance (n_places,) [mm/N]; of places that carry nothing in these states, that of all."""
+        of_all = np.sum(self.work) / np.sum(self.square)
+        compliance = np.divide(self.work, self.square, out=np.full_like(self.work, of_all), where=self.square > 0)
+        return np.maximum(compliance, SPRING_FLOOR)

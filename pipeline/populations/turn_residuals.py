@@ -13,13 +13,13 @@ Srinivas et al., IEEE Trans. Inf. Theory 58 (2012) 3250.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from pipeline.arrays import Index, Real
+from pipeline.model.compiled import entry
 
 CHOICES = {
     "pitch_length": (0.7, 1.2, 2.0, 3.5, 6.0),
@@ -32,6 +32,9 @@ the share of the disk, and the part that no other pitch shows over the variance 
 ASCENTS = 2
 """Times that each of them is chosen, the others as they were."""
 
+SPREADS = 2.0
+"""Standard deviations of a bound above what is expected. Of 120 units of the paper's drive it has 71 pitches solved and
+misses 0.10 % of the rigidity; with 1.75 these are 58 and 0.13 %."""
 WINDINGS = 8
 """Of the crank on both sides: at four pins and the longest length the next one adds 1e-4."""
 
@@ -46,12 +49,14 @@ class Correlation:
     along : (n_pitches,) factor of it by the difference of their numbers.
     in_disk : (n_lobes,) by the difference of the directions of the eccentric in the disk, the other share.
     noise : variance of the part that no other pitch shows, over that of the rest.
+    variance : of the misses of a unit, in the mean.
     """
 
     around_crank: Real
     along: Real
     in_disk: Real
     noise: float
+    variance: float = 1.0
 
     @classmethod
     def from_lengths(
@@ -65,10 +70,10 @@ class Correlation:
 
     def matrix(self, first_pitches: Index, second_pitches: Index) -> Real:
         """Correlations of pitches that broadcast against each other, without the noise."""
-        return self._of_distance[np.abs(first_pitches - second_pitches)]
+        return self.of_distance[np.abs(first_pitches - second_pitches)]
 
     @cached_property
-    def _of_distance(self) -> Real:
+    def of_distance(self) -> Real:
         """Correlations (n_pitches,) by the difference of the numbers of two pitches."""
         around_crank, in_disk = (np.resize(part, self.along.shape) for part in (self.around_crank, self.in_disk))
         return self.along * around_crank + in_disk
@@ -91,14 +96,15 @@ def fitted_correlation(pins: int, lobes: int, pitches: Index, residuals: Real) -
     """
     rows = residuals[np.isfinite(residuals).all(axis=1)]
     rows = rows - rows.mean(axis=1, keepdims=True) if len(rows) else np.zeros((1, len(pitches)))
-    rows = rows / max(float(rows.std()), np.finfo(float).tiny)
+    spread = max(float(rows.std()), np.finfo(float).tiny)
+    rows = rows / spread
     found = {name: values[len(values) // 2] for name, values in CHOICES.items()}
     for name, values in ASCENTS * list(CHOICES.items()):
         choices = [found | {name: value} for value in values]
         found = max(
             choices, key=lambda choice: _log_likelihood(Correlation.from_lengths(pins, lobes, **choice), pitches, rows)
         )
-    return Correlation.from_lengths(pins, lobes, **found)
+    return replace(Correlation.from_lengths(pins, lobes, **found), variance=spread**2)
 
 
 def _log_likelihood(choice: Correlation, pitches: Index, rows: Real) -> float:
@@ -112,8 +118,8 @@ def _log_likelihood(choice: Correlation, pitches: Index, rows: Real) -> float:
 
 def upper_bounds(
     correlation: Correlation, solved_pitches: Index, residuals: Real, other_pitches: Index, predicted_values: Real
-) -> Iterator[Real]:
-    """For each unit the upper confidence bound (n_others,) of a metric at other pitches, larger ones being worse.
+) -> Real:
+    """Upper confidence bounds (n_units, n_others) of a metric at other pitches, larger ones being worse.
 
     Parameters
     ----------
@@ -123,18 +129,37 @@ def upper_bounds(
 
     Notes
     -----
-    One standard deviation above the mean; its correlation is that with the nearest solved pitch alone, which is no
-    smaller than the process' own and needs no further system.
+    So many standard deviations above the mean as `SPREADS`: of this unit's misses or of those in training, the larger.
+    The mean's correlation is that with the nearest solved pitch alone, which is no smaller than the process' own and
+    needs no further system.
     """
-    for k in range(len(solved_pitches)):
-        is_known = (solved_pitches[k] >= 0) & np.isfinite(residuals[k])
-        if not is_known.any():
-            yield predicted_values[k]
+    bounds = np.array(predicted_values, float)
+    pitches = [np.ascontiguousarray(part, np.intp) for part in (solved_pitches, other_pitches)]
+    pitches[0] = np.where(np.isfinite(residuals), pitches[0], -1)
+    own = correlation.of_distance, correlation.noise, correlation.variance
+    _add_bounds(own, np.ascontiguousarray(residuals, float), *pitches, bounds)
+    return bounds
+
+
+@entry
+def _add_bounds(correlation, residuals, solved_pitches, other_pitches, bounds):
+    """Add what the ranking misses at most to its metric ``bounds`` at other pitches, see ``upper_bounds``."""
+    of_distance, noise, least_variance = correlation
+    for s in range(solved_pitches.shape[0]):
+        known = np.flatnonzero(solved_pitches[s] >= 0)
+        if len(known) == 0:
             continue
-        pitches, values = solved_pitches[k][is_known], residuals[k][is_known]
-        mean, variance = float(values.mean()), float(values.var())
-        matrix = correlation.matrix(pitches[:, None], pitches) + correlation.noise * np.eye(len(pitches))
+        pitches, values, matrix = solved_pitches[s][known], residuals[s][known], np.empty((len(known), len(known)))
+        mean, variance = np.mean(values), max(np.var(values), least_variance)
+        for i in range(len(known)):
+            for j in range(len(known)):
+                matrix[i, j] = of_distance[abs(pitches[i] - pitches[j])]
+            matrix[i, i] += noise
         weights = np.linalg.solve(matrix, values - mean)
-        correlations = correlation.matrix(other_pitches[k][:, None], pitches)
-        unexplained_variance = 1 - np.max(correlations, axis=1) ** 2 / (1 + correlation.noise)
-        yield predicted_values[k] + mean + correlations @ weights + np.sqrt(unexplained_variance * variance)
+        for i in range(bounds.shape[1]):
+            nearest, missed = 0.0, mean
+            for j in range(len(known)):
+                along = of_distance[abs(other_pitches[s, i] - pitches[j])]
+                nearest = max(nearest, along)
+                missed += along * weights[j]
+            bounds[s, i] += missed + SPREADS * np.sqrt((1.0 - nearest**2 / (1.0 + noise)) * variance)

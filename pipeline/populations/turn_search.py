@@ -7,7 +7,7 @@ misses is seen on units that are solved at every pitch and beside the worst of t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import dataclass
 
@@ -21,34 +21,27 @@ from pipeline.model.units import ARCMIN
 from pipeline.populations.turn_drives import TurnDrives, Units
 from pipeline.populations.turn_forces import PinForces
 from pipeline.populations.turn_gaps import SeparateGaps
-from pipeline.populations.turn_ranking import Ranking, place_compliance
+from pipeline.populations.turn_ranking import Ranking, SpringWork
 from pipeline.populations.turn_residuals import upper_bounds
 from pipeline.populations.turn_springs import Springs
 
 TRAINING_UNITS, TRAINING_PITCHES = 60, 150
 """Units that are solved at each of some pitches, drawn for each, for the slopes of the ranking."""
-PROMISING = {
-    "clearance_backlash_arcmin": (2, 1),
-    "lost_motion_arcmin": (4, 2),
-    "torsional_rigidity_Nm_per_arcmin": (10, 6),
-    "peak_pressure_MPa": (8, 3),
-}
-"""Pitches of a unit that are solved for a metric at first, and in each further round."""
-PROMISING_OTHERWISE = 2, 0
-"""Likewise of a metric that is not named."""
-ROUNDS = 4
-"""Further rounds, each ranked anew by what the ranking missed at the pitches solved so far."""
+FIRST_PITCHES, FURTHER_SHARE = 3, 0.1
+"""Pitches of a unit that are solved for a metric at first; and in each further round, of those that may be worse."""
+ROUNDS = 6
+"""Further rounds at most, each ranked anew by what the ranking missed at the pitches solved so far."""
 CANDIDATES = 150
 """Pitches of a unit among which those of further rounds are chosen, of each metric the best ranked: the worst of 3,000
 was always among them."""
-RANKED_AT_ONCE = 50
-"""Units whose features at all pitches are held together: 250 MB at 6,320 pitches."""
+RANKED_AT_ONCE, GAPS_AT_ONCE = 50, 250
+"""Units whose features at all pitches are held together, and whose gaps are: 150 MB at 6,320 pitches."""
 MANY_PINS = 60
-"""Pins above which two steps beside the worst pitch are enough: of 80 pins a pitch alone misses 0.1 %, of 14 0.8 %."""
+"""Pins above which phases are looked at beside the worst pitch alone: of 80 pins a pitch misses 0.1 %, of 14 0.8 %."""
 SHORT = 0.05
 """Mean shortfall over the spread of the units above which given steps do not serve: a median is off by 2 % of units."""
 BEST_CLIMBED = 3
-"""Pitches of a unit from which neighbouring steps are looked at, of each metric."""
+"""Pitches of a unit beside which other phases are looked at, of each metric."""
 
 
 @dataclass(frozen=True)
@@ -122,19 +115,16 @@ def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence
     rng = np.random.default_rng(seed)
     pitches = rng.choice(drives.pitches, min(TRAINING_PITCHES, drives.pitches), replace=False)
     n_places = drives.study.design.cycloid.pins * drives.study.design.disk.count
-    place_forces, deflections, metrics = [], [], []
+    work, ends, top_forces, metrics = SpringWork(len(drives.laws[0])), _top_states(drives), [], []
     for pitch in pitches:
         drive, response, values = drives.solve_step(int(pitch) * drives.phases, units)
-        states = response.equilibria
-        deflection = drive.laws_of_states.deflection(states.force) + drive.elastic_deflection(states.force)
-        order = np.argsort(drives.places(int(pitch)))
-        place_forces.append(states.force[..., order])
-        deflections.append(deflection[..., order])
+        order, force = np.argsort(drives.places(int(pitch))), response.equilibria.force
+        deflection = drive.laws_of_states.deflection(force) + drive.elastic_deflection(force)
+        work.add(deflection[..., order], force[..., order])
+        top_forces.append(force[:, ends][..., order[:n_places]])
         metrics.append(values)
-    force, gaps = np.stack(place_forces, axis=1), SeparateGaps.from_units(drives, units)  # (n, n_pitches, n_states, n)
-    n_contacts = force.shape[-1]
-    compliance = place_compliance(np.stack(deflections, axis=1).reshape(-1, n_contacts), force.reshape(-1, n_contacts))
-    springs, top = Springs.from_compliance(drives, compliance), force[:, :, _top_states(drives), :n_places]
+    gaps, springs = SeparateGaps.from_units(drives, units), Springs.from_compliance(drives, work.compliance)
+    top = np.stack(top_forces, axis=1)  # (n, n_pitches, 2, n_places)
     forces = PinForces.from_pairs(springs, drives.laws[0].pressure[:n_places], gaps, pitches, top)
     of_metrics = dict(zip(library(), np.moveaxis(np.stack(metrics, axis=1), -1, 0), strict=True))
     return Ranking.from_pairs(springs, forces, gaps, pitches, of_metrics)
@@ -150,11 +140,13 @@ def _top_states(drives: TurnDrives) -> list[int]:
 def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
     """The worst of units as found at their most promising pitches."""
     best_values = _Best(len(units))
+    n_best = 1 if drives.phases == 1 or drives.study.design.cycloid.pins > MANY_PINS else BEST_CLIMBED
     if ranking.names:
-        blocks = [np.arange(k, min(k + RANKED_AT_ONCE, len(units))) for k in range(0, len(units), RANKED_AT_ONCE)]
-        pools = [_Pool.from_ranking(drives, ranking, units, rows) for rows in blocks]
+        pools = list(_pools(drives, ranking, units))
         for further in range(ROUNDS + 1):
-            candidates = [pool.promising(ranking) if further else pool.first_pairs() for pool in pools]
+            candidates = [pool.promising(ranking, n_best) if further else pool.first_pairs() for pool in pools]
+            if not any(map(len, candidates)):
+                break
             parts = np.split(
                 _solve_pairs(
                     drives, units, np.concatenate([pairs * [drives.phases, 1] for pairs in candidates]), best_values
@@ -163,12 +155,8 @@ def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
             )
             for pool, pairs, values in zip(pools, candidates, parts, strict=True):
                 pool.take(pairs, values)
-    if drives.phases > 1:
-        is_ranked = [name in ranking.names for name in library()]
-        offsets, count = _offsets(drives), BEST_CLIMBED
-        if drives.study.design.cycloid.pins > MANY_PINS:
-            offsets, count = [offsets[0], offsets[-1]], 1
-        _solve_beside(drives, units, _steps(best_values.step[:, is_ranked, :count]), offsets, best_values)
+    is_ranked = [name in ranking.names for name in library()]
+    _solve_beside(drives, units, best_values.step[:, is_ranked, :n_best], best_values)
     best_values.move_finitely(drives, units)
     return best_values.worst_values()
 
@@ -192,6 +180,16 @@ def lies_elsewhere(found: Worst, searched: Worst) -> bool:
     return False
 
 
+def _pools(drives: TurnDrives, ranking: Ranking, units: Units) -> Iterator[_Pool]:
+    """The best ranked pitches of all units, in blocks of them."""
+    for first_row in range(0, len(units), GAPS_AT_ONCE):
+        rows = np.arange(first_row, min(first_row + GAPS_AT_ONCE, len(units)))
+        gaps = SeparateGaps.from_units(drives, units.some(rows))
+        for first in range(0, len(rows), RANKED_AT_ONCE):
+            block = slice(first, first + RANKED_AT_ONCE)
+            yield _Pool.from_ranking(ranking, gaps.some(block), rows[block])
+
+
 @dataclass(frozen=True)
 class _Pool:
     """The best ranked pitches of some units, and what is known of them.
@@ -202,20 +200,24 @@ class _Pool:
     pitches : (n, n_pitches) ascending, -1 where there are fewer.
     predicted_values, solved_values : (n_metrics, n, n_pitches) the ranking's metrics and true ones, larger ones being
         worse; missing where not solved.
+    best_columns : (n_metrics, n, `CANDIDATES`) those of each metric.
+    is_open : (n,) whether some pitch may still be worse than the solved ones.
     names : metrics that are ranked.
     """
 
     rows: Index
     pitches: NDArray[np.int32]
     predicted_values: NDArray[np.float32]
+    best_columns: NDArray[np.int16]
     solved_values: NDArray[np.float32]
+    is_open: NDArray[np.bool_]
     names: tuple[str, ...]
 
     @classmethod
-    def from_ranking(cls, drives: TurnDrives, ranking: Ranking, units: Units, rows: Index) -> _Pool:
-        """The best ranked pitches of each metric."""
-        rankings = ranking.predict_metrics(SeparateGaps.from_units(drives, units.some(rows)))
-        count = min(CANDIDATES, drives.pitches)
+    def from_ranking(cls, ranking: Ranking, gaps: SeparateGaps, rows: Index) -> _Pool:
+        """The best ranked pitches of each metric, of units by their gaps."""
+        rankings = ranking.predict_metrics(gaps)
+        count = min(CANDIDATES, gaps.n_pitches)
         bad = np.stack([_sign(name) * values for name, values in rankings.items()])
         best_pitches = np.sort(np.concatenate(np.argpartition(-bad, count - 1, axis=2)[:, :, :count], axis=1), axis=1)
         is_repeated = np.zeros(best_pitches.shape, bool)
@@ -227,53 +229,41 @@ class _Pool:
         )
         predicted_values = np.take_along_axis(bad, best_pitches[None], axis=2).astype(np.float32)
         pitches = np.where(is_repeated, -1, best_pitches).astype(np.int32)
+        best_columns = np.argpartition(np.where(is_repeated, np.inf, -predicted_values), count - 1, axis=2)[..., :count]
+        solved_values, is_open = np.full(predicted_values.shape, np.nan, np.float32), np.ones(len(rows), bool)
         return cls(
-            rows, pitches, predicted_values, np.full(predicted_values.shape, np.nan, np.float32), tuple(rankings)
+            rows, pitches, predicted_values, best_columns.astype(np.int16), solved_values, is_open, tuple(rankings)
         )
 
     def first_pairs(self) -> Index:
         """Pairs (n_pairs, 2) of a pitch and a unit: of each metric the best ranked."""
-        return self._pairs(self.predicted_values.astype(float), 0)
+        return self._pairs(np.where(self.pitches < 0, -np.inf, self.predicted_values), FIRST_PITCHES)
 
-    def promising(self, ranking: Ranking) -> Index:
-        """Likewise of those that are not solved yet, by the ranking and what it missed at the solved ones."""
-        is_known = np.isfinite(self.solved_values).any(axis=0)
-        width = max(1, int(is_known.sum(axis=1).max()))
-        columns = np.argsort(~is_known, axis=1, kind="stable")[:, :width]
-        pitches = np.where(
-            np.take_along_axis(is_known, columns, axis=1), np.take_along_axis(self.pitches, columns, 1), -1
-        )
-        scores = np.full(self.predicted_values.shape, -np.inf)
+    def promising(self, ranking: Ranking, n_best: int) -> Index:
+        """Likewise of those that may be among the worst, by the ranking and what it missed at the solved ones."""
+        is_known: NDArray[np.bool_] = np.asarray(np.isfinite(self.solved_values).any(axis=0))
+        scores, rows = np.full(self.predicted_values.shape, -np.inf), np.flatnonzero(self.is_open)
+        known = np.argsort(~is_known[rows], axis=1, kind="stable")[:, : max(1, int(is_known.sum(axis=1).max()))]
+        rows = rows[:, None]
+        pitches = np.where(is_known[rows, known], self.pitches[rows, known], -1)
         for k, name in enumerate(self.names):
-            if PROMISING.get(name, PROMISING_OTHERWISE)[1] == 0:
-                continue
-            residuals = np.take_along_axis(self.solved_values[k] - self.predicted_values[k], columns, axis=1)
-            count = min(CANDIDATES, self.pitches.shape[1])
-            best_columns = np.argpartition(
-                -np.where(self.pitches < 0, -np.inf, self.predicted_values[k]), count - 1, axis=1
-            )[:, :count]
-            other_pitches, predicted_values = (
-                np.take_along_axis(values, best_columns, 1) for values in (self.pitches, self.predicted_values[k])
-            )
+            others, solved_values = self.best_columns[k][rows[:, 0]], self.solved_values[k][rows, known]
+            residuals = solved_values - self.predicted_values[k][rows, known]
+            predicted_values = self.predicted_values[k][rows, others]
             bounds = upper_bounds(
-                ranking.correlations[name], pitches, residuals, np.abs(other_pitches), predicted_values
+                ranking.correlations[name], pitches, residuals, self.pitches[rows, others], predicted_values
             )
-            np.put_along_axis(scores[k], best_columns, np.stack(list(bounds)), axis=1)
-        return self._pairs(np.where(is_known, -np.inf, scores), 1)
+            least_values = np.sort(np.where(pitches < 0, -np.inf, solved_values), axis=1)[:, -n_best:][:, :1]
+            may_be_worse = (bounds > least_values) & ~is_known[rows, others]
+            scores[k][rows, others] = np.where(may_be_worse, bounds, -np.inf)
+        n_open = np.isfinite(scores).sum(axis=2, keepdims=True)
+        self.is_open[:] = n_open.any(axis=(0, 2))
+        return self._pairs(scores, np.ceil(FURTHER_SHARE * n_open))
 
-    def _pairs(self, scores: Real, further: int) -> Index:
-        """Pairs of the largest scores (n_metrics, n, n_pitches): so many of each metric."""
-        scores = np.where(self.pitches < 0, -np.inf, scores)
-        is_chosen = np.zeros(self.pitches.shape, bool)
-        for name, of_metric in zip(self.names, scores, strict=True):
-            count = min(PROMISING.get(name, PROMISING_OTHERWISE)[further], of_metric.shape[1])
-            if count == 0:
-                continue
-            best_columns = np.argpartition(-of_metric, count - 1, axis=1)[:, :count]
-            np.put_along_axis(
-                is_chosen, best_columns, np.take_along_axis(of_metric, best_columns, axis=1) > -np.inf, axis=1
-            )
-        unit, column = np.nonzero(is_chosen)
+    def _pairs(self, scores: Real, count: Real | int) -> Index:
+        """Pairs of the largest finite scores (n_metrics, n, n_pitches), so many of each metric and unit."""
+        rank = np.argsort(np.argsort(-scores, axis=2, kind="stable"), axis=2)
+        unit, column = np.nonzero(np.any((rank < count) & np.isfinite(scores), axis=0))
         return np.stack([self.pitches[unit, column], self.rows[unit]], axis=1).astype(np.intp)
 
     def take(self, pairs: Index, values: Real) -> None:
@@ -289,22 +279,16 @@ def _sign(name: str) -> float:
     return -1.0 if library()[name].smaller_is_worse else 1.0
 
 
-def _steps(steps: Index) -> Index:
-    """Steps (n_units, n_metrics, n_best) by unit (n_steps, n_units)."""
-    return steps.reshape(len(steps), -1).T.copy()
-
-
-def _offsets(drives: TurnDrives) -> list[int]:
-    """Steps on both sides of a pitch that lie nearer to it than to the next one."""
+def _solve_beside(drives: TurnDrives, units: Units, steps: Index, best_values: _Best) -> None:
+    """Solve each unit at all phases that lie nearer to its pitches (n_units, ..., n_best) than to the next ones."""
+    if drives.phases == 1:
+        return
     reach = drives.phases // 2
-    return [offset for offset in range(-reach, reach + 1) if offset]
-
-
-def _solve_beside(drives: TurnDrives, units: Units, steps: Index, offsets: Sequence[int], best_values: _Best) -> None:
-    """Solve each unit at offsets from its steps (n_steps, n_units)."""
-    neighbours = np.concatenate([steps + offset for offset in offsets]) % (drives.pitches * drives.phases)
-    pairs = np.stack([neighbours, np.broadcast_to(np.arange(len(units)), neighbours.shape)], axis=-1)
-    _solve_pairs(drives, units, np.unique(pairs.reshape(-1, 2), axis=0), best_values)
+    offsets = np.array([offset for offset in range(-reach, reach + 1) if offset])
+    neighbours = (steps.reshape(len(units), -1, 1) + offsets) % (drives.pitches * drives.phases)
+    rows = np.broadcast_to(np.arange(len(units))[:, None, None], neighbours.shape)
+    pairs = np.stack([neighbours.ravel(), rows.ravel()], axis=1)
+    _solve_pairs(drives, units, np.unique(pairs, axis=0), best_values)
 
 
 def _solve_pairs(drives: TurnDrives, units: Units, pairs: Index, best_values: _Best) -> Real:
@@ -321,8 +305,7 @@ def audit(drives: TurnDrives, units: Units) -> tuple[Worst, Worst]:
     pitches, rows = np.meshgrid(np.arange(drives.pitches), np.arange(len(units)), indexing="ij")
     _solve_pairs(drives, units, np.stack([drives.phases * pitches.ravel(), rows.ravel()], axis=1), best_values)
     of_pitches = deepcopy(best_values)
-    if drives.phases > 1:
-        _solve_beside(drives, units, _steps(best_values.step), _offsets(drives), best_values)
+    _solve_beside(drives, units, best_values.step, best_values)
     for worst_values in (of_pitches, best_values):
         worst_values.move_finitely(drives, units)
     return of_pitches.worst_values(), best_values.worst_values()

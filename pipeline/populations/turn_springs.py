@@ -108,13 +108,43 @@ def _spring_features(of_pins, of_lobes, output, stiffness, output_stiffness, fir
             _ends(of_pins[s, pitch % n_pins], of_lobes[s, lobe], behind, first_place, end, first_end)
             features[s, pitch, 0] = np.min(first_end[0] + first_end[1])
             for k in range(n_levels):  # from the rotations at the pitch before: two or three steps of Newton away
-                _balance(end, stiffness, first_place, first_end, behind, springs_behind, levels[k], phi[k], line)
+                _balance(
+                    end, stiffness, first_place, first_end, behind,
+                    output_stiffness=springs_behind, torque=levels[k], phi=phi[k], line=line,
+                )  # fmt: skip
                 features[s, pitch, 1 + k] = phi[k, n_disks]
             angle, share = phi[n_levels - 1], 0.0
             for d in range(n_disks):
                 k, k0 = _closed(behind[d], springs_behind[d], 0, behind.shape[1], angle[n_disks] - angle[d])
                 share = max(share, k * (angle[n_disks] - angle[d]) - k0)
             features[s, pitch, n_levels + 1] = share / levels[n_levels - 1]
+
+
+@entry
+def _features_of_single(of_pins, of_lobes, stiffness, levels, features):
+    """Likewise of a single disk with rigid parts behind it, whose play ``of_lobes`` holds too."""
+    n, n_pins, n_places = of_pins.shape
+    n_lobes, n_levels = of_lobes.shape[1], levels.shape[0]
+    end, phi = np.empty(n_places), np.zeros(n_levels)
+    for s in range(n):
+        for pitch in range(n_pins * n_lobes):
+            of_pin, of_lobe, first_end = of_pins[s, pitch % n_pins], of_lobes[s, pitch % n_lobes], np.inf
+            for k in range(n_places):
+                end[k] = of_pin[k] + of_lobe[k]
+            for k in range(n_places):
+                first_end = min(first_end, end[k])
+            features[s, pitch, 0] = first_end
+            for level in range(n_levels):
+                angle = phi[level]
+                for _ in range(MOST_STEPS):
+                    slope, offset = _closed(end, stiffness, 0, n_places, angle)
+                    if slope == 0.0:
+                        slope, offset = _closed(end, stiffness, 0, n_places, np.inf)
+                    angle, angle_before = (levels[level] + offset) / slope, angle
+                    if abs(angle - angle_before) <= SAME_ROTATION * abs(angle):
+                        break
+                phi[level] = features[s, pitch, 1 + level] = angle
+            features[s, pitch, n_levels + 1] = 1.0
 
 
 @dataclass(frozen=True)
@@ -192,10 +222,17 @@ class Springs:
                 np.abs(self.arm[rows]),
                 np.bincount(self.disk[rows], minlength=self.output_stiffness.shape[1]),
             )
-            ends = [gaps.of_pins[:, :, rows] / size, gaps.of_lobes[:, :, rows] / size, gaps.output[:, :, sense]]
-            springs = [self.stiffness[rows], self.output_stiffness, np.append(0, np.cumsum(counts))]
+            ends = [gaps.of_pins[:, :, rows] / size, gaps.of_lobes[:, :, rows] / size]
+            springs, behind = [self.stiffness[rows]], gaps.output[:, :, sense]
+            is_single = behind.shape[2:] == (1, 1)
+            if is_single:
+                ends[1] += behind[..., 0]
+            else:
+                ends.append(behind)
+                springs += [self.output_stiffness, np.append(0, np.cumsum(counts))]
             arrays = [np.ascontiguousarray(values) for values in (*ends, *springs)]
-            _spring_features(*arrays, self.levels, features[:, :, sense * OF_SENSE : (sense + 1) * OF_SENSE])
+            of_sense = features[:, :, sense * OF_SENSE : (sense + 1) * OF_SENSE]
+            (_features_of_single if is_single else _spring_features)(*arrays, self.levels, of_sense)
         return features
 
 

@@ -124,7 +124,7 @@ def draw(study: Drawn, start: int, stop: int) -> Errors:
         else _random(study, first_row, last_row)
     )
     if shift and start == 0 < stop:
-        drawn_errors = _joined_errors(_nominal(study), drawn_errors)
+        drawn_errors = joined_errors(_nominal(study), drawn_errors)
     return drawn_errors
 
 
@@ -310,5 +310,6 @@ def _per_disk(values: Real, disks: int) -> Real:
     return values if disks > 1 else values[:, 0]
 
 
-def _joined_errors(*parts: Errors) -> Errors:
+def joined_errors(*parts: Errors) -> Errors:
+    """Errors of samples of several parts, one part after the other."""
     return Errors(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Errors)})

@@ -1,12 +1,14 @@
 """The rough model that ranks pitches, against its definition solved by bisection; its fits, against exact answers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 from pipeline.populations.turn_forces import PinForces, fitted_slopes
 from pipeline.populations.turn_gaps import NEVER_CLOSED, SeparateGaps
-from pipeline.populations.turn_ranking import WAVES, Ranking, place_compliance, waves
+from pipeline.populations.turn_ranking import WAVES, Ranking, SpringWork, waves
 from pipeline.populations.turn_springs import MOMENTS, OF_SENSE, Springs
 
 N, PINS, LOBES, PLACES, DISKS, HOLES = 2, 3, 2, 7, 2, 3
@@ -74,6 +76,23 @@ def test_rotations_balance_the_torque_of_disks_that_share_it(rough, sense: int) 
         assert found[4] == pytest.approx(largest / springs.levels[-1], rel=1e-6)
         shares.append(found[4])
     assert np.ptp(shares) > 0.05
+
+
+def test_rotations_of_a_single_disk_balance_each_torque(rough) -> None:
+    """What is behind it does not give way: its play is added to the rotation at which each pin closes."""
+    springs, gaps = rough
+    springs = replace(springs, disk=np.zeros(PLACES, int), output_stiffness=np.full((LOBES, 1, 1), 1e12))
+    gaps = replace(gaps, output=np.random.default_rng(5).uniform(0, 2e-4, (N, LOBES, 2, 1, 1)))
+    features = springs.features(gaps).reshape(N, PINS * LOBES, 2, OF_SENSE)
+    for unit, pitch, sense in np.ndindex(N, PINS * LOBES, 2):
+        rows = (1.0, -1.0)[sense] * ARM < -1e-9
+        gap = gaps.of_pins[unit, pitch % PINS] + gaps.of_lobes[unit, pitch % LOBES]
+        ends = gap[rows] / np.abs(ARM[rows]) + gaps.output[unit, pitch % LOBES, sense, 0, 0]
+        found = features[unit, pitch, sense]
+        assert found[0] == pytest.approx(ends.min(), rel=1e-12)
+        assert found[4] == 1.0
+        moments = [moment(ends, springs.stiffness[rows], angle) for angle in found[1:4]]
+        np.testing.assert_allclose(moments, springs.levels, rtol=1e-9)
 
 
 def test_loads_by_the_output_are_those_of_springs_under_a_part_of_the_torque(rough) -> None:
@@ -161,17 +180,25 @@ def test_waves_are_harmonics_that_come_back_after_all_lobes() -> None:
     np.testing.assert_allclose(turn[2, 4:], np.sin(2 * np.pi * 2 / 7 * np.arange(1, 5)), atol=1e-15)
 
 
+def spring_compliance(deflection: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Of states in two parts."""
+    work = SpringWork(force.shape[1])
+    for part in (slice(None, 3), slice(3, None)):
+        work.add(deflection[part], force[part])
+    return work.compliance
+
+
 def test_compliance_of_linear_springs_is_their_own_and_of_idle_ones_that_of_all() -> None:
     rng = np.random.default_rng(2)
     own, force = np.array([2e-6, 5e-6, 1e-6]), rng.uniform(0, 100, (8, 3))
     force[:, 2] = 0.0
     deflection = own * force
     deflection[3], force[3] = np.nan, 1e6  # a state without a result
-    found = place_compliance(deflection, force)
+    found = spring_compliance(deflection, force)
     kept = np.delete(force, 3, axis=0)
     of_all = np.sum(own * kept**2) / np.sum(kept**2)
     np.testing.assert_allclose(found, [2e-6, 5e-6, of_all], rtol=1e-12)
-    assert place_compliance(-deflection, force).min() == 1e-12  # never a spring that pulls
+    assert spring_compliance(-deflection, force).min() == 1e-12  # never a spring that pulls
 
 
 def test_slopes_of_an_exact_plane_are_found() -> None:

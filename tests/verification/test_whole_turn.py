@@ -130,9 +130,12 @@ def test_misses_of_the_ranking_are_known_from_those_of_other_pitches() -> None:
     others = np.setdiff1d(every, training)
     solved = np.where(np.arange(90) < 80, np.broadcast_to(training, (60, 90)), -1)
     apart = np.broadcast_to(others, (60, len(others)))
-    bounds = np.stack(list(upper_bounds(found, solved, missed[:, training], apart, np.zeros(apart.shape))))
-    assert 0.8 < np.mean(missed[:, others] < bounds) < 0.97  # one standard deviation or more: 84 % of normal values
+    bounds = upper_bounds(found, solved, missed[:, training], apart, np.zeros(apart.shape))
+    assert 0.97 < np.mean(missed[:, others] < bounds) < 0.999  # of normal values 97.7 % or more
+    assert found.variance == pytest.approx(np.var(missed[:, training], axis=1).mean(), rel=1e-9)
     assert np.std(missed[:, others] - bounds) < 0.6 * np.std(missed[:, others])
+    unknown = upper_bounds(found, np.full((60, 1), -1), np.zeros((60, 1)), apart, np.ones(apart.shape))
+    np.testing.assert_array_equal(unknown, 1.0)  # no pitch is solved yet
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from pipeline.config.studies.cases import Case
 
 from pipeline.config import load_study
 from pipeline.config.studies.study import Study
-from pipeline.config.studies.tolerances import Tolerances
+from pipeline.config.studies.tolerances import Case, Tolerances
 from pipeline.engine.runner import Resources, run
 from stages.chain import STAGES
 

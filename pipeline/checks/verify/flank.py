@@ -14,8 +14,7 @@ from pipeline import assembly
 from pipeline.arrays import Complex, Real
 from pipeline.checks.specimen import Finding, Specimen, largest_difference, relative, vanishing
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation, pin_contacts
-from pipeline.model.geometry.flank_modification import FlankModification
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, FlankModification, disk_rotation, pin_contacts
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 
 CRANKS = 64

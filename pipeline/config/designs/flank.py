@@ -16,9 +16,8 @@ from pipeline.config.designs.sections import Cycloid
 from pipeline.config.files.section import Micrometres, Mistake, Section, nearest_name, shown_value
 from pipeline.config.files.table_file import read_table, shortened_list
 from pipeline.errors import InputError
-from pipeline.model.geometry.cycloid_profile import CycloidProfile
+from pipeline.model.geometry.cycloid_profile import NOMINAL, CycloidProfile, FlankModification, MeasuredFlank
 from pipeline.model.geometry.drawn_flank import drawn_flank, lobe_length, phase_of_arc
-from pipeline.model.geometry.flank_modification import NOMINAL, FlankModification, MeasuredFlank
 from pipeline.model.units import ARCMIN, MM_PER_UM
 
 FEWEST_POINTS = 8

@@ -12,8 +12,9 @@ time, so it wants a start near the solution.
 
 import numpy as np
 
-from pipeline.model.compiled import algebraic_part
+from pipeline.model.compiled import algebraic_part, borrowing_entry
 from pipeline.model.equilibrium.blocks import count, part_of
+from pipeline.model.equilibrium.interior_point import INTERIOR_STEPS, start_within
 from pipeline.model.equilibrium.newton import (
     ACCEPTED_RESIDUAL,
     BALANCE_TOLERANCE,
@@ -128,3 +129,14 @@ def settle(system, friction, torque, gap, clearance, work):
         release(system, work)
     renew(work)
     return SETTLING_STEPS, max(residual, 2 * ACCEPTED_RESIDUAL)
+
+
+@borrowing_entry
+def solved_afresh(system, friction, torque, gap, clearance, work):
+    """Solve a load step that Newton does not solve, from an interior point, into ``work``; iterations and residual.
+
+    It is an entry point of its own: the loop over load steps is compiled without it, and faster for that.
+    """
+    start_within(system, friction, torque, gap, clearance, work)
+    n_updates, residual = settle(system, friction, torque, gap, clearance, work)
+    return n_updates + INTERIOR_STEPS, residual

@@ -33,8 +33,8 @@ from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.blocks import count, coupled_blocks, part_of
 from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL, activate, converge, reset
+from pipeline.model.equilibrium.primal_active_set import solved_afresh
 from pipeline.model.equilibrium.residual import Friction, System, workspace
-from pipeline.model.equilibrium.restart import solved_afresh
 from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
 
 ROUNDING = 1e-15

@@ -10,10 +10,9 @@ import numpy as np
 from pipeline.arrays import Complex, Real
 from pipeline.model.compiled import entry
 from pipeline.model.geometry.contacts import Contacts, DiskPose
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, pin_lobes
+from pipeline.model.geometry.cycloid_profile import NOMINAL, CycloidProfile, pin_lobes
 from pipeline.model.geometry.deviating_distances import deviating_distances
 from pipeline.model.geometry.drawn_flank import deviation_table, material_off
-from pipeline.model.geometry.flank_modification import NOMINAL
 from pipeline.model.geometry.foot_points import pin_distances, valleys
 from pipeline.model.geometry.out_of_round import ORDERS, exact_closing, first_order_closing
 from pipeline.model.geometry.reducer import Reducer
@@ -202,10 +201,13 @@ def exact_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, errors: Err
     nominal = valleys(profile, reducer.crank)
     reading = DISK_READINGS[disk_reading]
     shares = (0.0, reading) if disk_reading == "normal" else (reading, 0.0)
-    displacements = errors.pin_radial, errors.pin_tangential, errors.eccentricity, _lobe_turns(profile, errors)
+    lobe, radial, tangential, eccentricity = map(
+        np.ascontiguousarray, (errors.lobe, errors.pin_radial, errors.pin_tangential, errors.eccentricity)
+    )
+    displacements = radial, tangential, eccentricity, _lobe_turns(profile, errors)
     if profile.modification.deviates:
         distance = deviating_distances(
-            profile, nominal, deviation_table(profile), shares, errors.lobe, (lobe_before, lobe_behind), displacements
+            profile, nominal, deviation_table(profile), shares, lobe, (lobe_before, lobe_behind), displacements
         )
     else:
         distance = pin_distances(
@@ -214,7 +216,7 @@ def exact_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, errors: Err
             nominal.eccentric,
             (flank.pins, flank.pin_circle_radius, flank.pin_radius),
             shares,
-            errors.lobe,
+            lobe,
             (np.where(pins.phase < 0, lobe_before, lobe_behind), lobe_before, lobe_behind),
             *displacements,
         )

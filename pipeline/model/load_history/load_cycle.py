@@ -7,10 +7,10 @@ the branches of the cycle visit the states. T = 0 stands as two states, the ends
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its functions are slow to import: they are when they are called
 
 from pipeline.arrays import Real
-from pipeline.model.equilibrium.loaded_start import loaded_poses
-from pipeline.model.equilibrium.solve import Equilibria
+from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria
 from pipeline.model.geometry.rigid_play.rigid_backlash import RigidPlay, rigid_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN as ARCMIN
@@ -22,6 +22,8 @@ LIMIT_TORQUE = 1e-8
 SMALL_TORQUE = 1e-6
 """The same share where that drowns in the rounding of the preload, which grows as the torque falls: 9.7 kN in the
 bearings of an RV reducer leave a residual of 4e-11 here, of 9e-10 at 3e-8 and no state at 1e-8."""
+TOUCHING = 1e-7
+"""Gap [mm] that is left of a contact which limits the play: the accuracy of the linear program."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
     """Poses (n, n_motions) beyond an end of play: each rotation closes a contact that carries ``torque`` [N mm]."""
     reducer = drive.reducer
     if not reducer.is_centred:
-        return loaded_poses(drive.elastic, drive.gap, pose, torque)
+        return _loaded_poses(drive.elastic, drive.gap, pose, torque)
     arms = np.abs(reducer.contact_jacobian[:, reducer.output_motion])
     carrier = int(np.argmax(arms))
     force = abs(torque) / arms[carrier]
@@ -207,3 +209,28 @@ def _from_limit(states: Equilibria) -> Equilibria:
     lost = ~ends.converged[:, 0]
     ends[lost] = states[lost, 1:2]
     return Equilibria.concatenate((ends, states[:, 2:]), axis=1)
+
+
+def _loaded_poses(elastic: ElasticReducer, gap: Real, pose: Real, torque: float) -> Real:
+    """Poses (n, n_motions) near equilibrium under a small ``torque`` [N mm], from ends of play (n, n_motions).
+
+    Notes
+    -----
+    At an end of play the contacts that stop it balance the torque by forces >= 0 (the duals of its program); each of
+    them is then as deep as it deflects under its force.
+    """
+    reducer = elastic.reducer
+    jacobian, start = reducer.contact_jacobian, pose.copy()
+    rotates = [motion.endswith(("_phi", "_psi")) for motion in reducer.motions]
+    scale = np.where(rotates, 1 / np.abs(jacobian).max(), 1.0)
+    load = np.zeros(len(scale))
+    load[reducer.output_motion] = torque
+    force = np.zeros_like(gap)
+    for k, slack in enumerate(gap - pose @ jacobian.T):
+        stopping = np.flatnonzero(slack < TOUCHING)
+        if len(stopping):
+            force[k, stopping], _ = scipy.optimize.nnls((jacobian[stopping] * scale).T, load * scale)
+    depth = elastic.laws.deflection(force) + force @ elastic.compliance
+    for k, carries in enumerate(force > 0):
+        start[k] += np.linalg.lstsq(jacobian[carries], depth[k, carries], rcond=None)[0]
+    return start

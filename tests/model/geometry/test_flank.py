@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from reducers import MICROMETRE, PAPER, SMALL, errors_of, random_errors, reducer_at
 
 from pipeline.model.geometry.clearance import exact_gaps, first_order_gaps, gaps
-from pipeline.model.geometry.cycloid_profile import CycloidProfile
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, FlankModification, MeasuredFlank
 from pipeline.model.geometry.drawn_flank import drawn_flank, lobe_length, phase_of_arc
-from pipeline.model.geometry.flank_modification import FlankModification, MeasuredFlank
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 
 PROFILES = pytest.mark.parametrize("profile", [PAPER, SMALL], ids=["paper", "small"])

@@ -10,8 +10,8 @@ import numpy as np
 from pipeline.arrays import Real
 from pipeline.model.compiled import algebraic_part, borrowing_entry
 from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL, activate, converge, reset
+from pipeline.model.equilibrium.primal_active_set import solved_afresh
 from pipeline.model.equilibrium.residual import workspace
-from pipeline.model.equilibrium.restart import solved_afresh
 from pipeline.model.equilibrium.return_mapping import follow
 from pipeline.model.equilibrium.solve import friction_of, system_of
 from pipeline.model.load_history.drive import Drive
