@@ -148,6 +148,21 @@ def test_a_drive_without_an_effect_is_adequate_whichever_way_its_output_turns(tm
     assert (answer.judgement.verdict, answer.judgement.members) == ("adequate", ())
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_encoders_of_one_turn_are_counted_on(tmp_path, sign):
+    """Both jump by 360 degrees within a pass; the passes, their places and errors are those of encoders that do not."""
+    table = Drive(repeats=1, temperatures=(22.0,), sign=sign).table()
+    table["output_deg"] += 340.0
+    table["input_deg"] += sign * 340.0 * RATIO
+    whole = record_of(unit_of(tmp_path / "whole", table))
+    for number, columns in enumerate((["input_deg", "output_deg"], ["output_deg"], ["input_deg"])):
+        wrapped = record_of(unit_of(tmp_path / f"u{number}", table.assign(**np.mod(table[columns], 360.0))))
+        assert not wrapped.fatal
+        np.testing.assert_allclose(wrapped.error, whole.error, atol=1e-6)
+        shift = wrapped.place - whole.place
+        np.testing.assert_allclose(np.mod(shift - shift[0] + 180.0, 360.0), 180.0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("drive", "name"),
     [(Drive(compliance_wave=4.0), "compliance_crank_twice"), (Drive(warm_zero=2.0), "zero_over_temperature")],

@@ -15,10 +15,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array, dia_array
 from scipy.special import gammaincinv
 
 from pipeline.arrays import Real, Truth, Whole
@@ -162,6 +163,40 @@ class Posterior:
         return float(np.sqrt(square / (2 * gammaincinv(0.5 * len(mean), CONFIDENCE))))
 
 
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Sums of products of all columns, with zeros and contacts that close removed.
+
+    Attributes
+    ----------
+    gram : (n_terms + 1 + n_bumps, n_terms + 1 + n_bumps) of the terms, the error, and the smooth columns.
+    n_terms : number of columns of the terms.
+    log_det : logarithm of the determinant of the covariance of the points without the smooth structure.
+    """
+
+    gram: Real
+    n_terms: int
+    log_det: float
+
+    @cached_property
+    def smooth_modes(self) -> tuple[Real, Real]:
+        """Eigenvalues (n_bumps,) of the smooth columns' products, and products (n_bumps, n_terms + 1) with the rest."""
+        values, modes = np.linalg.eigh(self.gram[self.n_terms + 1 :, self.n_terms + 1 :])
+        return np.maximum(values, 0.0), modes.T @ self.gram[self.n_terms + 1 :, : self.n_terms + 1]
+
+    def without_smooth(self, columns: Whole, size: float) -> tuple[Real, float]:
+        """Products (n + 1, n + 1) of some columns and the error, a smooth structure of a size removed; and log det."""
+        chosen = np.append(columns, self.n_terms)
+        gram = self.gram[np.ix_(chosen, chosen)]
+        if not size:
+            return gram, self.log_det
+        values, products = self.smooth_modes
+        products = products[:, chosen]
+        growth = 1 + size**2 * values
+        explained = products.T @ ((size**2 / growth)[:, None] * products)
+        return gram - explained, self.log_det + float(np.sum(np.log(growth)))
+
+
 class RecordEvidence:
     """Evidence of models of one record.
 
@@ -179,9 +214,9 @@ class RecordEvidence:
         columns = [points.means(term.columns) for term in terms]
         ends = np.cumsum([0, *(part.shape[1] for part in columns)])
         self.place = {term.name: slice(int(a), int(b)) for term, a, b in zip(terms, ends[:-1], ends[1:], strict=True)}
-        bumps = self._bumps()
+        self.bumps = self._bumps()
         self.n_terms = int(ends[-1])
-        self.columns = np.hstack([*columns, bumps])
+        self.columns = np.column_stack([*columns, points.error])
         means = [points.error[points.kind == kind].mean() for kind in np.unique(points.kind)]
         self.span = max(float(np.ptp(means)), self.unit)
         spread = np.full(self.n_terms, EFFECT_SHARE * self.span)
@@ -189,19 +224,20 @@ class RecordEvidence:
         self.spread = spread
         self._moments = lru_cache(maxsize=256)(self._moments_of)
 
-    def _bumps(self) -> Real:
+    def _bumps(self) -> csr_array:
         """Smooth columns (n, n_bumps) over the angle for each kind of pass, their variances summing to one."""
         points = self.points
         place = points.interval / max(int(points.interval.max()), 1)
         centres = np.arange(-REACH, 1 + 1.5 * REACH, REACH)
         bumps = np.exp(-(((place[:, None] - centres) / REACH) ** 2))
         bumps /= np.linalg.norm(bumps, axis=1)[:, None]
-        return np.hstack([bumps * (points.kind == kind)[:, None] for kind in np.unique(points.kind)])
+        kind = np.unique(points.kind, return_inverse=True)[1]
+        columns = len(centres) * kind[:, None] + np.arange(len(centres))
+        starts = np.arange(len(points) + 1) * len(centres)
+        return csr_array((bumps.ravel(), columns.ravel(), starts))
 
-    def _moments_of(
-        self, own_size: float, closing: float, left_out: int, parts: bytes
-    ) -> tuple[Real, Real, float, float]:
-        """Products of all columns, with the errors, and of these, of the points but of one part; and log det.
+    def _moments_of(self, own_size: float, closing: float, left_out: int, parts: bytes) -> Moments:
+        """Moments of the points but of one part.
 
         Points of one place and held torque share a deviation of the variance u: about their weighted mean they have
         their own weights w, and the mean has the variance 1/sum w + u. The means share a zero.
@@ -213,38 +249,43 @@ class RecordEvidence:
         zero = np.empty(int(place.max()) + 1, np.int64)
         zero[place] = points.zero[is_chosen]
         zero = np.unique(zero, return_inverse=True)[1].ravel()
-        columns = np.column_stack([self.columns[is_chosen], points.error[is_chosen]])
-        means, total = _weighted_means(columns, weight, place)
-        within_places = np.sqrt(weight)[:, None] * (columns - means[place])
-        variance = 1 / total + (closing * self.unit) ** 2
-        zeros, of_zero = _weighted_means(means, 1 / variance, zero)
-        between_places = (means - zeros[zero]) / np.sqrt(variance)[:, None]
-        gram = within_places.T @ within_places + between_places.T @ between_places
-        log_det = float(np.sum(np.log(total * variance)) - np.sum(np.log(weight)) + np.sum(np.log(of_zero)))
-        return gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]), log_det
+        columns, bumps = self.columns[is_chosen], self.bumps[is_chosen]
+        columns = columns - _means(columns, np.ones(len(weight)), zero[place])[0][zero[place]]
+        weighted_bumps = dia_array((weight[None], [0]), shape=(len(weight),) * 2).tocsr() @ bumps
+        of_places, total = _means(columns, weight, place, weighted_bumps)
+        inverse_variance = 1 / (1 / total + (closing * self.unit) ** 2)
+        of_zeros, of_zero = _means(of_places, inverse_variance, zero)
+        mixed = weighted_bumps.T @ columns
+        weighted = weight[:, None] * columns
+        gram = np.block([[columns.T @ weighted, mixed.T], [mixed, (bumps.T @ weighted_bumps).toarray()]])
+        gram -= of_places.T @ ((total - inverse_variance)[:, None] * of_places)
+        gram -= of_zeros.T @ (of_zero[:, None] * of_zeros)
+        log_det = float(np.sum(np.log(total / inverse_variance)) - np.sum(np.log(weight)) + np.sum(np.log(of_zero)))
+        return Moments(gram, self.n_terms, log_det)
 
     def posterior(
         self, names: Sequence[str], structure: Structure, left_out: int = -1, parts: Whole | None = None
     ) -> Posterior:
         """The model of the base and some effects, given all points or those not of a part (n,)."""
         part_bytes = b"" if parts is None else np.ascontiguousarray(parts, np.int64).tobytes()
-        gram, product_, square, log_det = self._moments(structure.own_size, structure.closing, left_out, part_bytes)
-        own_columns = np.concatenate(
-            [np.arange(self.n_base), *(np.arange(*self.place[n].indices(self.n_terms)) for n in names)]
-        )
-        smooth = np.arange(self.n_terms, len(gram)) if structure.smooth else np.zeros(0, int)
-        columns = np.concatenate([own_columns, smooth]).astype(int)
-        spread = np.concatenate(
-            [self.spread[own_columns.astype(int)], np.full(len(smooth), structure.smooth * self.unit)]
-        )
-        normal = np.eye(len(columns)) + spread[:, None] * gram[np.ix_(columns, columns)] * spread
-        right_side = spread * product_[columns]
+        moments = self._moments(structure.own_size, structure.closing, left_out, part_bytes)
+        own_columns = self._own_columns(names)
+        gram, log_det = moments.without_smooth(own_columns, structure.smooth * self.unit)
+        spread = self.spread[own_columns]
+        normal = np.eye(len(spread)) + spread[:, None] * gram[:-1, :-1] * spread
+        right_side = spread * gram[:-1, -1]
         factor = cho_factor(normal)
         solution = cho_solve(factor, right_side)
-        value = -0.5 * (square - right_side @ solution + log_det) - float(np.sum(np.log(np.diag(factor[0]))))
-        n = len(own_columns)
-        inverse = cho_solve(factor, np.eye(len(columns))[:, :n])[:n]
-        return Posterior(value, spread[:n] * solution[:n], spread[:n, None] * inverse * spread[:n])
+        square = float(gram[-1, -1]) - right_side @ solution
+        value = -0.5 * (square + log_det) - float(np.sum(np.log(np.diag(factor[0]))))
+        inverse = cho_solve(factor, np.eye(len(spread)))
+        return Posterior(value, spread * solution, spread[:, None] * inverse * spread)
+
+    def _own_columns(self, names: Sequence[str]) -> Whole:
+        """Numbers of the columns of the base and of some effects."""
+        return np.concatenate(
+            [np.arange(self.n_base), *(np.arange(*self.place[n].indices(self.n_terms)) for n in names)]
+        ).astype(np.int64)
 
     @property
     def n_base(self) -> int:
@@ -276,8 +317,7 @@ class RecordEvidence:
 
     def predict_error(self, names: Sequence[str], posterior: Posterior) -> Real:
         """Errors (n,) [arcmin] by the sizes of a model, without the zeros of the intervals."""
-        own_columns = [np.arange(self.n_base), *(np.arange(*self.place[n].indices(self.n_terms)) for n in names)]
-        return np.asarray(self.columns[:, np.concatenate(own_columns).astype(int)] @ posterior.mean)
+        return np.asarray(self.columns[:, self._own_columns(names)] @ posterior.mean)
 
     def zero_variance(self, variance: Real, is_chosen: Truth) -> Real:
         """Variance (n,) of each point's zero by chosen points of these variances, of which one place counts once."""
@@ -298,9 +338,11 @@ class RecordEvidence:
             return (np.bincount(points.zero, weight * residual, size) / total)[points.zero]
 
 
-def _weighted_means(columns: Real, weight: Real, group: Whole) -> tuple[Real, Real]:
-    """Weighted means (n_groups, n_columns) of columns (n, n_columns) over groups (n,), and weights (n_groups,)."""
-    order = np.argsort(group, kind="stable")
-    starts = np.searchsorted(group[order], np.arange(int(group.max()) + 1))
-    total = np.add.reduceat(weight[order], starts)
-    return np.add.reduceat((columns * weight[:, None])[order], starts, axis=0) / total[:, None], total
+def _means(columns: Real, weight: Real, group: Whole, weighted_bumps: csr_array | None = None) -> tuple[Real, Real]:
+    """Weighted means (n_groups, n_columns) over groups (n,) of columns (n, ...) and bumps, and weights (n_groups,)."""
+    of_group = csr_array((np.ones(len(group)), (group, np.arange(len(group)))))
+    total = of_group @ weight
+    sums = of_group @ (weight[:, None] * columns)
+    if weighted_bumps is not None:
+        sums = np.hstack([sums, (of_group @ weighted_bumps).toarray()])
+    return sums / total[:, None], total

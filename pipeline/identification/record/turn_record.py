@@ -7,12 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.arrays import Real
 from pipeline.config.files.table_file import shortened_list
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.rows import Recorded, recorded_rows
 from pipeline.identification.measurement.unit_file import UnitFile
+from pipeline.identification.record.encoders import angles_of
 from pipeline.identification.record.orders import orders_of
 from pipeline.identification.record.passes import RecordedPasses
 
@@ -81,10 +81,6 @@ def record_faults(record: RecordedPasses) -> Iterator[Fault]:
         yield Fault("no repeats", "no pass is repeated: the noise is that of the rows; make each pass twice", "note")
 
 
-ARCMIN_A_DEGREE = 60.0
-"""Minutes of arc in a degree."""
-
-
 class TurnRecord(RecordedPasses):
     """A record that was read, and its faults; passes and cells can be computed only of data without a fatal one."""
 
@@ -93,8 +89,12 @@ class TurnRecord(RecordedPasses):
         """The record of a unit; raises as ``recorded_rows``."""
         table = recorded_rows(unit)
         faults = tuple(column_faults(table, unit))
-        place, error = (np.full(len(table.table), np.nan),) * 2 if faults else _angles(table, unit)
         cycle = np.maximum(table.cycle[0], 0)
+        run = cycle * (int(table.source.max(initial=0)) + 1) + table.source
+        is_absolute = unit.settings.angle == "absolute"
+        place = error = np.full(len(table.table), np.nan)
+        if not faults:
+            place, error = angles_of(table, orders_of(unit).ratio, run, is_absolute)
         return cls(
             unit=unit,
             place=place,
@@ -102,7 +102,7 @@ class TurnRecord(RecordedPasses):
             torque=table.quantity("torque_Nm"),
             time=table.quantity("time_s"),
             temperature=table.quantity("temperature_C"),
-            run=cycle * (int(table.source.max(initial=0)) + 1) + table.source,
+            run=run,
             cycle=cycle,
             reading_faults=faults,
         )
@@ -125,30 +125,3 @@ class TurnRecord(RecordedPasses):
             torques = ", ".join(f"{level:.3g}" for level in self.levels)
             lines[0] += f", {len(self.passes)} passes over {self.span_deg:.4g} deg of the output at {torques} N m"
         return [*lines, *shortened_list((fault.line for fault in self.faults), self.unit.name)]
-
-
-def _angles(record: Recorded, unit: UnitFile) -> tuple[Real, Real]:
-    """Angle of the output by the ideal ratio (n,) [deg], and its error (n,) [arcmin].
-
-    The sense of the output against the input is that of the record; the ratio's sign is not asked for.
-    """
-    ratio = orders_of(unit).ratio
-    has_pair = {"input_deg", "output_deg"} <= set(record.table)
-    turned_angle = record.quantity("input_deg" if has_pair else "crank_deg")
-    if not has_pair:
-        place, error = turned_angle / ratio, record.quantity("angle_arcmin")
-        if unit.settings.angle == "error":
-            return place, error
-        output = error / ARCMIN_A_DEGREE
-    else:
-        place, output = turned_angle / ratio, record.quantity("output_deg")
-    is_known = np.isfinite(place) & np.isfinite(output)
-    sign = (
-        1.0
-        if not is_known.any()
-        or np.ptp(output[is_known] - place[is_known]) <= np.ptp(output[is_known] + place[is_known])
-        else -1.0
-    )
-    place = sign * place
-    error = ARCMIN_A_DEGREE * (output - place)
-    return place, error - (np.nanmedian(error) if is_known.any() else 0.0)
