@@ -115,6 +115,11 @@ class TailPrediction:
         return cls(value, prediction_errors, scale, (tail.limit, quantile))
 
     @property
+    def chance_beyond(self) -> Real:
+        """Chance (n_units,) of each unit to lie beyond the limit."""
+        return exceedance_chance(self.value, self.limits[0], self.scale)
+
+    @property
     def demand(self) -> Real:
         """(n_units,) by whose root a unit is to be taken: chance q beyond a limit over its mean p squared, summed.
 

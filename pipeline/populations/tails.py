@@ -26,7 +26,7 @@ from pipeline.model.metrics import library
 from pipeline.populations.prediction import LEVEL, Tail, TailPrediction
 from pipeline.sampling.errors import Errors, draw, joined_errors
 from pipeline.statistics.resampling import FEWEST_BEYOND
-from pipeline.statistics.two_phase import inclusion_probability, tail_quantile, tail_share
+from pipeline.statistics.two_phase import count_slope, inclusion_probability, tail_quantile, tail_share
 
 Solve = Callable[[Errors], Mapping[str, Real]]
 """Errors of ``n`` units to each metric at the loaded crank angles (n, n_angles), missing where it has no result."""
@@ -123,7 +123,8 @@ def far_tails(study: Study, units: int, budget: int, rough: Solve, solve: Solve,
     rows = []
     for tail, prediction in zip(tails, predictions, strict=True):
         bad, expected_counts = tail.over_turn(values[tail.metric]), prediction.effective_counts(probability)
-        rows += _rows(tail, bad, probability[selected_units], units, study.metrics.confidence, expected_counts)
+        slope = count_slope(prediction.chance_beyond, probability)
+        rows += _rows(tail, bad, probability[selected_units], units, study.metrics.confidence, expected_counts, slope)
     return rows
 
 
@@ -141,7 +142,13 @@ def _solve_units(population: Population, solve: Solve, selected_units: NDArray[n
 
 
 def _rows(
-    tail: Tail, bad: Real, probability: Real, units: int, confidence: float, expected_counts: list[float]
+    tail: Tail,
+    bad: Real,
+    probability: Real,
+    units: int,
+    confidence: float,
+    expected_counts: list[float],
+    slope: float,
 ) -> list[TailRow]:
     """Share and quantile of one metric; units without equilibrium, and those that they stand for, are left out.
 
@@ -149,7 +156,7 @@ def _rows(
     """
     finite = np.isfinite(bad)
     units -= round(float(np.sum(1 / probability[~finite])))
-    share = tail_share(bad[finite] > tail.limit, probability[finite], units, confidence)
+    share = tail_share(bad[finite] > tail.limit, probability[finite], units, confidence, slope)
     quantile = tail_quantile(bad[finite], probability[finite], units, LEVEL, confidence)
     if expected_counts[0] < FEWEST_BEYOND:
         share = replace(share, ci_low=0.0, ci_high=1.0)

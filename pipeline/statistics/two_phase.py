@@ -3,7 +3,8 @@
 Phase 1 draws ``units`` independent units and predicts each one's value. Phase 2 finds the values of some of them; a
 unit is taken or left independently of all others, with its own known probability (Poisson sampling). Every value counts
 as the inverse of its probability (Horvitz and Thompson), so that a share is unbiased however bad the predictor: a bad
-one only makes the interval wide.
+one only makes the interval wide. How many units the taken ones stand for is known; a share that the predictor takes to
+be large is corrected by it (a difference estimator), or it would follow the number that happened to be taken.
 
 Estimates from values that fall short of what is asked for, by units of which the shortfall is known.
 
@@ -13,7 +14,7 @@ which is as likely: the shortfall is taken to be independent of the value. Both 
 
 Source
 ------
-Sarndal, Swensson, Wretman, Model Assisted Survey Sampling (1992), sections 3.5 and 9.3.
+Sarndal, Swensson, Wretman, Model Assisted Survey Sampling (1992), sections 3.5, 6.3 (differences) and 9.3.
 Two-sample statistics: Lehmann, Nonparametrics (1975), app. 5; effective numbers of units: Korn and Graubard, Analysis
 of Health Surveys (1999), sec. 2.6.
 """
@@ -99,7 +100,20 @@ def inclusion_probability(chance: Real, budget: float) -> Real:
     return np.minimum(1.0, factor[first_certain] * weight)
 
 
-def tail_share(in_tail: NDArray[np.bool_], probability: Real, units: int, confidence: float) -> TailEstimate:
+def count_slope(chance: Real, probability: Real) -> float:
+    """What of the count of the taken units is to be taken off a share, by the chances (n_units,) to lie beyond.
+
+    The slope of least variance of a share over the count, if units lie beyond with these chances; chosen before any
+    unit is solved, it leaves the share unbiased.
+    """
+    spread = 1 / probability - 1
+    total = float(np.sum(spread))
+    return float(np.sum(chance * spread)) / total if total > 0 else 0.0
+
+
+def tail_share(
+    in_tail: NDArray[np.bool_], probability: Real, units: int, confidence: float, slope: float = 0.0
+) -> TailEstimate:
     """Share of all units that lie beyond a limit.
 
     Parameters
@@ -107,21 +121,23 @@ def tail_share(in_tail: NDArray[np.bool_], probability: Real, units: int, confid
     in_tail : (n_solved,) whether each solved unit does.
     probability : (n_solved,) its inclusion probability.
     units : of phase 1.
+    slope : of the share over the count of units that the solved ones stand for, see ``count_slope``.
 
     Notes
     -----
-    The contributions beyond/probability of solved units, and 0 of all others, are independent among the units; so the
-    variance of their mean is their own over ``units``, both phases included. It gives the effective number of units,
-    and Jeffreys' interval follows with that number (Korn and Graubard). Where no solved unit lies beyond, the upper end
-    is the share that units of the smallest probability would not show in ``confidence`` of all experiments.
+    The contributions slope + (beyond - slope)/probability of solved units, and the slope of all others, are independent
+    among the units; so the variance of their mean is their own over ``units``, both phases included. It gives the
+    effective number of units, and Jeffreys' interval follows with that number (Korn and Graubard). Where no solved unit
+    lies beyond, the upper end is the share that units of the smallest probability would not show in ``confidence`` of
+    all experiments; where all do although the count was taken off, the lower end is one less that share.
     """
     tail = (1 - confidence) / 2
+    hidden = min(1.0, -np.log(tail) / (units * float(np.min(probability, initial=1.0))))
     if not np.any(in_tail):
-        smallest_probability = float(np.min(probability, initial=1.0))
-        return TailEstimate(
-            0.0, 0.0, min(1.0, -np.log(tail) / (units * smallest_probability)), units, in_tail.size, 0.0
-        )
-    share, effective = _share(in_tail, probability, units)
+        return TailEstimate(0.0, 0.0, hidden, units, in_tail.size, 0.0)
+    share, effective = _share(in_tail, probability, units, slope)
+    if np.all(in_tail) and slope:
+        return TailEstimate(share, min(1 - hidden, share), 1.0, units, in_tail.size, 0.0)
     low, high = scipy.stats.beta.ppf([tail, 1 - tail], effective * share + 0.5, effective * (1 - share) + 0.5)
     return TailEstimate(share, float(low), float(high), units, in_tail.size, effective)
 
@@ -154,12 +170,14 @@ def tail_quantile(values: Real, probability: Real, units: int, level: float, con
     )
 
 
-def _share(in_tail: NDArray[np.bool_], probability: Real, units: int) -> tuple[float, float]:
+def _share(in_tail: NDArray[np.bool_], probability: Real, units: int, slope: float = 0.0) -> tuple[float, float]:
     """Share of the units beyond a limit, and the effective number of units that know it."""
-    weight = 1 / probability[in_tail]
-    share = min(float(np.sum(weight)) / units, 1.0)
-    variance = (float(np.sum(weight**2)) / units - share**2) / (units - 1)
-    return share, share * (1 - share) / variance if variance > 0 else float(units)
+    contributions = slope + (in_tail - slope) / probability
+    other_units = units - in_tail.size
+    mean = (float(np.sum(contributions)) + other_units * slope) / units
+    square = (float(np.sum(contributions**2)) + other_units * slope**2) / units
+    share, variance = min(max(mean, 0.0), 1.0), (square - mean**2) / (units - 1)
+    return share, min(share * (1 - share) / variance, float(units)) if variance > 0 else float(units)
 
 
 def _upper_quantile(share: float, shares: Real, descending: Real) -> float:

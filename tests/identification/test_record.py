@@ -148,6 +148,21 @@ def test_a_drive_without_an_effect_is_adequate_whichever_way_its_output_turns(tm
     assert (answer.judgement.verdict, answer.judgement.members) == ("adequate", ())
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_encoders_of_one_turn_are_counted_on(tmp_path, sign):
+    """Both jump by 360 degrees within a pass; the passes, their places and errors are those of encoders that do not."""
+    table = Drive(repeats=1, temperatures=(22.0,), sign=sign).table()
+    table["output_deg"] += 340.0
+    table["input_deg"] += sign * 340.0 * RATIO
+    whole = record_of(unit_of(tmp_path / "whole", table))
+    for number, columns in enumerate((["input_deg", "output_deg"], ["output_deg"], ["input_deg"])):
+        wrapped = record_of(unit_of(tmp_path / f"u{number}", table.assign(**np.mod(table[columns], 360.0))))
+        assert not wrapped.fatal
+        np.testing.assert_allclose(wrapped.error, whole.error, atol=1e-6)
+        shift = wrapped.place - whole.place
+        np.testing.assert_allclose(np.mod(shift - shift[0] + 180.0, 360.0), 180.0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("drive", "name"),
     [(Drive(compliance_wave=4.0), "compliance_crank_twice"), (Drive(warm_zero=2.0), "zero_over_temperature")],
@@ -156,6 +171,77 @@ def test_a_drive_without_an_effect_is_adequate_whichever_way_its_output_turns(tm
 def test_other_effects_are_named_too_of_a_carrier_by_its_teeth(tmp_path, drive, name):
     answer = record_answer(record_of(unit_of(tmp_path / "u", drive.table(), CARRIER)))
     assert (answer.judgement.verdict, answer.judgement.members) == ("identified", (name,))
+
+
+def test_three_effects_at_once_are_named_together(tmp_path):
+    """A real drive varies with temperature and crank at once; each by itself leaves what the others cause."""
+    drive = Drive(compliance_wave=4.0, warm_zero=2.0, friction_wave=1.2)
+    answer = record_answer(record_of(unit_of(tmp_path / "u", drive.table())))
+    assert answer.judgement.verdict == "identified"
+    sizes = {value.name: 60 * value.value for value in effect_values(answer)}
+    assert set(sizes) == {"compliance_crank_twice", "zero_over_temperature", "friction_crank_once"}
+    assert [sizes[name] for name in sorted(sizes)] == pytest.approx([4.0, 1.2, 1.0], rel=0.1)
+
+
+def test_passes_that_drift_hide_no_wave(tmp_path):
+    """Each pass has a drift and an offset of its own, twice the noise of a cell."""
+    table, rng = Drive(compliance_wave=4.0).table(), np.random.default_rng(3)
+    number = (table.index // 360).to_numpy()
+    walk = rng.standard_normal((number[-1] + 1, 3)) * [0.3, 0.3, 0.3]
+    place = np.mod(table["output_deg"].to_numpy(), 36.0) / 36.0
+    table["output_deg"] += (walk[number] * np.column_stack([place**0, np.cos(2.5 * place), place])).sum(axis=1) / 3600
+    answer = record_answer(record_of(unit_of(tmp_path / "u", table)))
+    assert "compliance_crank_twice" in answer.judgement.members[0].split("+")
+    assert answer.judgement.verdict == "identified"
+
+
+def test_a_torque_whose_meter_scatters_leaves_the_rigidity(tmp_path):
+    """The scatter of the meter, a hundredth of the torque, would pull the compliance down by a tenth of a per cent."""
+    table = Drive(repeats=1, temperatures=(22.0,)).table()
+    table["torque_Nm"] += 6.0 * np.random.default_rng(4).standard_normal(len(table))
+    record = record_of(unit_of(tmp_path / "u", table))
+    within = record.cells.torque - record.passes.torque[record.cells.owner]
+    assert np.std(within) < 0.5 * np.std(record.cell_means(record.torque) - record.passes.torque[record.cells.owner])
+
+
+def test_a_brake_that_opposes_the_motion_is_told_and_read(tmp_path):
+    """Its display has no sign: each torque turns over with the sense of the motion."""
+    table = Drive(repeats=2).table()
+    forward = (table.index // 360) % 2 == 0
+    table = table[forward == (table["torque_Nm"] < -50.0)].query("abs(torque_Nm) > 50")
+    unsigned = table.assign(torque_Nm=table["torque_Nm"].abs())
+    record = record_of(unit_of(tmp_path / "unsigned", unsigned))
+    assert [fault.kind for fault in record.fatal] == ["sign"]
+    folder = unit_of(tmp_path / "brake", unsigned)
+    text = (folder / "unit.toml").read_text(encoding="utf-8")
+    (folder / "unit.toml").write_text('torque_sign = "against_motion"\n' + text, encoding="utf-8")
+    record = record_of(folder)
+    np.testing.assert_allclose(record.torque, table["torque_Nm"], atol=1e-9)
+    values = {value.name: value for value in record_answer(record).values}
+    assert "of one sense" in values["rigidity_positive"].title
+    assert values["rigidity_positive"].value == pytest.approx(RIGIDITY, rel=0.005)
+
+
+def test_an_error_over_the_output_with_constants_of_each_file_is_a_record(tmp_path):
+    """One file for each pass: angle of the output and its error alone; torque, temperature and speed in unit.toml."""
+    table = Drive(repeats=1, temperatures=(22.0,), torques=(-600.0, -200.0, 200.0, 600.0)).table()
+    whole = record_of(unit_of(tmp_path / "whole", table))
+    table["angle_arcmin"] = 60 * (table["output_deg"] - table["input_deg"] / RATIO)
+    table["output_deg"] = table["input_deg"] / RATIO
+    files, folder = [], unit_of(tmp_path / "u", table)
+    (folder / "data.csv").unlink()
+    for number, part in table.groupby(table.index // 360):
+        part[["output_deg", "angle_arcmin"]].to_csv(folder / f"{number}.csv", index=False)
+        torque = round(part["torque_Nm"].mean(), -2)
+        constants = f"torque_Nm = {torque}\ntemperature_C = 30.0\ninput_rpm = {100 + 50 * (number % 2)}"
+        files.append(f'[[files]]\npath = "{number}.csv"\n{constants}\n')
+    text = (folder / "unit.toml").read_text(encoding="utf-8")
+    (folder / "unit.toml").write_text(text + "".join(files), encoding="utf-8")
+    record = record_of(folder)
+    np.testing.assert_allclose(np.unique(record.passes.speed), [600 / RATIO, 900 / RATIO])
+    assert set(record.passes.temperature) == {30.0}
+    np.testing.assert_allclose(record.levels, [-600.0, -200.0, 200.0, 600.0])
+    np.testing.assert_allclose(record.error - record.error[0], whole.error - whole.error[0], atol=1e-9)
 
 
 def test_an_order_of_no_shaft_that_grows_with_the_torque_is_no_adequate_unit(tmp_path):
@@ -174,10 +260,11 @@ def test_few_passes_name_nothing(tmp_path):
     ("change", "message"),
     [
         (lambda table: table.drop(columns="output_deg"), "a record needs input_deg and output_deg"),
+        (lambda table: table.rename(columns={"input_deg": "output_deg", "output_deg": "input_deg"}), "exchange their"),
         (lambda table: table.assign(input_deg=table["input_deg"] * 1.1), "check ratio = 153"),
         (lambda table: table.assign(input_deg=table["input_deg"] / 100), "the input turns less than 2 times"),
     ],
-    ids=["column", "ratio", "standing"],
+    ids=["column", "exchanged", "ratio", "standing"],
 )
 def test_data_that_are_no_record_are_told_what_is_wrong(tmp_path, change, message):
     drive = Drive(repeats=1, temperatures=(22.0,))

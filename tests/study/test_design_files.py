@@ -1,15 +1,18 @@
 """Design files: what is accepted, and how every mistake is reported."""
 
 import tomllib
+from types import SimpleNamespace
 
 import pytest
 from changed_files import ROOT, changed, read_design
 
+from pipeline import load_study
 from pipeline.config import load_design, parse_design
 from pipeline.config.designs.design import Design
 from pipeline.config.designs.problems import geometry_problems
 from pipeline.config.studies.consistency import number_keys
 from pipeline.errors import InputError
+from pipeline.report.sections.summary import Verdict
 
 DESIGNS = sorted((ROOT / "data/designs").glob("*.toml"))
 
@@ -150,3 +153,11 @@ def test_provenance_of_a_number_that_is_not_there(design_data):
     design_data["provenance"]["cycloid.pin_number"] = {"status": "published", "reason": "Table 1"}
     (problem,) = design_problems(design_data)
     assert problem.startswith('d.toml: provenance."cycloid.pin_number"; no such number in this file; did you mean')
+
+
+@pytest.mark.parametrize("study", ["rv_80e", "rv", "quick"])
+def test_the_first_screen_of_an_rv_reducer_says_that_its_rigidity_is_put_in(study):
+    note = Verdict(SimpleNamespace(study=load_study(study)), None).rigidity_note
+    assert ("an input of this design, not a prediction" in note) == (study != "quick")
+    assert ("calibrated" in note) == (study == "rv_80e")
+    assert ("chosen" in note) == (study == "rv")

@@ -19,7 +19,7 @@ ANGLE_UNITS = {
     "mrad": 3.4377467707849396,
     "arcsec": 1 / 60,
 }
-CRANK_UNITS = {"deg": 1.0, "rad": 57.29577951308232, "rev": 360.0}
+CRANK_UNITS = {"deg": 1.0, "rad": 57.29577951308232, "rev": 360.0, "mrad": 0.05729577951308232, "arcsec": 1 / 3600}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "min": 60.0, "us": 1e-6}
 TEMPERATURE_UNITS = {"C": (1.0, 0.0), "K": (1.0, -273.15), "F": (5 / 9, -160 / 9)}
 
@@ -60,7 +60,7 @@ class AngleColumn(FileColumn):
 class CrankColumn(FileColumn):
     """The crank angle."""
 
-    unit: Literal["deg", "rad", "rev"] = "deg"
+    unit: Literal["deg", "rad", "rev", "mrad", "arcsec"] = "deg"
 
     @property
     def to_standard(self) -> tuple[float, float]:
@@ -90,7 +90,7 @@ class TemperatureColumn(FileColumn):
 class Columns(Section):
     """Where each quantity stands in the files; one that is not named here stands under its own name.
 
-    `input_deg` and `output_deg` are the encoders of a record with neither end locked.
+    `input_deg` and `output_deg` are the encoders of a record with neither end locked, `input_rpm` is the input's speed.
     """
 
     cycle: FileColumn = FileColumn(name="cycle")
@@ -102,3 +102,4 @@ class Columns(Section):
     command_torque_Nm: TorqueColumn = TorqueColumn(name="command_torque_Nm")
     input_deg: CrankColumn = CrankColumn(name="input_deg")
     output_deg: CrankColumn = CrankColumn(name="output_deg")
+    input_rpm: FileColumn = FileColumn(name="input_rpm")

@@ -19,8 +19,8 @@ from pipeline.identification.measurement.unit_sections import DataFile
 
 REQUIRED_QUANTITIES = ("cycle", "crank_deg", "torque_Nm", "angle_arcmin")
 OPTIONAL = ("time_s", "temperature_C", "command_torque_Nm")
-ENCODERS = ("input_deg", "output_deg")
-"""Columns of a pair of encoders, in place of the crank angle and the error."""
+ENCODERS = ("input_deg", "output_deg", "input_rpm")
+"""Columns of a record: a pair of encoders, in place of the crank angle and the error, and the speed."""
 CRANK_DIGITS = 6
 """Decimals of a crank angle [deg] by which positions are told apart."""
 
@@ -211,7 +211,7 @@ def _standard(table: TableFile, number: int, unit: UnitFile, missing: list[tuple
     """The quantities of file ``number`` in standard units at the output; what it lacks is added to `missing`."""
     file = unit.files[number]
     crank = float(number) if unit.has_anonymous_positions else file.crank_deg
-    constants = {"crank_deg": crank, "cycle": file.cycle}
+    constants = {**dict(file), "crank_deg": crank}
     to_output = {
         "torque_Nm": unit.input_ratio,
         "command_torque_Nm": unit.input_ratio,
@@ -228,7 +228,7 @@ def _standard(table: TableFile, number: int, unit: UnitFile, missing: list[tuple
                 value = to_output.get(quantity, 1.0) * (column.factor * (scale * numbers + shift) + column.offset)
                 values[quantity] = np.where(np.abs(value) <= LARGEST_VALUE, value, np.nan)
         elif constants.get(quantity) is not None:
-            values[quantity] = np.full(len(table.cells), constants[quantity], float)
+            values[quantity] = np.full(len(table.cells), to_output.get(quantity, 1.0) * constants[quantity], float)
         elif quantity in REQUIRED_QUANTITIES or quantity in mapped_columns:
             missing.append((file.path, column.name, quantity))
     return pd.DataFrame({"line": table.cells.index, **values})

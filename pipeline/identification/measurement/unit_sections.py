@@ -33,6 +33,9 @@ class DataFile(Section):
     position: Text | None = None
     crank_deg: float | None = None
     cycle: int | None = None
+    torque_Nm: float | None = None
+    temperature_C: float | None = None
+    input_rpm: float | None = None
     where: dict[str, Annotated[tuple[int | float | str, ...], Field(min_length=1)]] = {}
     separator: Annotated[str, Field(min_length=1, max_length=1)] | None = None
     decimal: Literal[".", ","] = "."
@@ -111,7 +114,8 @@ class UnitSettings(Section):
 
     `crank_angles` says whether `crank_deg` was measured from the drawing's zero; of "unknown" ones it tells positions
     apart and no more, and without any each file is a position. Torque and angle are of one `side`; those of the input
-    are taken to the output by the ratio; a record's torque is then the mean of both senses. With neither end `locked`
+    are taken to the output by the ratio; a record's torque is then the mean of both senses. `torque_sign` is
+    "against_motion" where a brake loads a record, whose display has no sign. With neither end `locked`
     the crank turns while a torque is held, and `angle` says whether the column is the error of the output against the
     ideal ratio, or the angle of the output itself.
     """
@@ -124,6 +128,7 @@ class UnitSettings(Section):
     locked: Literal["input", "output", "neither"]
     offset: Literal["per_position", "common"]
     side: Literal["output", "input"] = "output"
+    torque_sign: Literal["signed", "against_motion"] = "signed"
     angle: Literal["error", "absolute"] = "error"
     crank_angles: Literal["measured", "unknown"] = "measured"
     crank: CrankSection = CrankSection()

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
+from threadpoolctl import threadpool_limits
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.evidence import CONFIDENCE, Points, RecordEvidence, points_of
 from pipeline.identification.record.judging import TOLERATED_SHARE, Judgement, RecordJudge, Trial, parts_of
 from pipeline.identification.record.terms import LEAST_WAVES, POINTS_A_WAVE, Covariates, Term, base_terms, effects
-from pipeline.identification.record.turn_record import TurnRecord
+from pipeline.identification.record.turn_record import DEGREES_A_SECOND, TurnRecord
 from pipeline.identification.selection.statements.verdict import ADEQUATE, UNEXPLAINED
 
 WIDTH = float(ndtri(0.5 + 0.5 * CONFIDENCE))
@@ -53,6 +54,21 @@ class LevelRow:
     mean_error: float
     difference: float
     difference_error: float
+
+
+@dataclass(frozen=True)
+class ConditionRow:
+    """What was measured at one temperature and speed.
+
+    Attributes
+    ----------
+    temperature, speed : [deg C], [turns of the input a minute]; NaN where not measured.
+    numbers : rigidities, and the difference of the senses at the largest torque.
+    """
+
+    temperature: float
+    speed: float
+    numbers: tuple[Value, ...]
 
 
 @dataclass(frozen=True)
@@ -117,6 +133,7 @@ class RecordAnswer:
     why_not: dict[str, str]
     values: tuple[Value, ...]
     levels: tuple[LevelRow, ...]
+    conditions: tuple[ConditionRow, ...]
     orders: tuple[OrderRow, ...]
     held_out_by: str
     held_out: tuple[HeldOut, ...]
@@ -129,6 +146,7 @@ class RecordAnswer:
         return {effect.name: effect.title for effect in self.effects}
 
 
+@threadpool_limits.wrap(limits=1)  # matrices are small: threads would wait for each other
 def record_answer(record: TurnRecord) -> RecordAnswer:
     """The answer on a record without a fatal fault."""
     points = points_of(record)
@@ -153,6 +171,7 @@ def record_answer(record: TurnRecord) -> RecordAnswer:
         why_not=why_not,
         values=tuple(_values(record, levels)),
         levels=tuple(levels),
+        conditions=tuple(_conditions(record, everything_turned)),
         orders=tuple(orders),
         held_out_by=held_out_by,
         held_out=tuple(_held_out(record, evidence, held_out_by, parts, trial)),
@@ -198,15 +217,23 @@ def _values(record: TurnRecord, levels: Sequence[LevelRow]) -> list[Value]:
     least_row = min(levels, key=lambda row: abs(row.torque))
     if np.isfinite(least_row.difference):
         half = WIDTH * least_row.difference_error
-        title = f"lost motion: difference of the senses at {abs(least_row.torque):.3g} N m"
+        is_small = abs(least_row.torque) < LEVEL_SHARE * record.largest_torque
+        title = f"difference of the senses at {abs(least_row.torque):.3g} N m"
+        title = f"lost motion: {title}" if is_small else f"{title} (for the lost motion hold 3 % of the rated torque)"
         value = abs(least_row.difference)
         values.append(Value("lost_motion", title, "arcmin", value, max(value - half, 0.0), value + half))
-    largest_row = max(levels, key=lambda row: abs(row.torque))
-    if np.isfinite(largest_row.difference) and largest_row is not least_row:
-        half, value = WIDTH * largest_row.difference_error, abs(largest_row.difference)
-        title = f"difference of the senses at {largest_row.torque:.3g} N m"
-        values.append(Value("lag_at_top", title, "arcmin", value, max(value - half, 0.0), value + half))
+    if max(levels, key=lambda row: abs(row.torque)) is not least_row:
+        values += _lag_at_top(levels)
     return values
+
+
+def _lag_at_top(levels: Sequence[LevelRow]) -> Iterator[Value]:
+    """Difference of the senses at the largest torque; none of one sense."""
+    row = max(levels, key=lambda row: abs(row.torque))
+    if np.isfinite(row.difference):
+        half, value = WIDTH * row.difference_error, abs(row.difference)
+        title = f"difference of the senses at {row.torque:.3g} N m"
+        yield Value("lag_at_top", title, "arcmin", value, max(value - half, 0.0), value + half)
 
 
 def _rigidities(record: TurnRecord, levels: Sequence[LevelRow]) -> Iterator[Value]:
@@ -222,17 +249,32 @@ def _rigidities(record: TurnRecord, levels: Sequence[LevelRow]) -> Iterator[Valu
         if abs(twist) <= half:
             continue
         ends = sorted(abs(torque) / (abs(twist) + step) for step in (-half, half))
-        title = f"torsional rigidity between {low.torque:.3g} and {high.torque:.3g} N m, from the means of the senses"
+        has_both = np.isfinite(low.difference) and np.isfinite(high.difference)
+        origin = "from the means of the senses" if has_both else "of one sense, the friction of the load included"
+        title = f"torsional rigidity between {low.torque:.3g} and {high.torque:.3g} N m, {origin}"
         yield Value(f"rigidity_{name}", title, "N m/arcmin", abs(torque / twist), *ends)
 
 
-def _levels(record: TurnRecord, points: Points) -> list[LevelRow]:
+def _conditions(record: TurnRecord, points: Points) -> Iterator[ConditionRow]:
+    """Numbers at each temperature and speed, lowest first; none where all passes have one of both."""
+    passes = record.passes
+    conditions = np.column_stack([passes.temperature_group, passes.speed_group])
+    of_kind = conditions[np.unique(passes.kind, return_index=True)[1]]
+    for condition in np.unique(conditions, axis=0) if len(np.unique(conditions, axis=0)) > 1 else []:
+        of_pass = np.all(conditions == condition, axis=1)
+        rows = _levels(record, points, np.all(of_kind[points.kind] == condition, axis=1))
+        speed = float(np.mean(passes.speed[of_pass])) * record.orders.ratio / DEGREES_A_SECOND
+        numbers = [*_rigidities(record, rows), *_lag_at_top(rows)]
+        yield ConditionRow(float(np.mean(passes.temperature[of_pass])), speed, tuple(numbers))
+
+
+def _levels(record: TurnRecord, points: Points, counted_points: Truth | bool = True) -> list[LevelRow]:
     """Mean and difference of the senses at each held torque, over the intervals that both senses have."""
     rows, middle = [], float(np.mean([points.error[points.kind == kind].mean() for kind in np.unique(points.kind)]))
     for level, torque in enumerate(record.levels):
         of_sense = []
         for sense in (1, -1):
-            in_level = (points.level == level) & (points.sense == sense)
+            in_level = (points.level == level) & (points.sense == sense) & counted_points
             count = np.bincount(points.interval[in_level], minlength=record.n_intervals)
             with np.errstate(invalid="ignore"):
                 of_sense.append(
@@ -342,8 +384,8 @@ def _held_out(
         for name, names, structure in (("claimed", trial.effects, trial.structure), ("base", (), None)):
             posterior = evidence.posterior(names, structure or evidence.most_likely(()), int(number), parts)
             model = evidence.predict_error(names, posterior)
-            errors[name] = (points.error - model - evidence.zeros(points.error - model, ~is_held_out))[is_held_out]
-        repeat_error = (points.error - evidence.zeros(points.error, ~is_held_out))[is_held_out]
+            errors[name] = evidence.unused_misfit(points.error - model, is_held_out, trial.effects)
+        repeat_error = evidence.unused_misfit(points.error, is_held_out, trial.effects)
         claimed_error, base, repeat = (
             float(np.sqrt(np.nanmean(values**2))) for values in (errors["claimed"], errors["base"], repeat_error)
         )

@@ -3,9 +3,10 @@
 Passes of one kind repeat each other, so that cells of one kind and interval are taken together. Under torques of one
 sign the same flanks carry: each interval has a zero for either sign. Passes without torque tell the lost motion and are
 left out here, for few contacts carry then and change from place to place. The covariance of the points holds the noise,
-what contacts that close one after the other make of the unit's errors (at each place and held torque, alike in both
-senses and at all temperatures), a structure of its own at each point (alike in all passes of a kind) and one that is
-smooth over the angle, of sizes of the largest evidence of each model. The zeros have a flat prior: they are removed.
+the drift of the passes, what contacts that close one after the other make of the unit's errors (at each place and held
+torque, alike in both senses and at all temperatures), and a structure of its own at each point and of each kind of
+pass, of sizes of the largest evidence of each model. The drift is no larger than that by which repeats differ; without
+repeats it is free, but each kind keeps its mean. The zeros have a flat prior: they are removed.
 
 Source: evidence of a linear Gaussian model: MacKay, Neural Computation 4 (1992) 415; a discrepancy of no known form:
 Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
@@ -15,10 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array, dia_array
 from scipy.special import gammaincinv
 
 from pipeline.arrays import Real, Truth, Whole
@@ -32,7 +34,7 @@ SIZES = (0.0, 0.15, 0.3, 0.6, 1.2, 2.4, 5.0, 10.0)
 ROUNDS = 4
 """Times that the sizes are found one after the other, at most."""
 REACH = 0.15
-"""Share of the angle that was turned over which a smooth structure is alike."""
+"""Share of the angle that was turned over which the drift of a pass is alike."""
 EFFECT_SHARE = 0.1
 """Prior standard deviation of an effect, in the range of the mean errors over the held torques and senses."""
 BASE_SHARE = 10.0
@@ -56,6 +58,7 @@ class Points:
     zero, place : (n,) number of the zero of each, of the interval under torques of one sign; and of its interval and
         held torque.
     cells, of_cells : cells that count (n_cells,), and the point of each.
+    drift : standard deviation [arcmin] of what repeats differ by over the angle; infinite without repeats.
     """
 
     kind: Whole
@@ -69,6 +72,7 @@ class Points:
     place: Whole
     cells: Whole
     of_cells: Whole
+    drift: float
 
     def __len__(self) -> int:
         return len(self.error)
@@ -95,8 +99,9 @@ def points_of(record: TurnRecord, under_load: bool = True) -> Points:
     )
     number = number.ravel()
     error = np.bincount(number, cells.error) / count
-    residual = cells.error - error[number]
-    residual -= (np.bincount(cells.owner, residual) / np.maximum(np.bincount(cells.owner), 1))[cells.owner]
+    of_repeats = cells.error - error[number]
+    of_pass = np.bincount(cells.owner, of_repeats) / np.maximum(np.bincount(cells.owner), 1)
+    residual = of_repeats - of_pass[cells.owner]
     is_repeated = count[number] > 1
     freedom = float(np.sum((count - 1)[count > 1])) - len(np.unique(cells.owner[is_repeated]))
     if freedom > 0:
@@ -118,7 +123,18 @@ def points_of(record: TurnRecord, under_load: bool = True) -> Points:
         place=np.unique(keys % record.n_intervals + record.n_intervals * passes.level[owner], return_inverse=True)[1],
         cells=chosen_rows,
         of_cells=number,
+        drift=_drift(of_repeats, cells, is_repeated, record.n_intervals) if freedom > 0 else np.inf,
     )
+
+
+def _drift(residual: Real, cells: RecordCells, is_repeated: Truth, n_intervals: int) -> float:
+    """Standard deviation [arcmin] of the mean of two passes of a kind over the angle, by how repeats differ (n_cells,).
+
+    Two passes lie by half of their difference off the mean, and that mean by as much off the kind's own.
+    """
+    part = cells.owner * n_intervals + (cells.interval / (REACH * n_intervals)).astype(np.int64)
+    _, part = np.unique(part[is_repeated], return_inverse=True)
+    return float(np.sqrt(np.mean((np.bincount(part, residual[is_repeated]) / np.bincount(part)) ** 2)))
 
 
 @dataclass(frozen=True)
@@ -127,18 +143,20 @@ class Structure:
 
     Attributes
     ----------
-    own_size, smooth : at each point, and smooth over the angle: what no term of the model is.
+    own_size, of_kind : at each point, and of each kind of pass: what no term of the model is.
     closing : at each place and held torque, by contacts that close: the unit's own, as its zeros are.
+    drift : of each kind over the angle, as passes that repeat each other differ: no structure of the unit.
     """
 
     own_size: float
-    smooth: float
+    of_kind: float
     closing: float = 0.0
+    drift: float = 0.0
 
     @property
     def size(self) -> float:
         """Standard deviation of what no term of the model is."""
-        return float(np.hypot(self.own_size, self.smooth))
+        return float(np.hypot(self.own_size, self.of_kind))
 
 
 @dataclass(frozen=True)
@@ -162,6 +180,39 @@ class Posterior:
         return float(np.sqrt(square / (2 * gammaincinv(0.5 * len(mean), CONFIDENCE))))
 
 
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Sums of products of all columns, with zeros and contacts that close removed.
+
+    Attributes
+    ----------
+    gram : (n, n) of the terms, the error, the kinds of passes, and the smooth columns of their drift.
+    n_kept : number of columns before the smooth ones.
+    log_det : logarithm of the determinant of the covariance of the points without drift and structure of kinds.
+    """
+
+    gram: Real
+    n_kept: int
+    log_det: float
+
+    @cached_property
+    def drift_modes(self) -> tuple[Real, Real]:
+        """Eigenvalues (n_bumps,) of the smooth columns' products, and products (n_bumps, n_kept) with the others."""
+        values, modes = np.linalg.eigh(self.gram[self.n_kept :, self.n_kept :])
+        return np.maximum(values, 0.0), modes.T @ self.gram[self.n_kept :, : self.n_kept]
+
+    def without_drift(self, chosen: Whole, size: float) -> tuple[Real, float]:
+        """Products (n, n) of chosen columns, a drift of a size removed; and the logarithm of the determinant."""
+        gram = self.gram[np.ix_(chosen, chosen)]
+        if not size:
+            return gram, self.log_det
+        values, products = self.drift_modes
+        products = products[:, chosen]
+        growth = 1 + size**2 * values
+        explained = products.T @ ((size**2 / growth)[:, None] * products)
+        return gram - explained, self.log_det + float(np.sum(np.log(growth)))
+
+
 class RecordEvidence:
     """Evidence of models of one record.
 
@@ -179,9 +230,9 @@ class RecordEvidence:
         columns = [points.means(term.columns) for term in terms]
         ends = np.cumsum([0, *(part.shape[1] for part in columns)])
         self.place = {term.name: slice(int(a), int(b)) for term, a, b in zip(terms, ends[:-1], ends[1:], strict=True)}
-        bumps = self._bumps()
+        self.smooth_columns = self._smooth_columns()
         self.n_terms = int(ends[-1])
-        self.columns = np.hstack([*columns, bumps])
+        self.columns = np.column_stack([*columns, points.error])
         means = [points.error[points.kind == kind].mean() for kind in np.unique(points.kind)]
         self.span = max(float(np.ptp(means)), self.unit)
         spread = np.full(self.n_terms, EFFECT_SHARE * self.span)
@@ -189,19 +240,24 @@ class RecordEvidence:
         self.spread = spread
         self._moments = lru_cache(maxsize=256)(self._moments_of)
 
-    def _bumps(self) -> Real:
-        """Smooth columns (n, n_bumps) over the angle for each kind of pass, their variances summing to one."""
+    def _smooth_columns(self) -> csr_array:
+        """Columns (n, n_kinds + n_bumps): each kind of pass, and bumps over the angle, about a mean without repeats."""
         points = self.points
         place = points.interval / max(int(points.interval.max()), 1)
         centres = np.arange(-REACH, 1 + 1.5 * REACH, REACH)
         bumps = np.exp(-(((place[:, None] - centres) / REACH) ** 2))
         bumps /= np.linalg.norm(bumps, axis=1)[:, None]
-        return np.hstack([bumps * (points.kind == kind)[:, None] for kind in np.unique(points.kind)])
+        kind = np.unique(points.kind, return_inverse=True)[1]
+        if np.isinf(points.drift):
+            bumps -= _means(bumps, np.ones(len(kind)), kind)[0][kind]
+        self.n_kinds = int(kind.max()) + 1
+        columns = self.n_kinds + len(centres) * kind[:, None] + np.arange(len(centres))
+        starts = np.arange(len(points) + 1) * (1 + len(centres))
+        values = np.column_stack([np.ones(len(kind)), bumps])
+        return csr_array((values.ravel(), np.column_stack([kind, columns]).ravel(), starts))
 
-    def _moments_of(
-        self, own_size: float, closing: float, left_out: int, parts: bytes
-    ) -> tuple[Real, Real, float, float]:
-        """Products of all columns, with the errors, and of these, of the points but of one part; and log det.
+    def _moments_of(self, own_size: float, closing: float, left_out: int, parts: bytes) -> Moments:
+        """Moments of the points but of one part.
 
         Points of one place and held torque share a deviation of the variance u: about their weighted mean they have
         their own weights w, and the mean has the variance 1/sum w + u. The means share a zero.
@@ -213,38 +269,46 @@ class RecordEvidence:
         zero = np.empty(int(place.max()) + 1, np.int64)
         zero[place] = points.zero[is_chosen]
         zero = np.unique(zero, return_inverse=True)[1].ravel()
-        columns = np.column_stack([self.columns[is_chosen], points.error[is_chosen]])
-        means, total = _weighted_means(columns, weight, place)
-        within_places = np.sqrt(weight)[:, None] * (columns - means[place])
-        variance = 1 / total + (closing * self.unit) ** 2
-        zeros, of_zero = _weighted_means(means, 1 / variance, zero)
-        between_places = (means - zeros[zero]) / np.sqrt(variance)[:, None]
-        gram = within_places.T @ within_places + between_places.T @ between_places
-        log_det = float(np.sum(np.log(total * variance)) - np.sum(np.log(weight)) + np.sum(np.log(of_zero)))
-        return gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]), log_det
+        columns, bumps = self.columns[is_chosen], self.smooth_columns[is_chosen]
+        columns = columns - _means(columns, np.ones(len(weight)), zero[place])[0][zero[place]]
+        weighted_bumps = dia_array((weight[None], [0]), shape=(len(weight),) * 2).tocsr() @ bumps
+        of_places, total = _means(columns, weight, place, weighted_bumps)
+        inverse_variance = 1 / (1 / total + (closing * self.unit) ** 2)
+        of_zeros, of_zero = _means(of_places, inverse_variance, zero)
+        mixed = weighted_bumps.T @ columns
+        weighted = weight[:, None] * columns
+        gram = np.block([[columns.T @ weighted, mixed.T], [mixed, (bumps.T @ weighted_bumps).toarray()]])
+        gram -= of_places.T @ ((total - inverse_variance)[:, None] * of_places)
+        gram -= of_zeros.T @ (of_zero[:, None] * of_zeros)
+        log_det = float(np.sum(np.log(total / inverse_variance)) - np.sum(np.log(weight)) + np.sum(np.log(of_zero)))
+        return Moments(gram, self.n_terms + 1 + self.n_kinds, log_det)
 
     def posterior(
         self, names: Sequence[str], structure: Structure, left_out: int = -1, parts: Whole | None = None
     ) -> Posterior:
         """The model of the base and some effects, given all points or those not of a part (n,)."""
         part_bytes = b"" if parts is None else np.ascontiguousarray(parts, np.int64).tobytes()
-        gram, product_, square, log_det = self._moments(structure.own_size, structure.closing, left_out, part_bytes)
-        own_columns = np.concatenate(
-            [np.arange(self.n_base), *(np.arange(*self.place[n].indices(self.n_terms)) for n in names)]
-        )
-        smooth = np.arange(self.n_terms, len(gram)) if structure.smooth else np.zeros(0, int)
-        columns = np.concatenate([own_columns, smooth]).astype(int)
-        spread = np.concatenate(
-            [self.spread[own_columns.astype(int)], np.full(len(smooth), structure.smooth * self.unit)]
-        )
-        normal = np.eye(len(columns)) + spread[:, None] * gram[np.ix_(columns, columns)] * spread
-        right_side = spread * product_[columns]
+        moments = self._moments(structure.own_size, structure.closing, left_out, part_bytes)
+        own_columns = self._own_columns(names)
+        kinds = self.n_terms + 1 + np.arange(self.n_kinds if structure.of_kind else 0)
+        chosen = np.concatenate([own_columns, kinds, [self.n_terms]])
+        gram, log_det = moments.without_drift(chosen, structure.drift * self.unit)
+        spread = np.concatenate([self.spread[own_columns], np.full(len(kinds), structure.of_kind * self.unit)])
+        normal = np.eye(len(spread)) + spread[:, None] * gram[:-1, :-1] * spread
+        right_side = spread * gram[:-1, -1]
         factor = cho_factor(normal)
         solution = cho_solve(factor, right_side)
-        value = -0.5 * (square - right_side @ solution + log_det) - float(np.sum(np.log(np.diag(factor[0]))))
-        n = len(own_columns)
-        inverse = cho_solve(factor, np.eye(len(columns))[:, :n])[:n]
-        return Posterior(value, spread[:n] * solution[:n], spread[:n, None] * inverse * spread[:n])
+        square = float(gram[-1, -1]) - right_side @ solution
+        value = -0.5 * (square + log_det) - float(np.sum(np.log(np.diag(factor[0]))))
+        n, spread = len(own_columns), spread[: len(own_columns)]
+        inverse = cho_solve(factor, np.eye(len(normal), n))[:n]
+        return Posterior(value, spread * solution[:n], spread[:, None] * inverse * spread)
+
+    def _own_columns(self, names: Sequence[str]) -> Whole:
+        """Numbers of the columns of the base and of some effects."""
+        return np.concatenate(
+            [np.arange(self.n_base), *(np.arange(*self.place[n].indices(self.n_terms)) for n in names)]
+        ).astype(np.int64)
 
     @property
     def n_base(self) -> int:
@@ -261,14 +325,27 @@ class RecordEvidence:
             start += width
         raise KeyError(name)
 
+    def counted_size(self, names: Sequence[str], structure: Structure) -> float:
+        """Size of the structure that speaks against some effects: beside waves alone not that of each kind of pass.
+
+        A wave has no mean over the angle, so that it does not depend on what shifts a whole pass.
+        """
+        return structure.own_size if self.are_waves(names) else structure.size
+
+    def are_waves(self, names: Sequence[str]) -> bool:
+        """Whether all effects are waves, and there is one."""
+        return bool(names) and all(self.place[name].stop - self.place[name].start > 1 for name in names)
+
     def most_likely(self, names: Sequence[str], largest_size: float = np.inf) -> Structure:
         """The structure of the largest evidence, that of no term no larger than a size: one size after the other."""
         best_structure = Structure(0.0, 0.0, SIZES[-1])
+        drifts = [size for size in SIZES if size * self.unit <= self.points.drift]
         for _ in range(ROUNDS):
             former_structure = best_structure
-            for name in ("closing", "own_size", "smooth"):
-                structures = [replace(best_structure, **{name: size}) for size in SIZES]
-                allowed_structures = [structure for structure in structures if structure.size <= largest_size]
+            for name in ("closing", "drift", "own_size", "of_kind"):
+                sizes = drifts if name == "drift" else SIZES
+                structures = [replace(best_structure, **{name: size}) for size in sizes]
+                allowed_structures = [s for s in structures if self.counted_size(names, s) <= largest_size]
                 best_structure = max(allowed_structures, key=lambda structure: self.posterior(names, structure).value)
             if best_structure == former_structure:
                 break
@@ -276,8 +353,7 @@ class RecordEvidence:
 
     def predict_error(self, names: Sequence[str], posterior: Posterior) -> Real:
         """Errors (n,) [arcmin] by the sizes of a model, without the zeros of the intervals."""
-        own_columns = [np.arange(self.n_base), *(np.arange(*self.place[n].indices(self.n_terms)) for n in names)]
-        return np.asarray(self.columns[:, np.concatenate(own_columns).astype(int)] @ posterior.mean)
+        return np.asarray(self.columns[:, self._own_columns(names)] @ posterior.mean)
 
     def zero_variance(self, variance: Real, is_chosen: Truth) -> Real:
         """Variance (n,) of each point's zero by chosen points of these variances, of which one place counts once."""
@@ -298,9 +374,21 @@ class RecordEvidence:
             return (np.bincount(points.zero, weight * residual, size) / total)[points.zero]
 
 
-def _weighted_means(columns: Real, weight: Real, group: Whole) -> tuple[Real, Real]:
-    """Weighted means (n_groups, n_columns) of columns (n, n_columns) over groups (n,), and weights (n_groups,)."""
-    order = np.argsort(group, kind="stable")
-    starts = np.searchsorted(group[order], np.arange(int(group.max()) + 1))
-    total = np.add.reduceat(weight[order], starts)
-    return np.add.reduceat((columns * weight[:, None])[order], starts, axis=0) / total[:, None], total
+    def unused_misfit(self, residual: Real, is_held_out: Truth, names: Sequence[str]) -> Real:
+        """What is left (n_held_out,) of points about zeros by all others, beside waves about each pass's mean."""
+        misfit = (residual - self.zeros(residual, ~is_held_out))[is_held_out]
+        is_known, kind = np.isfinite(misfit), self.points.kind[is_held_out]
+        if self.are_waves(names):  # which do not depend on what shifts a whole pass
+            means = np.bincount(kind[is_known], misfit[is_known], kind.max() + 1)
+            misfit -= (means / np.maximum(np.bincount(kind[is_known], minlength=len(means)), 1))[kind]
+        return misfit
+
+
+def _means(columns: Real, weight: Real, group: Whole, weighted_bumps: csr_array | None = None) -> tuple[Real, Real]:
+    """Weighted means (n_groups, n_columns) over groups (n,) of columns (n, ...) and bumps, and weights (n_groups,)."""
+    of_group = csr_array((np.ones(len(group)), (group, np.arange(len(group)))))
+    total = of_group @ weight
+    sums = of_group @ (weight[:, None] * columns)
+    if weighted_bumps is not None:
+        sums = np.hstack([sums, (of_group @ weighted_bumps).toarray()])
+    return sums / total[:, None], total

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import product
 
 import numpy as np
 from scipy.special import ndtri
@@ -12,7 +12,7 @@ from scipy.special import ndtri
 from pipeline.arrays import Real, Whole
 from pipeline.identification.record.evidence import CONFIDENCE, Points, Posterior, RecordEvidence, Structure
 from pipeline.identification.record.terms import Term
-from pipeline.identification.selection.criteria import Choice, Rule, form_limit
+from pipeline.identification.selection.criteria import ODDS, Choice, Rule, best_of, form_limit, prior_log_odds
 from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
     EQUIVALENT,
@@ -22,8 +22,8 @@ from pipeline.identification.selection.statements.verdict import (
     WITHIN_TOLERANCE,
 )
 
-PAIRED_PARTS = 10
-"""Pairs of effects that are tried: those that promise most."""
+ADDED_PARTS = 3
+"""Further effects that are tried beside the best model, each time: those that promise most."""
 TOLERATED_SHARE = 0.0025
 """Amplitude of a compliance that varies with a shaft, over the range of the mean errors, that errors of parts within
 their tolerances cause. Calibrated: generated reducers without an effect have at most 0.15 %."""
@@ -70,6 +70,7 @@ class Judgement:
     reasons : by name of a model that is as probable as what may be named, why it is not.
     best_model : the most probable model, or "".
     finding : why a record without a named effect is not adequate, or "".
+    tolerated_waves : effects of the named models that are no larger than errors of parts cause.
     """
 
     verdict: str
@@ -79,6 +80,7 @@ class Judgement:
     reasons: Mapping[str, str] = field(default_factory=dict)
     best_model: str = ""
     finding: str = ""
+    tolerated_waves: tuple[str, ...] = ()
 
     @property
     def answer(self) -> Trial:
@@ -112,25 +114,66 @@ class RecordJudge(Rule[Trial]):
     """
 
     def __init__(self, evidence: RecordEvidence, effects: list[Term], parts: Whole, n_passes: int):
-        super().__init__(len(effects), n_passes, "passes")
+        super().__init__(len(effects), n_passes, "passes", most_named=len(effects))
         self.evidence, self.parts = evidence, parts
         self.names = [effect.name for effect in effects]
 
     def judgement(self) -> Judgement:
-        """Every effect and the pairs that promise most, tried and judged."""
+        """Every effect, the one model that is left of all, and changes of the best by one effect, tried and judged."""
         base = self._trial((), np.inf)
         limit = form_limit(base.rms)
         trials = {name: self._trial((name,), limit) for name in self.names}
-        odds = self.odds(base.value, {name: trial.value for name, trial in trials.items()})
-        leaders = sorted(self.names, key=lambda name: -odds[name])
-        pairs = sorted(combinations(leaders, 2), key=lambda pair: -(odds[pair[0]] + odds[pair[1]]))[:PAIRED_PARTS]
-        trials |= {"+".join(pair): self._trial(pair, limit) for pair in pairs}
+        if len(remaining := self._remaining_effects()) > 1:
+            trials["+".join(remaining)] = self._trial(remaining, limit)
+        while more_trials := self._changed_by_one(base, trials, limit):
+            trials |= more_trials
         choice = self.choice(base, trials)
         trials = {"": base} | trials
         if choice.members:
             word = IDENTIFIED if len(choice.members) == 1 else EQUIVALENT
-            return Judgement(word, trials, choice.odds, choice.members, choice.reasons, choice.best_model)
+            tolerated = tuple({name for member in choice.members for name in self.tolerated_waves(trials[member])})
+            return Judgement(
+                word, trials, choice.odds, choice.members, choice.reasons, choice.best_model, tolerated_waves=tolerated
+            )
         return self._judgement_without_names(trials, choice, limit)
+
+    def _remaining_effects(self) -> tuple[str, ...]:
+        """Effects that are left of all, in the order of the library, where each in turn is left out that is not missed.
+
+        Effects of torque, temperature and speed together may leave no structure where none does so by itself.
+        """
+        names = tuple(self.names)
+        structure = self.evidence.most_likely(names)
+        while names:
+            values = {
+                name: self.evidence.posterior([other for other in names if other != name], structure).value
+                for name in names
+            }
+            least_missed = max(values, key=lambda name: values[name])
+            cost = prior_log_odds(len(names) - 1, self.n_tried) - prior_log_odds(len(names), self.n_tried)
+            if self.evidence.posterior(names, structure).value - values[least_missed] - cost >= ODDS:
+                break
+            names = tuple(name for name in names if name != least_missed)
+        return names
+
+    def _changed_by_one(self, base: Trial, trials: Mapping[str, Trial], limit: float) -> dict[str, Trial]:
+        """Trials of the best model with one more or another effect, of those that promise most and were not tried."""
+        best_model = best_of(self.odds(base.value, {name: trial.value for name, trial in trials.items()}))
+        if not best_model:
+            return {}
+        effects, structure = trials[best_model].effects, trials[best_model].structure
+        others = [name for name in self.names if name not in effects]
+        value = {names: self.evidence.posterior(names, structure).value for names in [(*effects, n) for n in others]}
+        chosen_sets = sorted(value, key=lambda names: -value[names])[:ADDED_PARTS]
+        least_value = self.evidence.posterior(effects, structure).value - ODDS
+        for place, name in product(range(len(effects)), others):
+            names = (*effects[:place], name, *effects[place + 1 :])
+            if len(names) > 1 and self.evidence.posterior(names, structure).value >= least_value:
+                chosen_sets.append(names)
+        tried_sets = {frozenset(trial.effects) for trial in trials.values()}
+        return {
+            "+".join(names): self._trial(names, limit) for names in chosen_sets if frozenset(names) not in tried_sets
+        }
 
     def _judgement_without_names(self, trials: Mapping[str, Trial], choice: Choice, limit: float) -> Judgement:
         """The judgement where nothing is named."""
@@ -161,7 +204,7 @@ class RecordJudge(Rule[Trial]):
         freedom = len(residual) - len(np.unique(evidence.points.zero))
         rms = float(np.sqrt(np.sum(residual**2) / max(freedom, 1)))
         limited_evidence = posterior.value
-        if structure.size > limit:
+        if evidence.counted_size(names, structure) > limit:
             limited_evidence = evidence.posterior(names, evidence.most_likely(names, limit)).value
         return Trial(names, structure, posterior, predictive, rms, limited_evidence)
 
@@ -186,15 +229,26 @@ class RecordJudge(Rule[Trial]):
         return trial.posterior.distance(self.evidence.columns_of(trial.effects, effect))
 
     def implausible(self, trial: Trial) -> Iterator[str]:
-        """Sizes beyond the twist of the drive, and waves that errors of parts within their tolerances cause."""
+        """Sizes beyond the twist of the drive, and nothing but waves that errors of parts within tolerances cause."""
         for name in trial.effects:
-            columns = self.evidence.columns_of(trial.effects, name)
-            size = np.linalg.norm(trial.posterior.mean[columns])
-            if size > LARGEST_SHARE * self.evidence.span:
+            if self._size(trial, name) > LARGEST_SHARE * self.evidence.span:
                 yield f"the size of {name} is larger than the twist of the drive"
-            wave = columns.stop - columns.start > 1 and name.startswith("compliance_")
-            if wave and size < TOLERATED_SHARE * self.evidence.span:
-                yield f"{TOLERABLE} cause waves as large as {name}"
+        if len(tolerated := self.tolerated_waves(trial)) == len(trial.effects):
+            yield f"{TOLERABLE} cause waves as large as {tolerated[0]}"
+
+    def tolerated_waves(self, trial: Trial) -> list[str]:
+        """Effects of a trial that are waves of the compliance no larger than errors of parts cause."""
+        return [
+            name
+            for name in trial.effects
+            if self.evidence.are_waves([name])
+            and name.startswith("compliance_")
+            and self._size(trial, name) < TOLERATED_SHARE * self.evidence.span
+        ]
+
+    def _size(self, trial: Trial, name: str) -> float:
+        """Size of an effect of a trial [arcmin]."""
+        return float(np.linalg.norm(trial.posterior.mean[self.evidence.columns_of(trial.effects, name)]))
 
     def objections(self, trial: Trial, base: Trial) -> Iterator[str]:
         """The clauses (b) to (f) that a model does not meet."""
@@ -214,18 +268,18 @@ class RecordJudge(Rule[Trial]):
         if len(np.unique(self.parts)) < 2:
             return "nothing is held out, so the fit cannot be tested"
         square, plain_gain, freedom = 0.0, 0.0, len(np.unique(points.kind))  # within a pass places are alike
-        variance = points.noise**2 + (trial.structure.closing**2 + form_limit(base.rms) ** 2) * evidence.unit**2
+        beside_noise = trial.structure.closing**2 + trial.structure.drift**2 + form_limit(base.rms) ** 2
+        variance = points.noise**2 + beside_noise * evidence.unit**2
         for number in np.unique(self.parts):
             is_held_out = self.parts == number
             posterior = evidence.posterior(trial.effects, trial.structure, int(number), self.parts)
             residual = points.error - evidence.predict_error(trial.effects, posterior)
             of_zero = evidence.zero_variance(variance, ~is_held_out)
-            is_known = is_held_out & np.isfinite(of_zero)
-            misfit = (residual - evidence.zeros(residual, ~is_held_out))[is_known]
-            square += float(np.sum(misfit**2 / (variance + of_zero)[is_known]))
-            plain_gain += float(
-                np.sum((points.error - evidence.zeros(points.error, ~is_held_out))[is_known] ** 2) - np.sum(misfit**2)
-            )
+            is_known = np.isfinite(of_zero[is_held_out])
+            misfit = evidence.unused_misfit(residual, is_held_out, trial.effects)[is_known]
+            without = evidence.unused_misfit(points.error, is_held_out, trial.effects)[is_known]
+            square += float(np.sum(misfit**2 / (variance + of_zero)[is_held_out][is_known]))
+            plain_gain += float(np.sum(without**2) - np.sum(misfit**2))
         n = max(int(np.sum(np.isfinite(evidence.zeros(points.error, np.ones(len(points), bool))))), 1)
         if square > n * (1 + float(ndtri(CONFIDENCE)) * np.sqrt(2 / max(freedom, 1))):
             return f"unused data are missed by {np.sqrt(square / n):.2g} times what a right model would leave"

@@ -33,7 +33,7 @@ class Orders:
     def waves(self) -> dict[str, tuple[str, float]]:
         """Title and order of each wave that effects are looked for at, by a name such as ``crank_twice``."""
         return {
-            f"{shaft}_{TIMES[times]}": (f"{TIMES[times]} per turn of the {shaft}", times * turns)
+            f"{shaft} {TIMES[times]}".replace(" ", "_"): (f"{TIMES[times]} per turn of the {shaft}", times * turns)
             for shaft, turns in self.shafts.items()
             for times in HARMONICS
         }
@@ -46,17 +46,24 @@ def orders_of(unit: UnitFile) -> Orders:
     """
     generic = unit.settings.generic
     if generic is not None:
-        crank = {"crank": generic.crank_turns} if generic.crank_turns else {}
         ratio = generic.ratio
-        return Orders(ratio, {"output": 1.0, **crank, "input": ratio}, _period(ratio))
+        return Orders(ratio, _shafts(ratio, generic.crank_turns), _period(ratio))
     design = unit.study.design
     assert isinstance(design.output, Carrier)  # which has planets before the crank
     ratio = design.output.ratio(design.cycloid)
-    return Orders(
-        ratio,
-        {"output": 1.0, "crank": float(design.cycloid.pins), "input": ratio},
-        design.output.output_turns(design.cycloid),
-    )
+    return Orders(ratio, _shafts(ratio, float(design.cycloid.pins)), design.output.output_turns(design.cycloid))
+
+
+def _shafts(ratio: float, crank_turns: float | None) -> dict[str, float]:
+    """Turns of each shaft per turn of the output; with gears before the crank also seen from the other side.
+
+    Bearings in the output meet a crank ``crank_turns`` times, the housing's pins once less; the planets meet the sun
+    ``ratio`` - 1 times, the housing the input ``ratio`` times.
+    """
+    if crank_turns is None:
+        return {"output": 1.0, "input": ratio}
+    seen_from_output = {"crank": crank_turns, "crank against the housing": crank_turns - 1}
+    return {"output": 1.0, **seen_from_output, "input": ratio, "input against the output": ratio - 1}
 
 
 def _period(ratio: float) -> int:

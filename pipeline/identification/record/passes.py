@@ -23,9 +23,15 @@ MOST_INTERVALS = 720
 LEAST_PASS = 0.5
 """Range of a pass over that of the longest from which it counts: pieces at turning points are left out."""
 SAME_TEMPERATURE_K = 2.0
-"""Temperatures of passes that lie nearer to each other are one."""
+"""Range of the temperatures of passes that count as one."""
+SAME_SPEED = 1.2
+"""Quotient of the fastest and the slowest of passes that count as of one speed."""
+SAME_TORQUE = 0.02
+"""Share of the largest torque up to which held torques are one: less than the 3 % at which lost motion is read."""
 DRIFT = 0.002
 """Share of the largest torque up to which a mean torque counts as none."""
+CELLS_A_WAVE = 4
+"""Cells of a pass for each wave of its torque from which the waves are told from scatter."""
 CROSSED_SHARE = 1e-3
 """Share of an interval by which an angle may lie beyond the last one by rounding."""
 
@@ -36,7 +42,7 @@ class Passes:
 
     Attributes
     ----------
-    level, temperature_group, cycle : (n_passes,) numbers; levels ascend with the torque.
+    level, temperature_group, speed_group, cycle : (n_passes,) numbers; levels ascend with the torque.
     sense : (n_passes,) 1 where the output turns forward, -1 backward.
     torque, temperature, speed : (n_passes,) means [N m], [deg C], [deg/s of the output]; NaN where not measured.
     """
@@ -44,6 +50,7 @@ class Passes:
     level: Whole
     sense: Whole
     temperature_group: Whole
+    speed_group: Whole
     cycle: Whole
     torque: Real
     temperature: Real
@@ -54,8 +61,8 @@ class Passes:
 
     @cached_property
     def kind(self) -> Whole:
-        """Number (n_passes,) of each held torque, sense and temperature: passes of one kind repeat each other."""
-        keys = np.column_stack([self.level, self.sense, self.temperature_group])
+        """Number (n_passes,) of each held torque, sense, temperature and speed: equal ones repeat each other."""
+        keys = np.column_stack([self.level, self.sense, self.temperature_group, self.speed_group])
         return np.unique(keys, axis=0, return_inverse=True)[1].ravel()
 
 
@@ -92,7 +99,7 @@ class RecordedPasses:
     unit : the file unit.toml.
     place : (n,) angle of the output by the ideal ratio [deg], counted on over the turns.
     error : (n,) [arcmin].
-    torque, time, temperature : (n,) [N m], [s], [deg C]; NaN where not measured.
+    torque, time, temperature, speed : (n,) [N m], [s], [deg C], [deg/s of the output]; NaN where not measured.
     run : (n,) number of the file and cycle of each row.
     cycle : (n,)
     reading_faults : what is wrong with the columns.
@@ -104,6 +111,7 @@ class RecordedPasses:
     torque: Real
     time: Real
     temperature: Real
+    speed: Real
     run: Whole
     cycle: Whole
     reading_faults: tuple[Fault, ...]
@@ -123,14 +131,17 @@ class RecordedPasses:
 
     @cached_property
     def largest_torque(self) -> float:
-        """Largest torque [N m]."""
-        return float(np.max(np.abs(self.torque[self.numeric]), initial=0.0))
+        """Largest torque that is held in a run, or for as many rows as a run has on average [N m]."""
+        sizes = np.abs(self.torque[self.numeric])
+        runs = np.unique(self.run[self.numeric]).size
+        return float(np.quantile(sizes, 1 - 0.5 / runs)) if sizes.size else 0.0
 
     @cached_property
     def _passes(self) -> tuple[Passes, Whole]:
         """The passes, and the number of each row's pass (n,), -1 in none."""
         ratio, is_numeric = self.orders.ratio, self.numeric
-        sense, stretch = stretches(ratio * self.place, self.run, self._torque_group, is_numeric)
+        _, one_way = stretches(ratio * self.place, self.run, np.zeros(len(self), np.int64), is_numeric)
+        sense, stretch = stretches(ratio * self.place, one_way, self._torque_group(one_way), is_numeric)
         number = np.full(len(self), -1)
         spans = {k: float(np.ptp(self.place[stretch == k])) for k in np.unique(stretch[stretch >= 0])}
         longest = max(spans.values(), default=0.0)
@@ -142,32 +153,42 @@ class RecordedPasses:
         temperature = np.array([self.temperature[rows].mean() for rows in of_pass])
         sense, group = (
             np.array([sense[rows[0]] for rows in of_pass], np.int64),
-            groups_of(temperature, SAME_TEMPERATURE_K),
+            _narrow_groups(temperature, SAME_TEMPERATURE_K),
         )
+        speed = np.array([self._speed_of(rows) for rows in of_pass])
         if self.unit.settings.side == "input":
-            torque = torque_of_both_senses(torque, sense, group, LEVEL_SHARE * self.largest_torque)
+            torque = torque_of_both_senses(torque, sense, group, SAME_TORQUE * self.largest_torque)
         return (
             Passes(
-                level=groups_of(torque, LEVEL_SHARE * self.largest_torque),
+                level=groups_of(torque, SAME_TORQUE * self.largest_torque),
                 sense=sense,
                 temperature_group=group,
+                speed_group=_narrow_groups(np.log(speed), np.log(SAME_SPEED)),
                 cycle=np.array([self.cycle[rows[0]] for rows in of_pass], np.int64),
                 torque=torque,
                 temperature=temperature,
-                speed=np.array([_rate(self.place[rows], self.time[rows]) for rows in of_pass]),
+                speed=speed,
             ),
             number,
         )
 
-    @property
-    def _torque_group(self) -> Whole:
-        """Number (n,) of the torque held in each row's run: waves of a torque are no other torque."""
-        held = held_torques(self.torque, np.where(self.numeric, self.run, -1))
-        is_apart = np.abs(self.torque - held) > LEVEL_SHARE * self.largest_torque
-        steps = groups_of(np.where(self.numeric, self.torque, np.nan), LEVEL_SHARE * self.largest_torque)
-        return (
-            np.where(is_apart, steps, -2) if np.mean(is_apart[self.numeric]) > LEVEL_SHARE else np.zeros(len(self), int)
-        )
+    def _speed_of(self, rows: Whole) -> float:
+        """Speed of the output over some rows [deg/s], as stated or by the times; NaN without both."""
+        if np.all(np.isfinite(self.speed[rows])):
+            return float(np.median(np.abs(self.speed[rows]))) or float("nan")
+        span = float(np.ptp(self.time[rows])) if np.all(np.isfinite(self.time[rows])) else 0.0
+        return float(np.ptp(self.place[rows])) / span if span > 0 else float("nan")
+
+    def _torque_group(self, one_way: Whole) -> Whole:
+        """Number (n,) of the torque held by rows that turn one way (n,): waves of a torque are no other torque."""
+        gap = LEVEL_SHARE * self.largest_torque
+        is_apart = np.abs(self.torque - held_torques(self.torque, np.where(self.numeric, one_way, -1))) > gap
+        group = np.zeros(len(self), np.int64)
+        for number in np.unique(one_way[one_way >= 0]):
+            rows = np.flatnonzero((one_way == number) & self.numeric)
+            if np.mean(is_apart[rows]) > LEVEL_SHARE:
+                group[rows] = groups_of(self.torque[rows], gap)
+        return group
 
     @property
     def passes(self) -> Passes:
@@ -243,16 +264,34 @@ class RecordedPasses:
         number = self._passes[1]
         width = self.span_deg / self.n_intervals
         first_place = float(self.place[number >= 0].min())
-        owner, at_input = number[first_row], self.unit.settings.side == "input"
+        owner = number[first_row]
         middle = np.mod(self.cell_means(self.place) - first_place, self.period_deg)
         return RecordCells(
             owner=owner,
             interval=np.minimum((middle / width).astype(np.int64), self.n_intervals - 1),
             error=self.cell_means(self.error),
-            torque=self.passes.torque[owner] if at_input else self.cell_means(self.torque),
+            torque=self._torque_of_cells(owner),
             count=count,
             scatter=np.sqrt(np.bincount(cell, squares) / np.maximum(count - 2, 1)),
         )
+
+
+    def _torque_of_cells(self, owner: Whole) -> Real:
+        """Torque (n_cells,) of each pass with its waves per turn of the shafts; the scatter of a meter is left out.
+
+        The noise of a torque in its cells would pull the compliance towards zero (errors in variables).
+        """
+        torque = self.passes.torque[owner]
+        if self.unit.settings.side == "input":
+            return torque
+        waves = np.column_stack([part for _, order in self.orders.waves.values() for part in self.wave(order)])
+        deviation = self.cell_means(self.torque) - torque
+        for number in np.unique(owner):
+            of_pass = owner == number
+            if np.sum(of_pass) >= CELLS_A_WAVE * waves.shape[1]:
+                sizes, *_ = np.linalg.lstsq(waves[of_pass], deviation[of_pass], rcond=1e-6)
+                torque[of_pass] += waves[of_pass] @ sizes
+        return torque
 
 
 def torque_of_both_senses(torque: Real, sense: Whole, group: Whole, gap: float) -> Real:
@@ -285,7 +324,11 @@ def _fill_cells(cell: Whole, rows: Whole, n: int) -> Whole:
     return filled_cells
 
 
-def _rate(place: Real, time: Real) -> float:
-    """Speed of the output [deg/s]; NaN without times."""
-    span = float(np.ptp(time)) if np.all(np.isfinite(time)) else 0.0
-    return float(np.ptp(place)) / span if span > 0 else float("nan")
+def _narrow_groups(values: Real, width: float) -> Whole:
+    """Number (n,) of each value's group, ascending: values of a group lie within a width; -1 of no numbers."""
+    group, start, number = np.full(len(values), -1), -np.inf, -1
+    for place in np.argsort(values):
+        if np.isfinite(values[place]):
+            start, number = (values[place], number + 1) if values[place] - start > width else (start, number)
+            group[place] = number
+    return group

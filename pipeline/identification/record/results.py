@@ -83,7 +83,10 @@ def sentences(answer: RecordAnswer) -> tuple[str, ...]:
     """The verdict in words, the numbers of the drive, and what to measure next."""
     judgement = answer.judgement
     named_models = " or ".join(_model_title(answer, model) for model in judgement.members)
-    sizes = "; ".join(words(value) for value in effect_values(answer)) if judgement.members else ""
+    values = effect_values(answer) if judgement.members else []
+    sizes = "; ".join(words(value) for value in values if value.name not in judgement.tolerated_waves)
+    small = "; ".join(words(value) for value in values if value.name in judgement.tolerated_waves)
+    sizes += f"; beside it, no more than errors of parts within their tolerances cause: {small}" if small else ""
     if judgement.members:
         first_sentence = f"{judgement.verdict}: {sizes if len(judgement.members) == 1 else named_models}."
     else:
@@ -94,8 +97,9 @@ def sentences(answer: RecordAnswer) -> tuple[str, ...]:
     if answer.held_out:
         rms = float(np.sqrt(np.mean([row.rms**2 for row in answer.held_out])))
         base = float(np.sqrt(np.mean([row.base_rms**2 for row in answer.held_out])))
+        about = ", about the mean of each pass" if answer.evidence.are_waves(answer.judgement.answer.effects) else ""
         held_out = (
-            f"Each {answer.held_out_by} predicted from the others: {60 * rms:.3g} arcsec root mean square, "
+            f"Each {answer.held_out_by} predicted from the others{about}: {60 * rms:.3g} arcsec root mean square, "
             f"{60 * base:.3g} without effects (noise {60 * answer.noise:.2g})."
         )
     return tuple(
@@ -123,6 +127,8 @@ def advice(answer: RecordAnswer) -> str:
         return f"Make at least {FEWEST_BLOCKS} passes: several held torques, both senses, each twice."
     if answer.judgement.verdict == NOT_TESTABLE:
         return "Hold three torques or more: each is then predicted from the others."
+    if answer.judgement.verdict == UNEXPLAINED and np.isinf(answer.points.drift):
+        return "Make each pass twice: without repeats the bench's drift cannot be told from what no effect explains."
     if answer.judgement.verdict == UNEXPLAINED:
         return "Compare the orders that grow with the torque with the speeds of all shafts and teeth."
     missing = sorted(
@@ -141,6 +147,7 @@ def content(answer: RecordAnswer) -> dict[str, Any]:
         "named": list(judgement.members),
         "sentences": list(sentences(answer)),
         "numbers": [asdict(value) for value in answer.values],
+        "conditions": [asdict(row) for row in answer.conditions],
         "effects": [asdict(value) for value in effect_values(answer)],
         "odds": dict(judgement.odds),
         "reasons": dict(judgement.reasons),

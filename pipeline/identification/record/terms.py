@@ -15,13 +15,11 @@ import numpy as np
 
 from pipeline.arrays import Real
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
-from pipeline.identification.record.passes import SAME_TEMPERATURE_K
+from pipeline.identification.record.passes import SAME_SPEED, SAME_TEMPERATURE_K
 from pipeline.identification.record.turn_record import TurnRecord
 
 MOST_STRAIGHT = 2
 """Sizes of torque that tell no softening from the zeros."""
-LEAST_SPEED_RATIO = 1.2
-"""Quotient of the fastest and the slowest pass from which friction that grows with the speed can be tested."""
 POINTS_A_WAVE = 4
 """Intervals in a wave from which it can be tested."""
 LEAST_WAVES = 1.0
@@ -73,7 +71,7 @@ class Covariates:
         reach = float(np.nanmax(np.abs(temperature))) if np.any(np.isfinite(temperature)) else 0.0
         warm = np.nan_to_num(temperature)[cells.owner] / reach if 2 * reach > SAME_TEMPERATURE_K else 0 * torque
         speed = passes.speed - _middle(passes.speed)
-        varies = np.all(np.isfinite(speed)) and passes.speed.max() > LEAST_SPEED_RATIO * passes.speed.min()
+        varies = np.all(np.isfinite(speed)) and passes.speed.max() > SAME_SPEED * passes.speed.min()
         fast = speed[cells.owner] / np.max(np.abs(speed)) if varies else 0 * torque
         return cls(torque, sense, _lags(record), warm, fast)
 
@@ -100,7 +98,7 @@ def _middle(values: Real) -> float:
 def base_terms(record: TurnRecord) -> list[Term]:
     """The terms that every drive has under torque, as far as the record can tell them apart."""
     values = Covariates.from_record(record)
-    sizes, has_both_senses = loaded_sizes(record), len(np.unique(record.passes.sense)) > 1
+    sizes, has_both_senses = loaded_sizes(record), loaded_both_ways(record)
     torque, sense = values.torque, values.sense
     candidates = {
         "compliance": ("compliance", torque, sizes > 1),
@@ -123,10 +121,17 @@ def loaded_sizes(record: TurnRecord) -> int:
     return len(np.unique(np.round(sizes[sizes >= LEVEL_SHARE] / LEVEL_SHARE)))
 
 
+def loaded_both_ways(record: TurnRecord) -> bool:
+    """Whether a torque other than zero was held in both senses; a brake that opposes the motion holds none so."""
+    passes = record.passes
+    is_loaded = np.abs(record.levels) >= LEVEL_SHARE * record.largest_torque
+    return any(len(np.unique(passes.sense[passes.level == level])) > 1 for level in np.flatnonzero(is_loaded))
+
+
 def effects(record: TurnRecord) -> tuple[list[Term], dict[str, str]]:
     """The effects that a record can test, and why not of the others, by name."""
     values, tested_terms, reasons = Covariates.from_record(record), [], {}
-    has_both_senses, several = len(np.unique(record.passes.sense)) > 1, loaded_sizes(record) > 1
+    has_both_senses, several = loaded_both_ways(record), loaded_sizes(record) > 1
     for name, title, physics, column, reason in _thermal_and_speed_terms(values, has_both_senses, several):
         if reason:
             reasons[name] = reason
@@ -158,7 +163,8 @@ COMPLIANCE = (
     "alike in both senses"
 )
 FRICTION = "the torque that friction takes varies over the turn: the senses lag unlike, at all torques"
-ONE_LEVEL, ONE_SENSE = "fewer than two sizes of torque beside zero are held", "the drive turns in one sense alone"
+ONE_LEVEL = "fewer than two sizes of torque beside zero are held"
+ONE_SENSE = "no torque beside zero is held in both senses"
 
 
 def _order_refusal(record: TurnRecord, order: float) -> str:

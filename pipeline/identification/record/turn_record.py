@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Whole
 from pipeline.config.files.table_file import shortened_list
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.rows import Recorded, recorded_rows
+from pipeline.identification.measurement.turning.motion import stretches
 from pipeline.identification.measurement.unit_file import UnitFile
+from pipeline.identification.record.encoders import angles_of, runs_without_jumps, travel
 from pipeline.identification.record.orders import orders_of
 from pipeline.identification.record.passes import RecordedPasses
 
@@ -20,23 +23,39 @@ FEWEST_INTERVALS = 24
 """Intervals of the output angle from which waves are told apart."""
 LARGEST_ERROR_ARCMIN = 120.0
 """Range of the transmission error beyond which the ratio or a column is wrong."""
+DEGREES_A_SECOND = 6.0
+"""Of a turn a minute."""
+RADIANS_SHARE = 0.005
+"""Share by which the angle that was turned may differ from 2 pi for it to be a turn in radians."""
 LEAST_TURN = 2.0
 """Turns of the input that a pass makes at least."""
 
 
-def column_faults(record: Recorded, unit: UnitFile) -> Iterator[Fault]:
-    """Columns that the files lack: a pair of encoders, or an error over the angle of the input."""
+def column_faults(record: Recorded, unit: UnitFile, run: Whole) -> Iterator[Fault]:
+    """Columns that the files lack or name by each other: two encoders, or an error over the angle of one end."""
     columns = set(record.table)
-    if not ({"input_deg", "output_deg"} <= columns or {"crank_deg", "angle_arcmin"} <= columns):
-        yield Fault(
-            "missing column",
-            f"{unit.name}: found {', '.join(sorted(columns - {'line'})) or 'none'}; a record needs input_deg and "
-            "output_deg (both encoders), or crank_deg and angle_arcmin; name them under [columns]",
-            "fatal",
+    pairs = ({"input_deg", "output_deg"}, {"crank_deg", "angle_arcmin"}, {"output_deg", "angle_arcmin"})
+    if not any(pair <= columns for pair in pairs):
+        found = ", ".join(sorted({*columns, *record.extra} - {"line"})) or "none"
+        text = (
+            f"{unit.name}: found {found}; a record needs input_deg and output_deg (both encoders), or crank_deg (the "
+            "input's angle) or output_deg with angle_arcmin (the error); name them under [columns]"
         )
-    if "torque_Nm" not in columns:
-        text = f"{unit.name}: no torque_Nm; name its column under [columns.torque_Nm]"
         yield Fault("missing column", text, "fatal")
+    if "torque_Nm" not in columns:
+        text = f"{unit.name}: no torque_Nm; name its column under [columns.torque_Nm], or give torque_Nm of each file"
+        yield Fault("missing column", text, "fatal")
+    for name in sorted({"input_deg", "output_deg", "crank_deg"} & columns):
+        column = getattr(unit.settings.columns, name)
+        written = re.search(r"(?<![a-z])(rad|mrad|arcsec|arcmin|rev)(?![a-z])", column.name.lower())
+        if written and "unit" not in column.model_fields_set:
+            text = f'{unit.name}: the column "{column.name}" is read in deg; give unit under [columns.{name}]'
+            yield Fault("unit", text, "fatal")
+    if {"input_deg", "output_deg"} <= columns:
+        turned, output = (travel(record.quantity(name), run) for name in ("input_deg", "output_deg"))
+        if turned < output:
+            text = f"output_deg turns by {output:.4g} deg, input_deg by {turned:.4g}; exchange their names in [columns]"
+            yield Fault("exchanged columns", text, "fatal")
 
 
 def record_faults(record: RecordedPasses) -> Iterator[Fault]:
@@ -55,6 +74,10 @@ def record_faults(record: RecordedPasses) -> Iterator[Fault]:
         )
         yield Fault("standing input", text, "fatal")
         return
+    if abs(record.span_deg / (2 * np.pi) - 1) < RADIANS_SHARE:
+        text = f'the output turns by {record.span_deg:.4g}, a turn in radians; give unit = "rad" under [columns]'
+        yield Fault("unit", text, "fatal")
+        return
     if record.n_intervals < FEWEST_INTERVALS:
         text = f"a pass has rows for {record.n_intervals} intervals of the output angle, {FEWEST_INTERVALS} are needed"
         yield Fault("too few points", f"{text}; record the angles more often", "fatal")
@@ -66,6 +89,9 @@ def record_faults(record: RecordedPasses) -> Iterator[Fault]:
             "senses at each temperature; add the missing passes, or measure the torque at the output"
         )
         yield Fault("one sense", text, "fatal")
+        return
+    if text := _unsigned_torque(record):
+        yield Fault("sign", text, "fatal")
         return
     span = float(np.ptp(record.cells.error))
     if span > LARGEST_ERROR_ARCMIN:
@@ -81,8 +107,24 @@ def record_faults(record: RecordedPasses) -> Iterator[Fault]:
         yield Fault("no repeats", "no pass is repeated: the noise is that of the rows; make each pass twice", "note")
 
 
-ARCMIN_A_DEGREE = 60.0
-"""Minutes of arc in a degree."""
+def _unsigned_torque(record: RecordedPasses) -> str:
+    """What says that torques of one sign act against the motion in both senses, or "".
+
+    The twist of a load that acts one way is alike in both senses; that of a brake turns over with the sense, and the
+    senses then differ by more than the mean of both does.
+    """
+    cells, passes = record.cells, record.passes
+    sense, torque = passes.sense[cells.owner], record.levels[passes.level[cells.owner]]
+    if len(np.unique(torque[torque != 0])) < 2 or np.any(torque < 0) == np.any(torque > 0) or len(np.unique(sense)) < 2:
+        return ""
+    columns = np.column_stack([torque, sense * torque, sense, np.ones(len(sense))])
+    (twist, lag, *_), *_ = np.linalg.lstsq(columns, cells.error, rcond=None)
+    if abs(lag) <= abs(twist):
+        return ""
+    return (
+        "torques of one sign, and the error grows with them unlike in both senses, as under a brake that opposes the "
+        'motion; say torque_sign = "against_motion", or give the torque its sign'
+    )
 
 
 class TurnRecord(RecordedPasses):
@@ -92,17 +134,23 @@ class TurnRecord(RecordedPasses):
     def read(cls, unit: UnitFile) -> TurnRecord:
         """The record of a unit; raises as ``recorded_rows``."""
         table = recorded_rows(unit)
-        faults = tuple(column_faults(table, unit))
-        place, error = (np.full(len(table.table), np.nan),) * 2 if faults else _angles(table, unit)
         cycle = np.maximum(table.cycle[0], 0)
+        run = cycle * (int(table.source.max(initial=0)) + 1) + table.source
+        faults = tuple(column_faults(table, unit, run))
+        is_absolute = unit.settings.angle == "absolute"
+        place = error = np.full(len(table.table), np.nan)
+        if not faults:
+            place, error = angles_of(table, orders_of(unit).ratio, run, is_absolute)
+            run = runs_without_jumps(orders_of(unit).ratio * place, run)
         return cls(
             unit=unit,
             place=place,
             error=error,
-            torque=table.quantity("torque_Nm"),
+            torque=_signed_torque(table, unit, orders_of(unit).ratio * place, run),
             time=table.quantity("time_s"),
             temperature=table.quantity("temperature_C"),
-            run=cycle * (int(table.source.max(initial=0)) + 1) + table.source,
+            speed=DEGREES_A_SECOND * table.quantity("input_rpm") / orders_of(unit).ratio,
+            run=run,
             cycle=cycle,
             reading_faults=faults,
         )
@@ -127,28 +175,10 @@ class TurnRecord(RecordedPasses):
         return [*lines, *shortened_list((fault.line for fault in self.faults), self.unit.name)]
 
 
-def _angles(record: Recorded, unit: UnitFile) -> tuple[Real, Real]:
-    """Angle of the output by the ideal ratio (n,) [deg], and its error (n,) [arcmin].
-
-    The sense of the output against the input is that of the record; the ratio's sign is not asked for.
-    """
-    ratio = orders_of(unit).ratio
-    has_pair = {"input_deg", "output_deg"} <= set(record.table)
-    turned_angle = record.quantity("input_deg" if has_pair else "crank_deg")
-    if not has_pair:
-        place, error = turned_angle / ratio, record.quantity("angle_arcmin")
-        if unit.settings.angle == "error":
-            return place, error
-        output = error / ARCMIN_A_DEGREE
-    else:
-        place, output = turned_angle / ratio, record.quantity("output_deg")
-    is_known = np.isfinite(place) & np.isfinite(output)
-    sign = (
-        1.0
-        if not is_known.any()
-        or np.ptp(output[is_known] - place[is_known]) <= np.ptp(output[is_known] + place[is_known])
-        else -1.0
-    )
-    place = sign * place
-    error = ARCMIN_A_DEGREE * (output - place)
-    return place, error - (np.nanmedian(error) if is_known.any() else 0.0)
+def _signed_torque(record: Recorded, unit: UnitFile, turned: Real, run: Whole) -> Real:
+    """Torque on the output (n,) [N m]; of a brake against the sense in which the input turns (n,) [deg]."""
+    torque = record.quantity("torque_Nm")
+    if unit.settings.torque_sign == "signed":
+        return torque
+    sense, _ = stretches(turned, run, np.zeros(len(run), np.int64), np.isfinite(turned) & np.isfinite(torque))
+    return -np.abs(torque) * sense

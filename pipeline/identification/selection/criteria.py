@@ -14,8 +14,9 @@ named if and only if
     a larger discrepancy beside it;
 (f) with it, unused data are predicted as a right model would (``adequacy``).
 
-A second effect is named where the pair is more probable than the best single effect by the same odds. Named together,
-as a class, are the models that are at least a twentieth as probable as the best one.
+A further effect is named where the model with it is more probable than the best with fewer by the same odds: of loops
+two at most, of records as many as that holds for. Named together, as a class, are the models that are at least a
+twentieth as probable as the best one.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import comb
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -138,8 +140,8 @@ def form_limit(rms: float) -> float:
 
 
 def prior_log_odds(n_effects: int, n_tried: int) -> float:
-    """Logarithm of the prior odds of one model of one or two effects against "no effect", of ``n_tried`` effects."""
-    return -float(np.log(n_tried if n_effects == 1 else max(n_tried * (n_tried - 1) / 2, 1.0)))
+    """Logarithm of the prior odds of one model of so many effects against "no effect", of ``n_tried`` effects."""
+    return -float(np.log(max(comb(n_tried, n_effects), 1)))
 
 
 @dataclass(frozen=True)
@@ -159,10 +161,11 @@ class Rule(ABC, Generic[T]):
     ----------
     n_tried : number of effects that the data can test.
     n_repeats, repeats : number of what is measured again and again, and the word for it: branches or passes.
+    most_named : effects that may be named together.
     """
 
-    def __init__(self, n_tried: int, n_repeats: int, repeats: str):
-        self.n_tried, self.n_repeats, self.repeats = n_tried, n_repeats, repeats
+    def __init__(self, n_tried: int, n_repeats: int, repeats: str, most_named: int = MOST_NAMED):
+        self.n_tried, self.n_repeats, self.repeats, self.most_named = n_tried, n_repeats, repeats, most_named
 
     @abstractmethod
     def value(self, trial: T, limit: float = np.inf) -> float:
@@ -193,7 +196,8 @@ class Rule(ABC, Generic[T]):
         odds = self.odds(self.value(base), {name: self.value(trial) for name, trial in trials.items()})
         best_model = best_of(odds)
         reasons: dict[str, str] = {}
-        for leader in dict.fromkeys([best_model, best_of(_singles(odds))]):
+        smaller_models = [best_of(_up_to(size, odds)) for size in range(_size(best_model) - 1, 0, -1)]
+        for leader in dict.fromkeys([best_model, *smaller_models]):
             close_models = equivalent_models(leader, odds) if leader else ()
             reasons |= {name: self.why_not(trials[name], base) for name in close_models}
             members = tuple(name for name in close_models if not reasons[name])
@@ -206,7 +210,7 @@ class Rule(ABC, Generic[T]):
         return {
             name: value - base_value + prior_log_odds(_size(name), self.n_tried)
             for name, value in values.items()
-            if _size(name) <= MOST_NAMED
+            if _size(name) <= self.most_named
         }
 
     def why_not(self, trial: T, base: T) -> str:
@@ -294,31 +298,37 @@ class Judge(Rule[Trial]):
 
 
 def best_of(odds: Mapping[str, float]) -> str:
-    """The most probable model, of two effects only where it beats the best of one by the odds.
+    """The most probable model, of more effects only where it beats the best of fewer by the odds.
 
     "" where "no effect" is not rejected.
     """
-    if not odds or logsumexp(list(odds.values())) < ODDS:
-        return ""
-    best_single = max(_singles(odds), key=lambda name: odds[name], default="")
-    pair = max((name for name in odds if name not in _singles(odds)), key=lambda name: odds[name], default="")
-    return pair if pair and (not best_single or odds[pair] - odds[best_single] >= ODDS) else best_single
+    return _leader(odds) if odds and logsumexp(list(odds.values())) >= ODDS else ""
+
+
+def _leader(odds: Mapping[str, float]) -> str:
+    """The most probable model, of more effects only where it beats the best of fewer by the odds; "" of none."""
+    best_model = ""
+    for size in sorted({_size(name) for name in odds}):
+        leader = max((name for name in odds if _size(name) == size), key=lambda name: odds[name])
+        if not best_model or odds[leader] - odds[best_model] >= ODDS:
+            best_model = leader
+    return best_model
 
 
 def equivalent_models(leader: str, odds: Mapping[str, float]) -> Sequence[str]:
     """Models of as many effects that are within the odds of a leading one, the most probable first.
 
-    Of pairs those alone that are more probable than the best single effect by the odds.
+    Of several effects those alone that are more probable than the best of fewer by the odds.
     """
-    least_odds = odds[leader] - ODDS
-    if _size(leader) > 1:
-        least_odds = max([least_odds, *(value + ODDS for value in _singles(odds).values())])
+    best_of_fewer = _leader(_up_to(_size(leader) - 1, odds))
+    least_odds = max(odds[leader] - ODDS, odds[best_of_fewer] + ODDS if best_of_fewer else -np.inf)
     close_models = [name for name in odds if odds[name] >= least_odds and _size(name) == _size(leader)]
     return sorted(close_models, key=lambda name: -odds[name])
 
 
-def _singles(odds: Mapping[str, float]) -> dict[str, float]:
-    return {name: value for name, value in odds.items() if _size(name) == 1}
+def _up_to(size: int, odds: Mapping[str, float]) -> dict[str, float]:
+    """The odds of models of at most so many effects."""
+    return {name: value for name, value in odds.items() if _size(name) <= size}
 
 
 def _size(name: str) -> int:

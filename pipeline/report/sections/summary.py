@@ -21,6 +21,9 @@ from pipeline.report.sections.further import FormResults
 from pipeline.report.sections.section import Page, Section
 from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges, next_target
 
+MEASURED = ("published", "given")
+"""Origins of a number that was not adjusted to a result of the model."""
+
 
 @dataclass(frozen=True)
 class LimitCard:
@@ -126,6 +129,20 @@ class Verdict:
         doubled_yield = self.results.doubled_yield
         doubling_text = f" (with twice as many an estimated {doubled_yield})" if doubled_yield else ""
         return f"It counts {angles}{doubling_text}; over the whole turn of the output the yield is at most this."
+
+    @property
+    def rigidity_note(self) -> str:
+        """That the rigidity of an RV reducer is put in, by the stiffness of its crank bearings; empty of others."""
+        design = self.frames.study.design
+        origin = design.provenance.get("bearing.stiffness_N_per_mm_power")
+        if not design.output.carries_disks or (origin and origin.status in MEASURED):
+            return ""
+        stated = f"{origin.status}: {origin.reason}" if origin else "without a stated origin"
+        return (
+            "The torsional rigidity is an input of this design, not a prediction: the stiffness of the crank bearings "
+            f"sets it ({stated}). From one size of RV reducer to another the model predicts it no better than the cube "
+            "of the pin circle's radius does."
+        )
 
     @property
     def angles_note(self) -> str:

@@ -94,6 +94,11 @@ def write_record_page(answer: RecordAnswer, frames: dict[str, pd.DataFrame], fol
             (f"{row.torque:.4g}", digits(row.mean), digits(60 * row.difference), digits(60 * row.difference_error))
             for row in answer.levels
         ],
+        conditions=[
+            (*(digits(value) if np.isfinite(value) else "–" for value in (row.temperature, row.speed)), row.numbers)
+            for row in answer.conditions
+        ],
+        condition_row=_row,
         span=f"{answer.record.span_deg:.4g}",
         folder=shown_folder,
         pictures=drawn_pictures(figures, CAPTIONS, folder),

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pipeline.statistics.two_phase import exceedance_chance, inclusion_probability, tail_quantile, tail_share
+from pipeline.statistics.two_phase import (
+    count_slope,
+    exceedance_chance,
+    inclusion_probability,
+    tail_quantile,
+    tail_share,
+)
 
 UNITS, BUDGET, REPEATS = 20_000, 800, 500
 MISSED = 0.35
@@ -35,6 +41,39 @@ def test_expectation_over_every_possible_selection_is_the_share():
         mean, square = mean + chance * value, square + chance * value**2
     assert mean == pytest.approx(3 / 8)
     assert square - mean**2 == pytest.approx(np.sum((1 - probability[in_tail]) / probability[in_tail]) / 64)
+
+
+@pytest.mark.parametrize("slope", [0.3, 0.9])
+def test_the_count_of_the_taken_units_moves_no_expectation(slope):
+    """Over all 256 selections in which some unit is beyond; the others are estimated as none by their bound."""
+    in_tail = np.array([True, False, True, True, True, True, False, True])
+    probability = np.array([0.9, 0.3, 0.5, 0.7, 0.2, 0.8, 0.6, 0.4])
+    mean = mean_of_formula = 0.0
+    for selected in product([False, True], repeat=8):
+        mask = np.array(selected)
+        chance = np.prod(np.where(mask, probability, 1 - probability))
+        formula = slope + np.sum((in_tail[mask] - slope) / probability[mask]) / 8
+        mean_of_formula += chance * formula
+        value = tail_share(in_tail[mask], probability[mask], 8, CONFIDENCE, slope).value
+        if np.any(in_tail[mask]):
+            assert value == pytest.approx(np.clip(formula, 0, 1))
+        mean += chance * value
+    assert mean_of_formula == pytest.approx(6 / 8)
+
+
+def test_a_share_near_one_does_not_follow_the_number_of_units_that_was_taken():
+    """24 units that nearly all fail, 16 of them solved on average: with the count alone half of them seem to pass."""
+    rng, chance = np.random.default_rng(2), np.full(24, 0.99)
+    probability = np.linspace(0.4, 0.93, 24)
+    slope = count_slope(chance, probability)
+    assert slope == pytest.approx(0.99)
+    for _ in range(200):
+        taken = rng.random(24) < probability
+        taken[0] = True
+        fails = rng.random(24) < 0.99
+        estimate = tail_share(fails[taken], probability[taken], 24, CONFIDENCE, slope)
+        assert abs(estimate.value - np.mean(fails)) < 0.11
+        assert estimate.ci_low < np.mean(fails) <= estimate.ci_high
 
 
 def test_units_that_are_all_solved_are_plain_monte_carlo():
