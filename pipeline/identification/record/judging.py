@@ -165,9 +165,9 @@ class RecordJudge(Rule[Trial]):
             limited_evidence = evidence.posterior(names, evidence.most_likely(names, limit)).value
         return Trial(names, structure, posterior, predictive, rms, limited_evidence)
 
-    def value(self, trial: Trial, limit: float = np.inf) -> float:
-        """Logarithm of the evidence; with a limit, of the structure that the form of the model may leave."""
-        return trial.value if np.isinf(limit) else trial.limited_evidence
+    def value(self, trial: Trial, misfit: float = np.inf) -> float:
+        """Logarithm of the evidence; of a misfit, with the structure that the form of the model may leave of it."""
+        return trial.value if np.isinf(misfit) else trial.limited_evidence
 
     def predictive(self, trial: Trial) -> Real:
         """Log density (n_parts,) of each part, predicted from all others."""

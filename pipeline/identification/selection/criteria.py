@@ -11,7 +11,7 @@ named if and only if
     tolerances that are fitted beside it occur among the study's units;
 (e) it does better than a discrepancy of no known form: it explains the unit down to what the form of the model leaves,
     and is then more probable than "none of these" by the odds of (a); and the data do not call, by the same odds, for
-    a larger discrepancy beside it;
+    a larger discrepancy beside it, or for one that differs between cycles: the form of the model is alike in all;
 (f) with it, unused data are predicted as a right model would (``adequacy``).
 
 A second effect is named where the pair is more probable than the best single effect by the same odds. Named together,
@@ -137,6 +137,11 @@ def form_limit(rms: float) -> float:
     return float(np.hypot(REMAINING_SHARE, FORM * rms))
 
 
+def cycle_limit(rms: float) -> float:
+    """The same of what differs between cycles: contact law, mesh and cells are alike in all of them."""
+    return FORM * rms
+
+
 def prior_log_odds(n_effects: int, n_tried: int) -> float:
     """Logarithm of the prior odds of one model of one or two effects against "no effect", of ``n_tried`` effects."""
     return -float(np.log(n_tried if n_effects == 1 else max(n_tried * (n_tried - 1) / 2, 1.0)))
@@ -165,8 +170,8 @@ class Rule(ABC, Generic[T]):
         self.n_tried, self.n_repeats, self.repeats = n_tried, n_repeats, repeats
 
     @abstractmethod
-    def value(self, trial: T, limit: float = np.inf) -> float:
-        """Logarithm of the evidence of a trial whose structure is no larger than a limit."""
+    def value(self, trial: T, misfit: float = np.inf) -> float:
+        """Logarithm of the evidence; its structure is no larger than the form of the model leaves of a misfit."""
 
     @abstractmethod
     def predictive(self, trial: T) -> Real:
@@ -224,7 +229,7 @@ class Rule(ABC, Generic[T]):
             if not self.distance(trial, effect) > 1:
                 yield f"the interval of the size of {effect} reaches zero"
         yield from self.implausible(trial)
-        log_evidence_up_to = self.value(trial, form_limit(self.misfit(base)))
+        log_evidence_up_to = self.value(trial, self.misfit(base))
         prior = prior_log_odds(len(self.effects(trial)), self.n_tried)
         if not log_evidence_up_to - self.value(base) + prior >= ODDS:
             yield "a discrepancy of no known form describes the unit as well"
@@ -255,9 +260,9 @@ class Judge(Rule[Trial]):
         values = {name: trial.evidence.training[part] for name, trial in selection.trials.items()}
         return best_of(self.odds(selection.base.evidence.training[part], values))
 
-    def value(self, trial: Trial, limit: float = np.inf) -> float:
-        """Logarithm of the evidence of a trial whose structure is no larger than a limit."""
-        return trial.evidence.value if np.isinf(limit) else trial.evidence.log_evidence_up_to(limit)
+    def value(self, trial: Trial, misfit: float = np.inf) -> float:
+        """Logarithm of the evidence; its structure is no larger than the form of the model leaves of a misfit."""
+        return trial.evidence.log_evidence_up_to(form_limit(misfit), cycle_limit(misfit))
 
     def predictive(self, trial: Trial) -> Real:
         """Log density (n_parts,) of each part, predicted from all others."""
