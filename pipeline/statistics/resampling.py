@@ -77,7 +77,7 @@ def confidence_set(losses: Real, level: float, resamples: int, seed: int) -> NDA
 
 
 CONFIDENCE = 0.95
-"""Of the intervals."""
+"""Of intervals and tests."""
 
 
 def jackknife_interval(value: float, left_out: Sequence[float]) -> tuple[float, float]:

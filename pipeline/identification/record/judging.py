@@ -10,9 +10,10 @@ import numpy as np
 from scipy.special import ndtri
 
 from pipeline.arrays import Real, Whole
-from pipeline.identification.record.evidence import CONFIDENCE, Points, Posterior, RecordEvidence, Structure
+from pipeline.identification.record.evidence import Points, Posterior, RecordEvidence, Structure
 from pipeline.identification.record.terms import Term
 from pipeline.identification.selection.criteria import Choice, Rule, form_limit
+from pipeline.identification.selection.model_selection import PAIRS
 from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
     EQUIVALENT,
@@ -21,9 +22,8 @@ from pipeline.identification.selection.statements.verdict import (
     UNEXPLAINED,
     WITHIN_TOLERANCE,
 )
+from pipeline.statistics.resampling import CONFIDENCE
 
-PAIRED_PARTS = 10
-"""Pairs of effects that are tried: those that promise most."""
 TOLERATED_SHARE = 0.0025
 """Amplitude of a compliance that varies with a shaft, over the range of the mean errors, that errors of parts within
 their tolerances cause. Calibrated: generated reducers without an effect have at most 0.15 %."""
@@ -123,7 +123,7 @@ class RecordJudge(Rule[Trial]):
         trials = {name: self._trial((name,), limit) for name in self.names}
         odds = self.odds(base.value, {name: trial.value for name, trial in trials.items()})
         leaders = sorted(self.names, key=lambda name: -odds[name])
-        pairs = sorted(combinations(leaders, 2), key=lambda pair: -(odds[pair[0]] + odds[pair[1]]))[:PAIRED_PARTS]
+        pairs = sorted(combinations(leaders, 2), key=lambda pair: -(odds[pair[0]] + odds[pair[1]]))[:PAIRS]
         trials |= {"+".join(pair): self._trial(pair, limit) for pair in pairs}
         choice = self.choice(base, trials)
         trials = {"": base} | trials

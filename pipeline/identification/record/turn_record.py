@@ -15,6 +15,7 @@ from pipeline.identification.measurement.rows import Recorded, recorded_rows
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.record.orders import orders_of
 from pipeline.identification.record.passes import RecordedPasses
+from pipeline.model.units import ARCMIN_A_DEGREE
 
 FEWEST_INTERVALS = 24
 """Intervals of the output angle from which waves are told apart."""
@@ -81,8 +82,6 @@ def record_faults(record: RecordedPasses) -> Iterator[Fault]:
         yield Fault("no repeats", "no pass is repeated: the noise is that of the rows; make each pass twice", "note")
 
 
-ARCMIN_A_DEGREE = 60.0
-"""Minutes of arc in a degree."""
 
 
 class TurnRecord(RecordedPasses):

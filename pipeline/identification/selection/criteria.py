@@ -35,10 +35,11 @@ from pipeline.identification.fitting.problem import REMAINING_SHARE
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.recalibration import UNLIKELY, tolerance_share
+from pipeline.statistics.resampling import CONFIDENCE
 
 T = TypeVar("T")
 
-FAMILYWISE = 0.05
+FAMILYWISE = 1 - CONFIDENCE
 """Posterior probability of "no effect", over all that were tried, up to which an effect is named."""
 ODDS = float(np.log((1 - FAMILYWISE) / FAMILYWISE))
 """Logarithm of the odds that this asks for, and of those within which models are named together."""

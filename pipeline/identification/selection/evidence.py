@@ -27,6 +27,7 @@ from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
+from pipeline.statistics.resampling import CONFIDENCE
 
 REACHES = (0.15, 0.5)
 """Distances, in largest torques, over which a discrepancy is alike."""
@@ -36,8 +37,6 @@ CORRELATIONS = (0.0, 0.3, 0.6)
 """Correlations of the noise of neighbouring cells of a branch."""
 OFFSET = 1e3
 """Prior standard deviation of the zero of an angle, in those of the median cell: equal in all models."""
-CONFIDENCE = 0.95
-"""Of intervals, of tests of unused data, and of the sizes that would be noticed and named."""
 
 
 @dataclass(frozen=True)
