@@ -33,7 +33,7 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import REMAINING_SHARE
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
-from pipeline.identification.selection.evidence import Evidence
+from pipeline.identification.selection.evidence import SIZES, Evidence
 from pipeline.identification.selection.recalibration import UNLIKELY, tolerance_share
 from pipeline.statistics.resampling import CONFIDENCE
 
@@ -50,6 +50,9 @@ LARGEST_CLASS = 3
 FORM = 0.05
 """Share of the misfit that the form of the model (contact law, mesh, cells) may leave. Calibrated: the parameters of
 drawn units came out 1 to 6 % off."""
+NO_EFFECT_LEFT = SIZES[3]
+"""Structure, in the noise of a cell, up to which one beside a name is the form of the model: of the sizes tried the
+nearest to the most, 0.38, that 23 refitted units without an effect left of their true curves."""
 AT_BOUND = 0.01
 """Share of its bounds from an end at which a size is at the bound."""
 
@@ -138,9 +141,12 @@ def form_limit(rms: float) -> float:
     return float(np.hypot(REMAINING_SHARE, FORM * rms))
 
 
-def cycle_limit(rms: float) -> float:
-    """The same of what differs between cycles: contact law, mesh and cells are alike in all of them."""
-    return FORM * rms
+def limits_beside_name(rms: float) -> tuple[float, float]:
+    """Structure, in the noise of a cell, that may be left beside a name of a misfit of ``rms`` noises.
+
+    What is alike in all cycles, and what differs between them: contact law, mesh and cells do not.
+    """
+    return float(np.hypot(NO_EFFECT_LEFT, FORM * rms)), FORM * rms
 
 
 def prior_log_odds(n_effects: int, n_tried: int) -> float:
@@ -263,7 +269,7 @@ class Judge(Rule[Trial]):
 
     def value(self, trial: Trial, misfit: float = np.inf) -> float:
         """Logarithm of the evidence; its structure is no larger than the form of the model leaves of a misfit."""
-        return trial.evidence.log_evidence_up_to(form_limit(misfit), cycle_limit(misfit))
+        return trial.evidence.log_evidence_up_to(*limits_beside_name(misfit))
 
     def predictive(self, trial: Trial) -> Real:
         """Log density (n_parts,) of each part, predicted from all others."""
