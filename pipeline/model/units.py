@@ -14,3 +14,7 @@ ARCMIN = 180 * 60 / np.pi
 """Minutes of arc in a radian."""
 SECONDS_AN_HOUR = 3600.0
 """Seconds in an hour."""
+TURN_DEG = 360.0
+"""Degrees in a turn."""
+ARCMIN_A_DEGREE = 60.0
+"""Minutes of arc in a degree."""

@@ -55,7 +55,7 @@ def max_t(gains: Real, resamples: int, seed: int) -> tuple[Real, Real]:
 
 
 CONFIDENCE = 0.95
-"""Of the intervals."""
+"""Of intervals and tests."""
 
 
 def jackknife_interval(value: float, left_out: Sequence[float]) -> tuple[float, float]:

@@ -22,6 +22,7 @@ OFF = (
     (fitter, "FIRST_ITERATIONS", fitter.ITERATIONS),
     (model_selection, "FIRST_ITERATIONS", fitter.ITERATIONS),
     (model_selection, "NEAR_MISFIT", np.inf),
+    (model_selection, "RIVAL", np.inf),
     (model_selection, "LEAST_DISTANCE", 0.0),
     (model_selection, "FAR_FROM_DECLARED", 0.0),
     (screening, "STARTS", 10**6),

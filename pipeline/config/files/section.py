@@ -47,14 +47,12 @@ def key_path(section: object, key: str) -> tuple[str, ...]:
     ------
     KeyError : there is no such key.
     """
-    if isinstance(section, BaseModel):
-        items: Iterable[tuple[str, object]] = ((name, getattr(section, name)) for name in type(section).model_fields)
-    else:
-        items = section.items() if isinstance(section, Mapping) else ()
-    for name, value in items:
+    names: Iterable[str] = section if isinstance(section, Mapping) else getattr(type(section), "model_fields", ())
+    for name in names:
         if name == key:
             return (name,)
         if key.startswith(f"{name}."):
+            value = section[name] if isinstance(section, Mapping) else getattr(section, name)
             with contextlib.suppress(KeyError):
                 return (name, *key_path(value, key[len(name) + 1 :]))
     raise KeyError(key)

@@ -16,9 +16,8 @@ from pipeline.errors import InputError
 from pipeline.identification.change.loops import State
 from pipeline.identification.change.scatter import Contrast
 from pipeline.identification.change.table import LoopNumber, LoopTable, loop_table
+from pipeline.statistics.resampling import CONFIDENCE
 
-CONFIDENCE = 0.95
-"""Of the intervals of what changed, each by itself."""
 FAMILYWISE = 0.01
 """Chance of naming any change between two states that differ by mounting alone, over all numbers of a pair.
 

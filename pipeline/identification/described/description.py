@@ -23,10 +23,9 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
 from pipeline.identification.selection.criteria import FEWEST_BLOCKS, REMAINING_SHARE
 from pipeline.identification.selection.held_out import AngleError, angle_error, splits_of
-from pipeline.identification.selection.parameter_intervals import CONFIDENCE
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy
 from pipeline.identification.selection.statements.verdict import UNEXPLAINED
-from pipeline.statistics.resampling import jackknife_interval, max_t
+from pipeline.statistics.resampling import CONFIDENCE, jackknife_interval, max_t
 
 FULLY_DESCRIBED, PARTLY_DESCRIBED = "described", "partly described"
 RESAMPLES, SEED = 2000, 81

@@ -15,8 +15,8 @@ from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.identification.measurement.turning.motion import TURN_DEG
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
+from pipeline.model.units import TURN_DEG
 
 JUMP = 2.0
 """Scatter within a cell over the usual one beyond which the angle jumped in it: through the play, or a slip."""

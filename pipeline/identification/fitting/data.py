@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.arrays import Real, Whole
-from pipeline.identification.measurement.turning.motion import TURN_DEG
 from pipeline.model.effects.effect import (
     CRANKS,
     CYCLES,
@@ -24,6 +23,7 @@ from pipeline.model.effects.effect import (
     TIME,
     TORQUES,
 )
+from pipeline.model.units import TURN_DEG
 
 FEWEST_CRANKS = 3
 """Crank positions that an effect with a phase over the crank angle needs."""

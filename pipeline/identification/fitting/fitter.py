@@ -155,14 +155,22 @@ class Fitter:
         return self._fit_of(descent)
 
     def fit_from_best(
-        self, model: Model, is_fitted: Truth, starts: Sequence[Vector], base_fit: Fit | None = None
+        self,
+        model: Model,
+        is_fitted: Truth,
+        starts: Sequence[Vector],
+        base_fit: Fit | None = None,
+        rival_cost: float = np.inf,
     ) -> Fit:
-        """As ``fit``, from the start of several from which the first steps lead farthest."""
+        """As ``fit``, from the start of several from which the first steps lead farthest.
+
+        It ends where it will not come down to ``rival_cost``, in the noise, though all its steps fell as the last.
+        """
         descents = [Descent(self, model, is_fitted, start, base_fit) for start in starts]
         for descent in descents:
             descent.run(FIRST_ITERATIONS)
         best_descent = min(descents, key=lambda descent: descent.in_noise if descent.prediction.sound else np.inf)
-        best_descent.run(ITERATIONS - FIRST_ITERATIONS)
+        best_descent.run(ITERATIONS - FIRST_ITERATIONS, rival_cost)
         return self._fit_of(best_descent)
 
     def _fit_of(self, descent: Descent) -> Fit:

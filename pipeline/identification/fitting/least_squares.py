@@ -59,9 +59,17 @@ class Descent:
         if np.isfinite(self.cost):
             self._derive()
 
-    def run(self, iterations: int) -> None:
-        """At most some steps, until the sum of squares settles."""
-        for _ in range(iterations if np.isfinite(self.cost) else 0):
+    def run(self, iterations: int, rival_cost: float = np.inf) -> None:
+        """At most some steps, until the sum of squares settles.
+
+        Or until it would stay beyond ``rival_cost``, in the noise, though all steps that are left fell as the last.
+        """
+        former = np.inf
+        for left in range(iterations if np.isfinite(self.cost) else 0, 0, -1):
+            in_noise = self.in_noise
+            if in_noise - left * (former - in_noise) > rival_cost:
+                break
+            former = in_noise
             self._weigh(self._with_form())
             fall = self._step()
             if fall < self.little and self.stale:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.arrays import Real, Truth
+from pipeline.identification.measurement.branches import TURN_NOISE
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.scatter import MAD_TO_STD, smallest_step
 from pipeline.identification.measurement.unit_sections import InstrumentSection
@@ -22,8 +23,6 @@ FEWEST_ROWS = 5
 """Rows of a tail or of equal extremes: fewer are a turn."""
 LOST_SHARE = 0.05
 """Share of the largest command that a saturated torque falls short by at least."""
-NOISE_FACTOR = 6.0
-"""The same in standard deviations of the torque."""
 START_NOISE = 4.0
 """Standard deviations of the torque beyond which it is not zero."""
 CLIPPED_SHARE = 0.1
@@ -84,7 +83,7 @@ def spikes(rows: Rows, smallest_spike: float, torque_noise: float) -> Truth:
         limit = SPIKE_FACTOR * max(MAD_TO_STD * np.median(np.abs(step)), smallest_spike)
         out_and_back = (step[:-1] * step[1:] < 0) & (np.minimum(np.abs(step[:-1]), np.abs(step[1:])) > limit)
         bend = np.abs(torque[1:-1] - (torque[:-2] + torque[2:]) / 2)
-        turn = bend > np.abs(torque[2:] - torque[:-2]) + NOISE_FACTOR * torque_noise
+        turn = bend > np.abs(torque[2:] - torque[:-2]) + TURN_NOISE * torque_noise
         is_spike[run_rows[1:-1]] = out_and_back & ~turn
     return is_spike
 
@@ -133,7 +132,7 @@ def _flat_tail(command: Real, torque: Real, noise: float) -> Truth:
     flat = np.polyfit(command[tail], torque[tail], 1)[0]
     level = np.median(torque[tail])
     level_drop = gain * top + zero - level
-    if flat > FLAT_SHARE * gain or level_drop < max(LOST_SHARE * top, NOISE_FACTOR * noise):
+    if flat > FLAT_SHARE * gain or level_drop < max(LOST_SHARE * top, TURN_NOISE * noise):
         return nothing_flagged
     return gain * command + zero >= level  # not by the torque itself, whose noise would be cut at the level
 

@@ -7,9 +7,8 @@ import numpy as np
 from pipeline.arrays import Real, Whole
 from pipeline.identification.measurement.rows import Recorded
 from pipeline.identification.measurement.turning.motion import TURN_DEG, unwrapped_crank
+from pipeline.model.units import ARCMIN_A_DEGREE
 
-ARCMIN_A_DEGREE = 60.0
-"""Minutes of arc in a degree."""
 ROUNDED_DEG = 0.1
 """Angle by which an encoder of one turn may show more than 360 degrees by its rounding."""
 LARGEST_JUMP = 100.0

@@ -28,6 +28,7 @@ from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.passes import RecordCells
 from pipeline.identification.record.terms import Term
 from pipeline.identification.record.turn_record import TurnRecord
+from pipeline.statistics.resampling import CONFIDENCE
 
 SIZES = (0.0, 0.15, 0.3, 0.6, 1.2, 2.4, 5.0, 10.0)
 """Standard deviations of a structure that are tried, in those of the median point's noise."""
@@ -39,8 +40,6 @@ EFFECT_SHARE = 0.1
 """Prior standard deviation of an effect, in the range of the mean errors over the held torques and senses."""
 BASE_SHARE = 10.0
 """The same of the terms that every record has: equal in all models."""
-CONFIDENCE = 0.95
-"""Of the intervals of sizes."""
 LEAST_NOISE = 1e-5
 """Noise of a point [arcmin] at least: below what an encoder resolves."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from pipeline.arrays import Real, Whole
-from pipeline.identification.record.evidence import CONFIDENCE, Points, Posterior, RecordEvidence, Structure
+from pipeline.identification.record.evidence import Points, Posterior, RecordEvidence, Structure
 from pipeline.identification.record.terms import Term
 from pipeline.identification.selection.criteria import ODDS, Choice, Rule, best_of, form_limit, prior_log_odds
 from pipeline.identification.selection.statements.verdict import (
@@ -21,6 +21,7 @@ from pipeline.identification.selection.statements.verdict import (
     UNEXPLAINED,
     WITHIN_TOLERANCE,
 )
+from pipeline.statistics.resampling import CONFIDENCE
 
 ADDED_PARTS = 3
 """Further effects that are tried beside the best model, each time: those that promise most."""
@@ -208,9 +209,9 @@ class RecordJudge(Rule[Trial]):
             limited_evidence = evidence.posterior(names, evidence.most_likely(names, limit)).value
         return Trial(names, structure, posterior, predictive, rms, limited_evidence)
 
-    def value(self, trial: Trial, limit: float = np.inf) -> float:
-        """Logarithm of the evidence; with a limit, of the structure that the form of the model may leave."""
-        return trial.value if np.isinf(limit) else trial.limited_evidence
+    def value(self, trial: Trial, misfit: float = np.inf) -> float:
+        """Logarithm of the evidence; of a misfit, with the structure that the form of the model may leave of it."""
+        return trial.value if np.isinf(misfit) else trial.limited_evidence
 
     def predictive(self, trial: Trial) -> Real:
         """Log density (n_parts,) of each part, predicted from all others."""

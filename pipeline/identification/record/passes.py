@@ -12,8 +12,9 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.identification.measurement.cells import FEWEST_ROWS
 from pipeline.identification.measurement.faults.fault import Fault
-from pipeline.identification.measurement.turning.motion import FEWEST_ROWS, LEVEL_SHARE, held_torques, stretches
+from pipeline.identification.measurement.turning.motion import LEVEL_SHARE, held_torques, stretches
 from pipeline.identification.measurement.turning.motion import groups as groups_of
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.record.orders import Orders, orders_of

@@ -16,8 +16,7 @@ from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.measurement.estimate import SEED
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.identification.selection.evidence import CONFIDENCE
-from pipeline.statistics.resampling import resampled_means
+from pipeline.statistics.resampling import CONFIDENCE, resampled_means
 
 LOW, HIGH = 0.25, 0.5
 """Shares of the largest torque below which a cell is near zero torque, and above which it is at high torque."""

@@ -11,7 +11,6 @@ from pipeline.arrays import Real
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import Identification
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.identification.measurement.turning.motion import TURN_DEG
 from pipeline.identification.measurement.turning.turned_rows import WHOLE_TOLERANCE
 from pipeline.identification.results.prediction_errors import NO_LOSS, SEPARATION, LoopError
 from pipeline.identification.results.residual_signatures import (
@@ -23,6 +22,7 @@ from pipeline.identification.results.residual_signatures import (
 )
 from pipeline.model.metrics import measurable_metrics
 from pipeline.model.turn import orders
+from pipeline.model.units import TURN_DEG
 
 NO_LOOP = "a crank that turns draws no loop"
 SPAN, ORDER = "transmission_error_arcmin", "order_{}_arcmin"

@@ -9,8 +9,8 @@ from scipy.special import ndtri, stdtrit
 
 from pipeline.arrays import Real
 from pipeline.identification.fitting.data import Data
-from pipeline.identification.selection.evidence import CONFIDENCE
 from pipeline.identification.selection.held_out import Folds
+from pipeline.statistics.resampling import CONFIDENCE
 
 
 def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: float, is_named: bool = False) -> str:

@@ -11,7 +11,7 @@ from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.shared_fit import fitted_together
-from pipeline.identification.measurement.turning.motion import TURN_DEG
+from pipeline.model.units import TURN_DEG
 
 HARMONICS = 6
 """Orders of the crank that a description without a reducer has."""

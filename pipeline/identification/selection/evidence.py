@@ -2,12 +2,14 @@
 
 Near a fit the effects, the calibrated numbers and the tolerances with their priors are one linear Gaussian problem. The
 covariance of the cells holds the noise (with the blur beside a jump through the play, ``fitting.cells_in_noise``), its
-correlation between neighbouring cells of a branch, what every model of the library may miss alike at all positions, and
-the scatter between positions. Sizes of the last two, their reach and the correlation are those of the largest evidence
-of each model.
+correlation between neighbouring cells of a branch, what every model of the library may miss alike at all positions,
+the scatter between positions, and that between cycles. Sizes of the last three, their reach and the correlation are
+those of the largest evidence of each model. What differs between cycles is known by the repeats of a unit alone: where
+these agree its size is none.
 
 Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; evidence of a linear Gaussian model: MacKay, Neural
-Computation 4 (1992) 415; autoregressive noise: Prais and Winsten (1954).
+Computation 4 (1992) 415; variance of a random effect by its largest marginal likelihood: Harville, J. Am. Stat. Assoc.
+72 (1977) 320; autoregressive noise: Prais and Winsten (1954).
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
+from pipeline.statistics.resampling import CONFIDENCE
 
 REACHES = (0.15, 0.5)
 """Distances, in largest torques, over which a discrepancy is alike."""
@@ -34,8 +37,6 @@ CORRELATIONS = (0.0, 0.3, 0.6)
 """Correlations of the noise of neighbouring cells of a branch."""
 OFFSET = 1e3
 """Prior standard deviation of the zero of an angle, in those of the median cell: equal in all models."""
-CONFIDENCE = 0.95
-"""Of intervals, of tests of unused data, and of the sizes that would be noticed and named."""
 
 
 @dataclass(frozen=True)
@@ -47,16 +48,18 @@ class Structure:
     common, own_size : standard deviations in those of the median cell's noise: alike at all positions, and of each.
     reach : in largest torques.
     correlation : of the noise of neighbouring cells.
+    cycle_size : as ``common``, of each cycle by itself, alike at all positions.
     """
 
     common: float
     own_size: float
     reach: float
     correlation: float
+    cycle_size: float = 0.0
 
     @property
     def size(self) -> float:
-        """Standard deviation of all that is alike in neighbouring torques."""
+        """Standard deviation of all that is alike in neighbouring torques and in every cycle."""
         return float(np.hypot(self.common, self.own_size))
 
 
@@ -80,12 +83,17 @@ class Covariance:
         self.unit = float(np.median(self.sigma))
         group = data.group[cells]
         self.zeros = OFFSET * self.unit * (group[:, None] == np.unique(group)).astype(float)
-        self._features = {reach: self._features_of(reach) for reach in REACHES}
+        common_features = {reach: self._common_features(reach) for reach in REACHES}
+        of_cycles = self._by_number(common_features[max(REACHES)], data.cycle[cells])
+        self._features = {
+            reach: (common, self._by_number(common, data.position[cells]), of_cycles)
+            for reach, common in common_features.items()
+        }
         self._whitened_columns: dict[tuple[float, float], Real] = {}
         self._products: dict[tuple[float, float], Real] = {}
 
-    def _features_of(self, reach: float) -> tuple[Real, Real]:
-        """Features common to all positions and of each position, each (n, n_features), variances summing to one."""
+    def _common_features(self, reach: float) -> Real:
+        """Features (n, n_features) that all positions and cycles share, variances summing to one."""
         data = self.data
         if isinstance(data, TurningData):
             place, kind = data.crank[self.cells], data.senses[self.cells] * (1.0 + data.level[self.cells])
@@ -96,12 +104,14 @@ class Covariance:
         centres = np.arange(-1 - reach, 1 + 1.5 * reach, reach)
         bumps = np.exp(-(((place[:, None] - centres) / reach) ** 2))
         bumps /= np.linalg.norm(bumps, axis=1)[:, None]
-        common = np.hstack([bumps * (kind == number)[:, None] for number in np.unique(kind)])
-        positions = np.unique(data.position[self.cells])
-        if isinstance(data, TurningData) or len(positions) == 1:
-            return common, np.zeros((len(place), 0))
-        own_features = np.hstack([common * (data.position[self.cells] == number)[:, None] for number in positions])
-        return common, own_features
+        return np.hstack([bumps * (kind == number)[:, None] for number in np.unique(kind)])
+
+    def _by_number(self, features: Real, numbers: Whole) -> Real:
+        """The features of each number (n,) by itself; none of a single one, and of a turning crank."""
+        distinct_numbers = np.unique(numbers)
+        if isinstance(self.data, TurningData) or len(distinct_numbers) == 1:
+            return np.zeros((len(features), 0))
+        return np.hstack([features * (numbers == number)[:, None] for number in distinct_numbers])
 
     def whiten(self, columns: Real, correlation: float) -> Real:
         """Columns (n, ...) over the noise, its correlation between neighbours of a branch removed."""
@@ -121,11 +131,9 @@ class Covariance:
 
     def spreads(self, structure: Structure) -> Real:
         """Standard deviation of the amount of each feature and zero."""
-        common, own_columns = self._features[structure.reach]
-        sizes = np.repeat(
-            [structure.common * self.unit, structure.own_size * self.unit], [common.shape[1], own_columns.shape[1]]
-        )
-        return np.append(sizes, np.ones(self.zeros.shape[1]))
+        counts = [features.shape[1] for features in self._features[structure.reach]]
+        sizes = self.unit * np.array([structure.common, structure.own_size, structure.cycle_size])
+        return np.append(np.repeat(sizes, counts), np.ones(self.zeros.shape[1]))
 
     def log_scale(self, correlation: float, is_chosen: Truth) -> float:
         """Logarithm of what turns the density of whitened cells into that of ``is_chosen`` ones (n,)."""
@@ -133,9 +141,11 @@ class Covariance:
         return float(-np.sum(np.log(self.sigma[is_chosen])) - 0.5 * n_correlated * np.log1p(-(correlation**2)))
 
     @property
-    def has_positions(self) -> bool:
-        """Whether positions can scatter."""
-        return self._features[REACHES[0]][1].shape[1] > 0
+    def can_scatter(self) -> tuple[bool, bool]:
+        """Whether positions can scatter, and whether cycles can."""
+        _, *of_numbers = self._features[REACHES[0]]
+        positions, cycles = (features.shape[1] > 0 for features in of_numbers)
+        return positions, cycles
 
 
 class Evidence:
@@ -203,12 +213,17 @@ class Evidence:
             self._known_values[structure] = self._normal(structure, self._everything)[0]
         return self._known_values[structure]
 
-    def _most_likely(self, start: Structure, largest_size: float = np.inf) -> Structure:
-        """The structure of the largest evidence, not beyond a size: along each of its numbers until none helps."""
+    def _most_likely(
+        self, start: Structure, largest_size: float = np.inf, largest_between_cycles: float = np.inf
+    ) -> Structure:
+        """The structure of the largest evidence, not beyond two sizes: along each of its numbers until none helps."""
+        positions_scatter, cycles_scatter = self.covariance.can_scatter
         sizes = [size for size in SIZES if size <= largest_size / np.sqrt(2)] or [SIZES[0]]
-        own_sizes = sizes if self.covariance.has_positions else [0.0]
-        axes: tuple[Sequence[float], ...] = (sizes, own_sizes, REACHES, CORRELATIONS)
-        start_values = start.common, start.own_size, start.reach, start.correlation
+        own_sizes = sizes if positions_scatter else [0.0]
+        cycle_sizes = [0.0, *SIZES[1:]] if cycles_scatter else [0.0]
+        cycle_sizes = [size for size in cycle_sizes if size <= largest_between_cycles]
+        axes: tuple[Sequence[float], ...] = (sizes, own_sizes, REACHES, CORRELATIONS, cycle_sizes)
+        start_values = start.common, start.own_size, start.reach, start.correlation, start.cycle_size
         place = [int(np.argmin(np.abs(np.array(axis) - value))) for axis, value in zip(axes, start_values, strict=True)]
 
         def structure_at(place: Sequence[int]) -> Structure:
@@ -238,11 +253,14 @@ class Evidence:
         columns = [first_share + k for k, (low, _) in enumerate(self.bounds) if low == 0]
         return float(sum(log_ndtr(mean[k] / np.sqrt(covariance[k, k])) + np.log(2) for k in columns))
 
-    def log_evidence_up_to(self, largest_size: float) -> float:
-        """The logarithm of the evidence where the structure beside the model is no larger than a size."""
-        if self.structure.size <= largest_size:
+    def log_evidence_up_to(self, largest_size: float, largest_between_cycles: float) -> float:
+        """The logarithm of the evidence where the structure beside the model is no larger than a size.
+
+        And that between cycles no larger than a size of its own.
+        """
+        if self.structure.size <= largest_size and self.structure.cycle_size <= largest_between_cycles:
             return self.value
-        return self._value(self._most_likely(self.structure, largest_size)) + self._positive
+        return self._value(self._most_likely(self.structure, largest_size, largest_between_cycles)) + self._positive
 
     @cached_property
     def training(self) -> Mapping[int, float]:

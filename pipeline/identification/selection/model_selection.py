@@ -16,7 +16,7 @@ from pipeline.identification.fitting.problem import Model, candidates, limit_cas
 from pipeline.identification.selection.criteria import ODDS, Judge, Selection, Trial, prior_log_odds
 from pipeline.identification.selection.evidence import Covariance, Evidence
 from pipeline.identification.selection.pairs import promising_pairs
-from pipeline.identification.selection.screening import Promise, screen_effects
+from pipeline.identification.selection.screening import RIVAL, Promise, screen_effects
 
 NEAR_MISFIT = 1.5
 """Further starts are followed where their misfit is within this ratio of the best."""
@@ -106,7 +106,7 @@ class Selector:
         fits = self.fits(base.fit, cells, promises)
         least_fall = 2 * (ODDS - prior_log_odds(2, len(self.testable)))
         for model, start in promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, least_fall):
-            fits.append(self.fitter.fit(model, cells, start))
+            fits.append(self.fitter.fit_from_best(model, cells, [start], rival_cost=_rival_cost(fits)))
         trials = {fit.model.name: self.trial(fit, cells, covariance, base) for fit in fits if np.isfinite(fit.cost)}
         selection = judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
         return self._with_additions(selection, cells, covariance, judge)
@@ -148,11 +148,12 @@ class Selector:
         return base
 
     def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise]) -> list[Fit]:
-        """Fits of all promised additions to a base, each from its best start after a few steps."""
-        return [
-            self.fitter.fit_from_best(Model((*base.model.effects, self.testable[name])), cells, promise.starts, base)
-            for name, promise in promises.items()
-        ]
+        """Fits of all promised additions to a base, the best promised first, each from its best start."""
+        fits: list[Fit] = []
+        for name, promise in sorted(promises.items(), key=lambda item: item[1].misfit):
+            model = Model((*base.model.effects, self.testable[name]))
+            fits.append(self.fitter.fit_from_best(model, cells, promise.starts, base, _rival_cost(fits)))
+        return fits
 
     def refit(self, model: Model, cells: Truth, base: Fit) -> Fit:
         """A model fitted to some cells from what they alone show, effect by effect on top of a base.
@@ -187,3 +188,8 @@ class Selector:
             start = replace(held, shares=np.concatenate([base.shares, shares]))
             fits.append(self.fitter.fit(model, cells, start, FIRST_ITERATIONS))
         return replace(min(fits, key=lambda fit: fit.cost).unknowns, reach=declared_unknowns.reach)
+
+
+def _rival_cost(fits: Sequence[Fit]) -> float:
+    """Sum of squares beyond which a fit is no rival of the best so far."""
+    return RIVAL * min((fit.cost for fit in fits), default=np.inf)

@@ -12,7 +12,7 @@ from pipeline.arrays import Real
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import values_at_shares
 from pipeline.identification.selection.criteria import FORM, Trial
-from pipeline.identification.selection.evidence import CONFIDENCE
+from pipeline.statistics.resampling import CONFIDENCE
 
 
 @dataclass(frozen=True)

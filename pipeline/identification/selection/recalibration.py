@@ -11,7 +11,8 @@ from scipy.special import chdtrc, ndtri  # scipy.stats is slow to import
 from pipeline.arrays import Truth
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import SCALE_REACH, Fit
-from pipeline.identification.selection.evidence import CONFIDENCE, Evidence
+from pipeline.identification.selection.evidence import Evidence
+from pipeline.statistics.resampling import CONFIDENCE
 
 LAWS = ("deflection of the pins' contacts", "deflection of the output's contacts")
 """Titles of the scales after those of the calibrated numbers."""

@@ -16,10 +16,10 @@ from pipeline.identification.selection.criteria import FEWEST_BLOCKS
 from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED, UNEXPLAINED
 from pipeline.identification.series.shared_effects import FEWEST_OF_A_WAVE, SharedEffects, TriedEffect, share_effects
 from pipeline.identification.series.states import Series, Trend, series_of, trends_of
-from pipeline.statistics.resampling import jackknife_interval
+from pipeline.statistics.resampling import CONFIDENCE, jackknife_interval
 
 NOT_SHARED = "no shared effect shown"
-DIFFERS = 0.05
+DIFFERS = 1 - CONFIDENCE
 """p of a number by itself below which the states are said to differ in it."""
 
 
@@ -192,7 +192,8 @@ def trend_sentence(variable: str | None, trends: Sequence[Trend]) -> str:
     shown = [trend_words(trend, variable) for trend in trends if trend.is_shown] if variable else []
     if not variable:
         return (
-            f"No variable orders the states. Numbers in which they differ (p < {DIFFERS} each): {differing or 'none'}."
+            "No variable orders the states. "
+            f"Numbers in which they differ (p < {DIFFERS:.2g} each): {differing or 'none'}."
         )
     if shown:
         return f"Over {variable}: {'; '.join(shown)}."

@@ -25,13 +25,13 @@ from pipeline.identification.generic.shared_fit import fitted_together
 from pipeline.identification.selection.criteria import FEWEST_BLOCKS
 from pipeline.identification.series.folds import Folds, StateFolds, held_numbers, reversed_numbers, state_folds
 from pipeline.identification.series.states import Series
-from pipeline.statistics.resampling import max_t
+from pipeline.statistics.resampling import CONFIDENCE, max_t
 
 MOST_FOLDS = 6
 """Folds at most: of more positions several are left out together."""
 FEWEST_POSITIONS = 3
 """Positions below which no shared effect is claimed: a fold then trains on one."""
-LEVEL = 0.05
+LEVEL = 1 - CONFIDENCE
 """Chance of claiming any effect that is not there, over all that are tried."""
 FEWEST_OF_A_WAVE = 4
 """Positions below which effects of the crank angle are judged by the other states: without one, three are left for the

@@ -9,13 +9,14 @@ import numpy as np
 
 from pipeline.arrays import Real, Truth
 from pipeline.errors import InputError
-from pipeline.identification.change.comparison import CONFIDENCE, FAMILYWISE
+from pipeline.identification.change.comparison import FAMILYWISE
 from pipeline.identification.change.loops import State
 from pipeline.identification.change.results import comparable_states
 from pipeline.identification.change.table import LoopNumber, LoopTable, loop_table
 from pipeline.identification.fitting.measured_loops import crank_loops
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.measurement.measurement import Measurement
+from pipeline.statistics.resampling import CONFIDENCE
 
 TEMPERATURE = "temperature_C"
 """Variable of the environment that may order states."""
@@ -99,7 +100,7 @@ def _value(state: State, variable: str) -> float | None:
     return settings.state.values.get(variable)
 
 
-BENT = 0.05
+BENT = 1 - CONFIDENCE
 """p of the states' departures from a straight line below which the trend is called no straight line."""
 
 

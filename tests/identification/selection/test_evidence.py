@@ -9,7 +9,7 @@ from scipy.special import gammaincinv, log_ndtr
 from scipy.stats import multivariate_normal
 
 from pipeline.identification.fitting.fitter import OPEN_SHARE
-from pipeline.identification.selection.evidence import OFFSET, Covariance, Evidence, Structure
+from pipeline.identification.selection.evidence import OFFSET, REACHES, Covariance, Evidence, Structure
 from pipeline.identification.selection.model_selection import parts_of
 
 SIGMA = 0.1
@@ -35,32 +35,30 @@ def drawn(seed=0, size=0.4):
     return design, design @ [0.1, size] + SIGMA * rng.standard_normal(len(DATA))
 
 
+def alike_over(reach):
+    """Correlation of cells of one sense whose torques are within a reach."""
+    centres = np.arange(-1 - reach, 1 + 1.5 * reach, reach)
+    bumps = np.exp(-(((DATA.torque[:, None] / 5.0 - centres) / reach) ** 2))
+    bumps /= np.linalg.norm(bumps, axis=1)[:, None]
+    return (bumps @ bumps.T) * (DATA.senses[:, None] == DATA.senses)
+
+
 def dense(structure, design, columns=2):
     """Covariance of the cells: priors, zeros, structure and correlated noise."""
     unit = np.median(DATA.sigma)
     prior = np.array([SPREAD, OPEN_SHARE])[:columns]
     zero = OFFSET * unit * (DATA.position[:, None] == np.unique(DATA.position))
-    place = DATA.torque / 5.0
-    bumps = np.exp(
-        -(
-            (
-                (place[:, None] - np.arange(-1 - structure.reach, 1 + 1.5 * structure.reach, structure.reach))
-                / structure.reach
-            )
-            ** 2
-        )
-    )
-    bumps /= np.linalg.norm(bumps, axis=1)[:, None]
-    alike = (bumps @ bumps.T) * (DATA.senses[:, None] == DATA.senses)
-    same = DATA.position[:, None] == DATA.position
+    alike = alike_over(structure.reach)
+    same, same_cycle = (number[:, None] == number for number in (DATA.position, DATA.cycle))
     steps = np.abs(np.arange(len(DATA))[:, None] - np.arange(len(DATA)))
     noise = np.where(DATA.block[:, None] == DATA.block, structure.correlation**steps, 0.0)
     free = design[:, :columns] * prior
     sizes = unit**2 * (structure.common**2 * alike + structure.own_size**2 * alike * same)
+    sizes += (unit * structure.cycle_size) ** 2 * alike_over(max(REACHES)) * same_cycle
     return free @ free.T + zero @ zero.T + sizes + SIGMA**2 * noise
 
 
-@pytest.mark.parametrize("structure", [Structure(0.4, 0.8, 0.15, 0.0), Structure(1.6, 1e-3, 0.5, 0.6)])
+@pytest.mark.parametrize("structure", [Structure(0.4, 0.8, 0.15, 0.0), Structure(1.6, 1e-3, 0.5, 0.6, 0.8)])
 def test_value_is_the_density_of_the_cells_under_one_covariance(structure):
     design, angle = drawn()
     fitter, fit = fitted(angle, design)
@@ -102,7 +100,7 @@ def test_the_distance_of_a_size_from_zero_is_in_radii_of_its_region():
 
 
 def test_structure_is_found_where_it_is():
-    """Cells that are alike at all positions, at each by itself, in their noise; and nothing in white noise."""
+    """Cells that are alike at all positions, at each or in each cycle, in their noise; and nothing in white noise."""
     design, angle = drawn()
     rng = np.random.default_rng(5)
     bump = SIGMA * 5 * np.cos(DATA.torque)
@@ -112,10 +110,13 @@ def test_structure_is_found_where_it_is():
         first = k == 0 or DATA.block[k] != DATA.block[k - 1]
         walk[k] = rng.standard_normal() if first else 0.6 * walk[k - 1] + 0.8 * rng.standard_normal()
     found = {}
-    for name, change in {"none": 0.0, "common": bump, "own": own}.items():
+    by_cycle = bump * np.array([1.0, -1.0])[DATA.cycle]
+    for name, change in {"none": 0.0, "common": bump, "own": own, "cycle": by_cycle}.items():
         fitter, fit = fitted(angle + change, design)
         found[name] = Evidence(COVARIANCE, fitter, fit).structure
     assert found["none"].size <= 0.5
+    assert max(found[name].cycle_size for name in ("none", "common", "own")) <= 0.2
+    assert found["cycle"].cycle_size > 2 > found["cycle"].size
     assert found["common"].common > 2 > found["common"].own_size
     assert found["own"].own_size > 2 > found["own"].common
     fitter, fit = fitted(design @ [0.1, 0.4] + SIGMA * walk, design)

@@ -10,7 +10,7 @@ from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.identification.measurement.columns import ANGLE_UNITS, TORQUE_UNITS
 from pipeline.identification.measurement.repeated_branches import Loop, loop_distance
-from pipeline.model.units import ARCMIN
+from pipeline.model.units import ARCMIN, ARCMIN_A_DEGREE, TURN_DEG
 
 LARGEST_TORQUE = 20.0
 """Times the rated torque: no reducer stands more."""
@@ -20,7 +20,7 @@ LIKELY_TORQUE = (0.05, 5.0)
 """Times the rated torque, of a bench: by which other units are suggested."""
 DOUBTFUL_TORQUE = 0.05
 """Times the rated torque, below which loops may be those of the input."""
-REVOLUTION = 21600.0
+REVOLUTION = TURN_DEG * ARCMIN_A_DEGREE
 """In minutes of arc; an output that turns further is not held."""
 FINEST_ANGLE = 1e-2
 """Span [arcmin] below which no encoder resolves a loop."""

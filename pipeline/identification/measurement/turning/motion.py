@@ -13,13 +13,11 @@ import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.measurement.branches import turning_points
+from pipeline.identification.measurement.cells import FEWEST_ROWS
+from pipeline.model.units import TURN_DEG
 
-TURN_DEG = 360.0
-"""Of the crank."""
 MOST_INTERVALS = 24
 """Intervals of a turn at most: each costs the model a position; orders up to half of them are seen."""
-FEWEST_ROWS = 3
-"""Rows in an interval: fewer give no scatter about a line."""
 MOST_POSITIONS = 96
 """Intervals of the record at most; of longer records turns are left out evenly."""
 TURN_BACK_DEG = 5.0

@@ -12,25 +12,17 @@ from pipeline.arrays import Real, Truth, Whole
 from pipeline.config.files.table_file import shortened_list
 from pipeline.errors import InputError
 from pipeline.identification.measurement.branches import BranchBlocks
-from pipeline.identification.measurement.cells import Cells
+from pipeline.identification.measurement.cells import FEWEST_ROWS, Cells
 from pipeline.identification.measurement.load_history import History
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.repeatability import Noise
 from pipeline.identification.measurement.rows import recorded_rows, rows_of
-from pipeline.identification.measurement.turning.motion import (
-    CENTRED_SHARE,
-    FEWEST_ROWS,
-    LEVEL_SHARE,
-    TURN_DEG,
-    Motion,
-    unwrapped_crank,
-)
+from pipeline.identification.measurement.turning.motion import CENTRED_SHARE, LEVEL_SHARE, Motion, unwrapped_crank
 from pipeline.identification.measurement.turning.motion import motion as motion_of
 from pipeline.identification.measurement.turning.turning_noise import turning_noise
 from pipeline.identification.measurement.unit_file import UnitFile
+from pipeline.model.units import ARCMIN_A_DEGREE, TURN_DEG
 
-ARCMIN_A_DEGREE = 60.0
-"""Minutes of arc in a degree."""
 WHOLE_TOLERANCE = 1e-6
 """Of an interval: what counts as a whole number of them."""
 FEWEST_LEVELS = 3

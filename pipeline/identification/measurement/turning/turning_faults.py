@@ -6,12 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from pipeline.identification.measurement.cells import FEWEST_ROWS
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.faults.data_faults import recording_faults
 from pipeline.identification.measurement.faults.fault import Fault, fault_of_rows
 from pipeline.identification.measurement.faults.shape_faults import implausible_angle, implausible_torque, largest_span
-from pipeline.identification.measurement.turning.motion import FEWEST_ROWS, HELD_SHARE, TURN_DEG, fewest_pitches
+from pipeline.identification.measurement.turning.motion import HELD_SHARE, fewest_pitches
 from pipeline.identification.measurement.turning.turned_rows import TurnedRows
+from pipeline.model.units import TURN_DEG
 
 FEWEST_INTERVALS = 5
 """Intervals of a turn from which two orders of the crank are told apart."""

@@ -11,7 +11,7 @@ from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.estimate import UNKNOWN_NOISE, rms, robust
 from pipeline.identification.measurement.repeatability import Noise
 from pipeline.identification.measurement.repeated_branches import Difference, centred_differences
-from pipeline.identification.measurement.turning.motion import TURN_DEG
+from pipeline.model.units import TURN_DEG
 
 FEWEST_COMMON = 3
 """Intervals that two turns must share to be held against each other."""

@@ -13,7 +13,7 @@ from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.criteria import LARGEST_CLASS, ODDS, Trial, prior_log_odds
-from pipeline.identification.selection.evidence import CONFIDENCE
+from pipeline.statistics.resampling import CONFIDENCE
 
 START = 0.01
 """First size that is looked at, in parts of an effect's bounds."""

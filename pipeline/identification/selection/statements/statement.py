@@ -13,7 +13,7 @@ from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.selection.criteria import FEWEST_BLOCKS, LARGEST_CLASS, Selection
 from pipeline.identification.selection.held_out import AngleError
-from pipeline.identification.selection.parameter_intervals import CONFIDENCE, FittedParameter
+from pipeline.identification.selection.parameter_intervals import FittedParameter
 from pipeline.identification.selection.statements.remainder import TORQUE_BINS, Remainder
 from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
@@ -22,6 +22,7 @@ from pipeline.identification.selection.statements.verdict import (
     WITHIN_TOLERANCE,
     Verdict,
 )
+from pipeline.statistics.resampling import CONFIDENCE
 
 EXPECTED_RATIO = 1.1
 """Expected error in noise from which it is said."""
