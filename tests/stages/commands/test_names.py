@@ -42,7 +42,8 @@ def study_file(folder: Path, text: str) -> Path:
 
 
 def test_odd_names_reach_every_page(folder: Path, capsys: pytest.CaptureFixture) -> None:
-    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 6")
+    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 4")
+    text = re.sub(r"\[model_forms\]\n.*\n", "", text)
     study = study_file(folder, re.sub(r'^title = ".*"', "title = '''$\\\\frac %s <b>滚轮</b> ü'''", text, flags=re.M))
     for command in (
         ["run", "report", "--study", study, "--jobs", "1"],
