@@ -94,10 +94,11 @@ def _by_arm(contact: Index, arm: Real) -> tuple[Index, Real, int, int]:
 def rotation_play(gap: Real, contact: Index, arm: Real) -> tuple[Real, Real, Real]:
     """Ends (plus, minus) of the rotation that keeps gap[:, contact] + arm phi >= 0, and the overlap where none does."""
     contact, arm, arms_below, arms_up_to = _by_arm(contact, arm)
-    plus, minus, tight = _rotation_ends(gap, contact, arm, arms_below, arms_up_to)
+    plus, minus, tight = _rotation_ends(np.ascontiguousarray(gap), contact, arm, arms_below, arms_up_to)
     overlap = np.zeros(len(gap))
     if np.any(tight):
-        plus[tight], least_penetration = _least_penetration(gap[tight][:, contact], arm, plus[tight], minus[tight])
+        gap_by_arm = np.ascontiguousarray(gap[tight][:, contact])
+        plus[tight], least_penetration = _least_penetration(gap_by_arm, arm, plus[tight], minus[tight])
         minus[tight] = plus[tight]
         overlap[tight] = np.where(least_penetration > TOUCHING, least_penetration, 0.0)
     return plus, minus, overlap
@@ -220,7 +221,7 @@ def _meeting(reducer: Reducer, gap: Real) -> tuple[Real, Real]:
 
 def _shared_ends(reducer: Reducer, gap: Real, pairs: list[tuple[Index, Index]]) -> tuple[Real, Real]:
     """Ends plus, minus (n,) of the output's rotation that all disks leave; plus is -inf where some part leaves none."""
-    plus, minus = np.full(len(gap), np.inf), np.full(len(gap), -np.inf)
+    gap, plus, minus = np.ascontiguousarray(gap), np.full(len(gap), np.inf), np.full(len(gap), -np.inf)
     for pair in pairs:
         ends = [_rotation_ends(gap, *_by_arm(rows, reducer.contacts.arm[rows])) for rows in pair]
         tight = ends[0][2] | ends[1][2]
