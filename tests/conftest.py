@@ -21,17 +21,13 @@ settings.load_profile("alike")  # the same examples everywhere, however slow the
 
 BEGUN_FIRST = (
     "test_effects_of_designs",  # compiles the equilibrium and the path of friction, while others are at
-    *("test_clearance", "test_damage", "test_boundary", "test_kills", "test_dask", "test_intervals"),  # these
-    *("test_blind", "test_random_designs", "test_registered", "test_verify", "test_turn", "test_carrier_chain"),
-    *("test_results", "test_page_agrees", "test_recovery", "test_holes_chain", "test_chain", "test_page_numbers"),
-    *(
-        "test_changed",
-        "test_browser",
-        "test_friction_effects",
-        "test_equilibrium",
-        "test_compare_command",
-        "test_fitting",
-    ),
+    *("test_series", "test_kills", "test_damage", "test_changed", "test_noise", "test_boundary"),  # these
+    *("test_registered", "test_friction_of_disks", "test_random_designs", "test_page_numbers", "test_turning_drive"),
+    *("test_verify", "test_results", "test_compiled", "test_perforation", "test_blind", "test_page_agrees"),
+    *("test_turn", "test_carrier_chain", "test_recovery", "test_generic_drive", "test_drivers_of_turn", "test_tails"),
+    *("test_lots", "test_coverage", "test_intervals", "test_record", "test_chain", "test_holes_chain"),
+    *("test_allocate_command", "test_population", "test_one_loop", "test_names", "test_until", "test_refitted"),
+    *("test_dask", "test_browser"),
 )
 """Files of more than seven seconds: none of them is begun last, when the other processes would wait for it."""
 

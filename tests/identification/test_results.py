@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import MagicMock
@@ -173,13 +174,13 @@ def test_a_study_of_angles_evenly_over_the_turn_is_written_with_those_of_the_uni
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(new_runs: Callable[[], Path]) -> Path:
     """Results of the README's command on the example with friction; runs lie beside them."""
-    home = tmp_path_factory.mktemp("identify")
+    runs = new_runs()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(settings, "RUNS", home / "runs")
+        patch.setattr(settings, "RUNS", runs)
         assert cli.main(["identify", "--unit", EXAMPLE, "--jobs", "1"]) == 0
-    return home / "runs" / "identify" / EXAMPLE
+    return runs / "identify" / EXAMPLE
 
 
 def test_the_friction_that_was_put_in_is_named_with_its_size_and_written_into_the_design(folder: Path) -> None:

@@ -61,7 +61,7 @@ def followed(
         return spring * (1 - slope) + 0.02 * strain  # a little stiffness within the play keeps the torque monotone
 
     def reached(level, start, sense):
-        grid = start + sense * np.linspace(0.0, 600.0, 60_001)
+        grid = start + sense * np.linspace(0.0, 600.0, 12_001)
         past = sense * (torque(grid) + sense * friction) >= TOP - 1e-12 if level else np.zeros(len(grid), bool)
         return grid[: np.argmax(past) + 1]
 

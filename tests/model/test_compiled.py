@@ -1,11 +1,15 @@
 """The compiler's cache between processes."""
 
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import pytest
+
+from pipeline.model import compiled
 
 ROOT = Path(__file__).parent.parent.parent
 ENTRIES = """
@@ -26,29 +30,42 @@ for entry in compiled:
     if not isinstance(entry._cache, NullCache):
         print(entry.__name__, len(entry.signatures))
 """
-SCRIPT = """
-import numpy as np
-from pipeline.model.effects import hysteresis
-from pipeline.model.elements import Path
-torque = np.array([0.0, 1.0, 0.5])
-twist = hysteresis.Rayleigh(2.0).twist(Path(torque, torque, None, np.zeros_like))
-print(twist.tolist(), sum(hysteresis._followed.stats.cache_misses.values()))
+LOOP = """
+import sys
+from pipeline.model.compiled import entry
+@entry
+def tripled(number):
+    return 3.0 * number
+if __name__ == "__main__":
+    print(tripled(1.5), sum(tripled.stats.cache_misses.values()))
 """
 
 
-def printed(environment: dict[str, str]) -> tuple[str, str, str]:
-    """Twist, number of loops compiled, and what was said, of a new process."""
-    process = subprocess.run(
-        [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True, timeout=120
-    )
-    return *process.stdout.rsplit(maxsplit=1), process.stderr
+class Loop:
+    """A small entry point and its own cache; each call is that of a process that has just begun."""
+
+    def __init__(self, folder: Path, patch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+        (folder / "code").mkdir(mode=0o700)
+        patch.setattr(compiled, "CACHE", folder / "code")
+        patch.setattr(numba.config, "CACHE_DIR", str(folder / "code"))
+        (folder / "loop_of_a_test.py").write_text(LOOP)
+        self.source, self.capsys = folder / "loop_of_a_test.py", capsys
+
+    def __call__(self) -> tuple[float, int, str]:
+        """Its value, the number of loops compiled, and what was said."""
+        tripled = runpy.run_path(str(self.source))["tripled"]
+        return tripled(1.5), sum(tripled.stats.cache_misses.values()), self.capsys.readouterr().err
 
 
-def test_compiled_code_that_was_damaged_is_set_aside_and_compiled_anew(tmp_path: Path) -> None:
+@pytest.fixture
+def loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> Loop:
+    return Loop(tmp_path, monkeypatch, capsys)
+
+
+def test_compiled_code_that_was_damaged_is_set_aside_and_compiled_anew(tmp_path: Path, loop: Loop) -> None:
     """Truncated, emptied, a bit flipped anywhere, its manifest gone: nothing of it is unpickled or executed."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
-    assert printed(environment)[:2] == ("[0.0, 2.0, 1.75]", "1")
-    assert printed(environment) == ("[0.0, 2.0, 1.75]", "0", "")
+    assert loop() == (4.5, 1, "")
+    assert loop() == (4.5, 0, "")
     (index,) = tmp_path.rglob("*.nbi")
     (code,) = index.parent.glob("*.nbc")
     original = {path: path.read_bytes() for path in (index, code, index.with_suffix(".json"))}
@@ -58,74 +75,71 @@ def test_compiled_code_that_was_damaged_is_set_aside_and_compiled_anew(tmp_path:
         flipped[len(data) // 2] ^= 1
         for damaged in (data[: len(data) // 2], b"", bytes(flipped)):
             path.write_bytes(damaged)
-            twist, compiled, said = printed(environment)
-            assert (twist, compiled) == ("[0.0, 2.0, 1.75]", "1")
+            value, n_compiled, said = loop()
+            assert (value, n_compiled) == (4.5, 1)
             assert f"{path}: not what was written; set aside" in said
     index.with_suffix(".json").unlink()
-    assert printed(environment)[1] == "1"
-    assert printed(environment) == ("[0.0, 2.0, 1.75]", "0", "")
+    assert loop()[1] == 1
+    assert loop() == (4.5, 0, "")
 
 
-def test_a_folder_a_pipe_or_a_link_in_place_of_a_file_is_set_aside(tmp_path: Path) -> None:
+def test_a_folder_a_pipe_or_a_link_in_place_of_a_file_is_set_aside(tmp_path: Path, loop: Loop) -> None:
     """Each ended in an error of the system, or waited for the pipe's other end for ever."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
-    printed(environment)
+    loop()
     kinds = {".json": Path.mkdir, ".nbi": os.mkfifo, ".nbc": Path.mkdir, ".lock": lambda path: path.symlink_to(path)}
     paths = {ending: next(tmp_path.rglob(f"*{ending}")) for ending in kinds}
     for ending, make in kinds.items():
         paths[ending].unlink()
         make(paths[ending])
-        twist, _, said = printed(environment)
-        assert twist == "[0.0, 2.0, 1.75]"
+        value, _, said = loop()
+        assert value == 4.5
         assert f"{paths[ending]}: not what was written; set aside" in said
-    assert printed(environment) == ("[0.0, 2.0, 1.75]", "0", "")
+    assert loop() == (4.5, 0, "")
+
+
+def started(folder: Path, *options: str) -> subprocess.Popen:
+    """A process that runs the script in a folder, with a cache of compiled code in it."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, str(folder / "script.py"), *options]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def test_a_cache_that_others_may_write_is_not_used(tmp_path: Path) -> None:
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
-    printed(environment)
-    (folder,) = tmp_path.glob("compiled-*")
+    (tmp_path / "script.py").write_text(LOOP)
+    assert started(tmp_path).communicate(timeout=120) == ("4.5 1\n", "")
+    (folder,) = (tmp_path / "cache").glob("compiled-*")
     assert folder.stat().st_mode & 0o077 == 0
     folder.chmod(0o777)
-    twist, compiled, said = printed(environment)
-    assert (twist, compiled) == ("[0.0, 2.0, 1.75]", "1")
+    printed, said = started(tmp_path).communicate(timeout=120)
+    assert printed == "4.5 1\n"
     assert "cannot be written, or others can" in said
 
 
-FORKED = """
-import multiprocessing, sys
+POOLS = """
+import multiprocessing
 from concurrent.futures import ThreadPoolExecutor
-import numpy as np
-from pipeline.model.effects import hysteresis
-from pipeline.model.elements import Path
-def twist(_):
-    torque = np.array([0.0, 1.0, 0.5])
-    return hysteresis.Rayleigh(2.0).twist(Path(torque, torque, None, np.zeros_like)).tolist()
+def result(_):
+    return tripled(1.5)
 if __name__ == "__main__":
     kind = sys.argv[1]
     pool = ThreadPoolExecutor(2) if kind == "threads" else multiprocessing.get_context(kind).Pool(2)
-    print(sorted(map(str, pool.map(twist, range(4))))[-1])
+    print(sorted(map(str, pool.map(result, range(4))))[-1])
 """
 
 
 @pytest.mark.parametrize("kind", ["fork", "spawn", "threads"])
 def test_pools_around_compiled_code_share_its_cache(tmp_path: Path, kind: str) -> None:
     """A lock made on import would be inherited across a fork, which filelock refuses."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
-    (tmp_path / "script.py").write_text(FORKED)
-    command = [sys.executable, str(tmp_path / "script.py"), kind]
-    process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
-    assert (process.returncode, process.stdout.strip()) == (0, "[0.0, 2.0, 1.75]"), process.stderr
+    (tmp_path / "script.py").write_text(LOOP.partition("if __name__")[0] + POOLS)
+    process = started(tmp_path, kind)
+    printed, said = process.communicate(timeout=120)
+    assert (process.returncode, printed.strip()) == (0, "4.5"), said
 
 
 def test_processes_that_start_at_once_compile_a_loop_once(tmp_path: Path) -> None:
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
-    started = [
-        subprocess.Popen([sys.executable, "-c", SCRIPT], env=environment, stdout=subprocess.PIPE, text=True)
-        for _ in range(3)
-    ]
-    printed = [process.communicate()[0].rsplit(maxsplit=1) for process in started]
-    assert [twist for twist, _ in printed] == ["[0.0, 2.0, 1.75]"] * 3
+    (tmp_path / "script.py").write_text(LOOP)
+    printed = [process.communicate()[0].split() for process in [started(tmp_path) for _ in range(3)]]
+    assert [value for value, _ in printed] == ["4.5"] * 3
     assert sorted(int(misses) for _, misses in printed) == [0, 0, 1]
 
 

@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from small_study import save_named
 
 from pipeline import assembly
 from pipeline.config import load_design, parse_design, parse_study
 from pipeline.elastic import disk_patches, elastic_disk
 from pipeline.engine.runner import Resources, run
 from pipeline.errors import InputError
+from pipeline.figures import style
 from pipeline.model.load_history.loop_readings import loop_readings
 from pipeline.model.load_history.response import respond
 from pipeline.model.load_history.winkler import secant_compliance, winkler_readings
@@ -263,7 +265,8 @@ def test_independent_springs_of_the_pins_rank_units_as_equilibria_do(name, least
     assert np.corrcoef(widths)[0, 1] > least
 
 
-def test_the_page_of_two_disks_on_cranks_speaks_of_them(tmp_path):
+def test_the_page_of_two_disks_on_cranks_speaks_of_them(tmp_path, monkeypatch):
+    monkeypatch.setattr(style, "save", save_named())
     outputs = run(STAGES, small_study("rv_two_disks", reduce={"disk": "rigid"}), ["report"], tmp_path, Resources(1, 4))
     page = outputs["report"].path("report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
     for said in ("2, each 12 mm thick", "Everything else is rigid.", "Bearing of each crank"):

@@ -19,13 +19,14 @@ METRICS = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidit
 
 
 def turn_study(name: str) -> Study:
-    """The printed drive of rigid bodies, 14 pins: 182 pitches, eleven angles of the study."""
+    """The printed drive of rigid bodies, 14 pins: 182 pitches, eleven angles of the study, three of its tolerances."""
     data = tomllib.loads((ROOT / "data/studies/printed_drive.toml").read_text(encoding="utf-8"))
     data["samples"]["count"] = 2 * N
     data["cycle"] = {"levels_per_branch": 0, "curve_angles": 1, "audited_units": 10, "loaded_angles": 11}
     data["cycle"]["rigid_angles"] = 11
     data["reduce"] |= {"disk": "rigid"}
     data["drivers"] = {"base_samples": N}
+    data["tolerances"] = {name: data["tolerances"][name] for name in ("disk_profile", "pin_radial", "roller_diameter")}
     return parse_study(data, name, f"{name}.toml", lambda design: load_design(design, ROOT))
 
 

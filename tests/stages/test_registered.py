@@ -49,7 +49,8 @@ from pipeline.report.inputs import tolerance_rows
 assert {sys.argv[3]} <= set(source_hashes("stages.sample"))
 settings.RUNS = Path(sys.argv[1])
 print(*tolerance_rows(load_study(sys.argv[2], Path()).tolerances), sep="\\n")
-sys.exit(cli.main(["run", "sample", "--study", sys.argv[2], "--jobs", "1"]))
+for study in (sys.argv[2], sys.argv[4]):
+    print("ended", cli.main(["run", "sample", "--study", study, "--jobs", "1"]))
 """
 RUN = """
 import sys
@@ -57,7 +58,11 @@ from pathlib import Path
 from pipeline import cli
 from pipeline import settings
 settings.RUNS = Path(sys.argv[1])
-sys.exit(cli.main(["run", *sys.argv[3:], "--study", sys.argv[2], "--jobs", "1"]))
+from pipeline.figures import style
+from small_study import save_named
+style.save = save_named("output_loads", "rigid_play")
+for study, stage in zip(sys.argv[2::2], sys.argv[3::2]):
+    print("ended", cli.main(["run", stage, "--study", study, "--jobs", "1"]))
 """
 MEASURED = """
 import sys
@@ -95,9 +100,14 @@ def install_rubber(folder: Path, name: str) -> None:
 
 def in_a_process(program: str, folder: Path, *arguments: Path | str) -> subprocess.CompletedProcess[str]:
     """What a new process does, which finds the packages of the folder."""
-    path = {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), str(ROOT)))}
+    path = {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), str(ROOT), str(Path(__file__).parent)))}
     command = [sys.executable, "-c", program, *map(str, arguments)]
     return subprocess.run(command, env=path, cwd=ROOT, capture_output=True, text=True)
+
+
+def endings(process: subprocess.CompletedProcess[str]) -> list[int]:
+    """Exit status of each command that a process has run."""
+    return [int(status) for status in re.findall(r"^ended (\d)$", process.stdout, re.M)]
 
 
 @pytest.fixture
@@ -110,7 +120,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         declared.cache_clear()
 
 
-def test_an_effect_of_another_package_runs_in_a_study_and_is_tried(folder: Path) -> None:
+def test_an_effect_of_another_package_runs_in_a_study_and_is_tried(folder: Path, runs: Path) -> None:
     assert list(effect_problems({"rubber": {"twist": 50.0}}))
     library.cache_clear()
     install_rubber(folder, "rubber")
@@ -119,10 +129,10 @@ def test_an_effect_of_another_package_runs_in_a_study_and_is_tried(folder: Path)
     assert not list(effect_problems({"rubber": {"twist": 50.0}}))
     assert "rubber_of_rubber.py" in source_hashes("pipeline.mounting")
     rigidity = []
-    for name, effects in (("plain", {}), ("rubber", {"rubber": {"twist": 50.0}})):
+    for name, effects in (("stiff", {}), ("rubber", {"rubber": {"twist": 50.0}})):
         study = small_study(count=2).model_copy(update={"name": name})
         design = study.design.model_copy(update={"effects": effects})
-        outputs = run_study(study.model_copy(update={"design": design}), folder)
+        outputs = run_study(study.model_copy(update={"design": design}), runs)
         rigidity.append(outputs["aggregate"].read("metrics")["torsional_rigidity_Nm_per_arcmin"])
     softer = 1e3 * 50e-9 * np.degrees(1) * 60  # [arcmin/(N m)] in series
     np.testing.assert_allclose(1 / rigidity[1], 1 / rigidity[0] + softer, rtol=2e-3)
@@ -167,7 +177,7 @@ def extended_run(tmp_path_factory: pytest.TempPathFactory, runs: Path) -> Path:
     study = folder / "extended.toml"
     study.write_text(text.replace("[limits]", "[limits]\nwindup_arcmin = 7.4"))
     process = in_a_process(RUN, folder, runs, study, "report")
-    assert process.returncode == 0, process.stderr
+    assert endings(process) == [0], process.stderr
     return runs / "extended"
 
 
@@ -224,16 +234,16 @@ def test_a_distribution_of_another_package_is_checked_drawn_and_told(folder: Pat
     with pytest.raises(InputError, match=r"(?s)tolerances.pin_tangential.distribution.*arcsine"):
         load_study(study, ROOT)
     install(folder, "arcsine_of_a_chatter", ARCSINE + "DISTRIBUTION = Arcsine", "arcsine", DISTRIBUTIONS)
-    process = in_a_process(DRAW, folder, runs, study, "arcsine_of_a_chatter.py")
-    assert process.returncode == 0, process.stderr
+    refused = folder / "refused.toml"
+    refused.write_text(study.read_text().replace("upper_um = 3.0", "upper_um = -4.0"))
+    process = in_a_process(DRAW, folder, runs, study, "arcsine_of_a_chatter.py", refused)
+    assert endings(process) == [0, 2], process.stderr
     assert "title='tangential pin position', distribution='arcsine'" in process.stdout
     assert "a vibration of amplitude 3 µm" in process.stdout
     pins = pd.read_parquet(runs / "chatter" / "sample" / "pins.parquet")
     draws = pins[pins["sample"] > 0]["tangential_um"]
     assert stats.kstest(draws, stats.arcsine(-3, 6).cdf).pvalue > 0.01
-    study.write_text(study.read_text().replace("upper_um = 3.0", "upper_um = -4.0"))
-    refusal = in_a_process(DRAW, folder, runs, study, "arcsine_of_a_chatter.py")
-    assert "tolerances.pin_tangential.upper_um = -4.0; must be > lower_um = -3" in refusal.stderr
+    assert "tolerances.pin_tangential.upper_um = -4.0; must be > lower_um = -3" in process.stderr
 
 
 def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(folder: Path, runs: Path) -> None:
@@ -244,8 +254,10 @@ def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(folder: Path, 
     with pytest.raises(InputError, match="tolerances.ovality_4"):
         load_study(study, ROOT)
     install(folder, "chuck_of_four_jaws", FOUR_LOBED, "ovality_4", DIMENSIONS)
-    process = in_a_process(DRAW, folder, runs, study, "chuck_of_four_jaws.py")
-    assert process.returncode == 0, process.stderr
+    refused = folder / "refused.toml"
+    refused.write_text(clamped.replace("lower_um = 1.0", "lower_um = -1.0"))
+    process = in_a_process(DRAW, folder, runs, study, "chuck_of_four_jaws.py", refused)
+    assert endings(process) == [0, 2], process.stderr
     assert "title='four-lobed ovality of pin circle', distribution='uniform', lower='1', upper='3'" in process.stdout
     reducer, pins = (pd.read_parquet(runs / "clamped" / "sample" / f"{name}.parquet") for name in ("reducer", "pins"))
     waves = np.fft.fft(pins["radial_um"].to_numpy().reshape(21, 80))[1:, 4] / 40
@@ -253,9 +265,7 @@ def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(folder: Path, 
     assert np.all((amplitude >= 1) & (amplitude <= 3))
     # what is left of the fourth wave is the drift of the seats, of standard deviation 1 um over 80 pins
     assert np.max(np.abs(waves - amplitude * np.exp(4j * phase))) < 1.5 < np.max(np.abs(waves))
-    study.write_text(clamped.replace("lower_um = 1.0", "lower_um = -1.0"))
-    refusal = in_a_process(DRAW, folder, runs, study, "chuck_of_four_jaws.py")
-    assert "tolerances.ovality_4.lower_um = -1.0; must be >= 0" in refusal.stderr
+    assert "tolerances.ovality_4.lower_um = -1.0; must be >= 0" in process.stderr
 
 
 def test_a_dimension_that_acts_on_nothing_is_refused(folder: Path) -> None:
@@ -270,11 +280,12 @@ def with_dogs(folder: Path, radius: float, clearance: float) -> Path:
     head, _, tail = text.partition("[output]")
     numbers = re.sub(r'^"output\..*\n', "", tail[tail.index("[provenance]") :], flags=re.MULTILINE)
     output = f'[output]\nmechanism = "dogs"\nradius_mm = {radius}\nclearance_um = {clearance}\n\n'
-    (folder / "dogged.toml").write_text(head + output + numbers)
+    name = f"dogs_{radius:.0f}_{clearance:.0f}"
+    (folder / f"of_{name}.toml").write_text(head + output + numbers)
     text = QUICK.replace("count = 50", "count = 2")
     text = re.sub(r"crank_deg = .*", "crank_deg = [0.0]", text).replace("[reduce]", '[reduce]\ndisk = "rigid"')
-    study = folder / f"dogs_{radius:.0f}_{clearance:.0f}.toml"
-    study.write_text(text.replace('design = "pham2017"', 'design = "dogged.toml"'))
+    study = folder / f"{name}.toml"
+    study.write_text(text.replace('design = "pham2017"', f'design = "of_{name}.toml"'))
     return study
 
 
@@ -282,13 +293,12 @@ def test_a_mechanism_of_another_package_is_checked_run_drawn_and_told(folder: Pa
     with pytest.raises(InputError, match="mechanism = \"dogs\"; must be one of 'carrier', 'direct', 'pin_in_hole', "):
         load_study(with_dogs(folder, 15.0, 5.0), ROOT)
     install(folder, "coupling_of_dogs", DOGS, "dogs", OUTPUT_MECHANISMS)
-    refusal = in_a_process(RUN, folder, runs, with_dogs(folder, 3.0, 5.0), "report")
-    assert "output.radius_mm = 3.0; must be > 3 mm, the bore" in refusal.stderr
+    refused, narrow, wide = (with_dogs(folder, *numbers) for numbers in ((3.0, 5.0), (15.0, 5.0), (15.0, 15.0)))
+    process = in_a_process(RUN, folder, runs, refused, "report", narrow, "clearance", wide, "report")
+    assert endings(process) == [2, 0, 0], process.stderr
+    assert "output.radius_mm = 3.0; must be > 3 mm, the bore" in process.stderr
     plays = []
-    for clearance, final_stage in ((5.0, "clearance"), (15.0, "report")):
-        study = with_dogs(folder, 15.0, clearance)
-        process = in_a_process(RUN, folder, runs, study, final_stage)
-        assert process.returncode == 0, process.stderr
+    for study in (narrow, wide):
         run = runs / study.stem
         plays.append(pd.read_parquet(run / "clearance" / "kinematic.parquet")["backlash_arcmin"].to_numpy())
     wider = np.degrees(2 * 10e-3 / 15.0) * 60  # both senses turn through 10 um at 15 mm

@@ -91,8 +91,8 @@ def test_springs_tell_the_metrics_under_load(by_springs, metric, minimum):
 @pytest.fixture(scope="module")
 def by_springs(study, shared):
     """Of a pilot and of other units the rough metrics, then those under load."""
-    draws = [draw(tails.population(study, 900), *ends) for ends in ((900, 1300), (0, 900))]
-    compliances = springs(shared, draw(tails.population(study, 900), 900, 900 + TRIAL))
+    draws = [draw(tails.population(study, 500), *ends) for ends in ((500, 900), (0, 500))]
+    compliances = springs(shared, draw(tails.population(study, 500), 500, 500 + TRIAL))
     rough = (rough_metrics(study, compliances, variant) for variant in draws)
     return *rough, *(at_angles(shared, variant) for variant in draws)
 

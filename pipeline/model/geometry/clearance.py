@@ -80,16 +80,9 @@ class Errors:
 
     def of_disk(self, disk: int) -> "Errors":
         """The errors as one disk meets them: its own, and those of the parts that all disks share."""
-        return replace(
-            self,
-            lobe=_of_disk(self.lobe, disk, axes=2),
-            eccentricity=_of_disk(self.eccentricity, disk),
-            eccentric_phase=_of_disk(self.eccentric_phase, disk),
-            lobe_pitch=_of_disk(self.lobe_pitch, disk, axes=2),
-            bore_runout=_of_disk(self.bore_runout, disk, axes=2),
-            hole_diameter=_of_disk(self.hole_diameter, disk, axes=2),
-            pin_off_hole=_of_disk(self.pin_off_hole, disk, axes=2),
-        )
+        own = {name: getattr(self, name) for name in _SHARED_AXES}
+        own = {name: values[:, disk] for name, values in own.items() if values.ndim > _SHARED_AXES[name]}
+        return replace(self, **{name: np.ascontiguousarray(values) for name, values in own.items()}) if own else self
 
 
 def after_turns(errors: Errors, lobes: int) -> Errors:
@@ -114,11 +107,9 @@ def after_turns(errors: Errors, lobes: int) -> Errors:
 
 _OF_LOBES = ("lobe", "lobe_pitch")
 """Errors of each lobe."""
-
-
-def _of_disk(values: Real, disk: int, axes: int = 1) -> Real:
-    """Of one disk, with so many axes, from values of all disks alike or, with a second axis more, of each."""
-    return values if values.ndim == axes else np.ascontiguousarray(values[:, disk])
+_SHARED_AXES = {"lobe": 2, "eccentricity": 1, "eccentric_phase": 1, "lobe_pitch": 2, "bore_runout": 2}
+_SHARED_AXES |= {"hole_diameter": 2, "pin_off_hole": 2}
+"""Axes of errors that all disks share; those of each disk have one more, the second."""
 
 
 def _lobe_turns(profile: CycloidProfile, errors: Errors) -> Real:
@@ -369,16 +360,14 @@ def gaps(
         raise ValueError(f"{errors.roller_diameter.shape[1]} roller errors for {sum(rollers)} rollers")
     of_rollers, of_behind = np.split(errors.roller_diameter, rollers[:1], axis=1)
     parts = []
-    for number, disk in enumerate(reducer.disks):
-        parts.append(pin_gaps(profile, disk, errors.of_disk(number), method=method, disk_reading=disk_reading))
-    rows_behind = np.arange(len(reducer.contacts) - reducer.n_behind, len(reducer.contacts))
-    groups = [
-        *((number, rows, of_rollers) for number, rows in enumerate(reducer.output_rows)),
-        (0, rows_behind, of_behind),
-    ]
-    for number, rows, diameters in groups:
-        of_disk = replace(errors.of_disk(number), roller_diameter=diameters)
-        contacts = reducer.contacts.some(rows)
+    errors_of_disks = [errors.of_disk(number) for number in range(reducer.n_disks)]
+    for disk, of_disk in zip(reducer.disks, errors_of_disks, strict=True):
+        parts.append(pin_gaps(profile, disk, of_disk, method=method, disk_reading=disk_reading))
+    groups = [(number, contacts, of_rollers) for number, contacts in enumerate(reducer.output_contacts)]
+    if reducer.n_behind:
+        groups.append((0, reducer.contacts.some(np.arange(-reducer.n_behind, 0)), of_behind))
+    for number, contacts, diameters in groups:
+        of_disk = replace(errors_of_disks[number], roller_diameter=diameters)
         gap = output_gaps(contacts, profile.eccentricity, of_disk, roller_reading)
         in_hole = np.flatnonzero(contacts.hole >= 0)
         if len(in_hole) and (np.any(of_disk.pin_off_hole) or np.any(of_disk.hole_diameter)):

@@ -79,6 +79,11 @@ class Reducer:
         return np.split(np.arange(self.n_pins, len(self.contacts) - self.n_behind), self.n_disks)
 
     @cached_property
+    def output_contacts(self) -> list[Contacts]:
+        """Contacts between each disk and the output, disk after disk."""
+        return [self.contacts.some(rows) for rows in self.output_rows]
+
+    @cached_property
     def pins(self) -> PinContacts:
         """The nominal pin contacts, disk after disk."""
         names = PinContacts.__dataclass_fields__

@@ -212,7 +212,7 @@ def noisy_loops(kind, seed, cycles, positions=(0.0, 120.0, 240.0), rows=150):
 def test_floor_is_the_noise_of_all_cells_on_average(tmp_path, kind, cycles):
     """Of drawn units: its mean square is that of the noise which the cells have, those in the play included."""
     floors, noise_of_cells = [], []
-    for seed in range(16):
+    for seed in range(32 // cycles):
         table, noise = noisy_loops(kind, seed, cycles)
         folder = write_unit(tmp_path / f"{seed}", {"rows.csv": table})
         measurement = Measurement.read(load_measured_unit(folder, ROOT))

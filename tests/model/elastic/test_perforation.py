@@ -101,8 +101,10 @@ def opening_of_a_hole(width_ratio, modulus, thickness):
     return 8 / (np.pi * modulus * thickness) * np.sum((np.cos(np.outer(order, theta)) @ weight) ** 2 / order)
 
 
-@pytest.mark.parametrize("stress", ["plane_stress", "plane_strain"])
-@pytest.mark.parametrize("width_ratio", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize(
+    ("stress", "width_ratio"),
+    [("plane_stress", 0.05), ("plane_stress", 0.1), ("plane_stress", 0.2), ("plane_strain", 0.2)],
+)
 def test_opposite_forces_open_a_hole_as_in_an_infinite_plate(stress, width_ratio):
     outer, thickness = 40.0, 2.0
     rim = outer * np.exp(2j * np.pi * np.arange(240) / 240)
@@ -151,17 +153,14 @@ def test_loads_eliminated_alone_work_as_they_do_on_the_displacement_of_the_whole
 
 def test_compliance_of_holes_does_not_depend_on_mesh_and_patch():
     unit, width = 2 / (np.pi * E * 2.0), 0.2
-    base = None
-    for edge, ratio, growth, edges in ((0.1, 1.0, 0.35, 32), (0.05, 1.0, 0.25, 64), (0.05, 0.5, 0.25, 64)):
-        mesh = small_mesh(edges=edges, edge=edge, growth=growth, largest=0.6)
-        body = elastic_body(mesh, E, NU, 2.0, "plane_stress", "bore")
-        result = body.compliance(wall_patches(mesh, 0.77, ratio * width))
+    coarse = small_mesh(edges=32, edge=0.1, largest=0.6)
+    fine = small_mesh(edges=64, edge=0.05, growth=0.25, largest=0.6)
+    bodies = [elastic_body(mesh, E, NU, 2.0, "plane_stress", "bore") for mesh in (coarse, fine)]
+    matrices = []
+    for body, ratio in ((bodies[0], 1.0), (bodies[1], 1.0), (bodies[1], 0.5)):
+        result = body.compliance(wall_patches(body.mesh, 0.77, ratio * width))
         assert result.asymmetry < 1e-10
         assert np.all(np.linalg.eigvalsh(result.matrix) > 0)
-        matrix = result.matrix + unit * np.log(ratio) * np.eye(5)
-        if base is None:
-            base = matrix
-        shift = matrix - base
-        print(f"edge {edge} width {ratio * width}: {np.abs(np.diagonal(shift)).max() / unit:.4f} of 2/(pi E' t)")
-        assert np.abs(np.diagonal(shift)).max() < 0.02 * unit
-        assert np.abs(shift).max() < 0.02 * unit
+        matrices.append(result.matrix + unit * np.log(ratio) * np.eye(5))
+    for matrix in matrices[1:]:
+        assert np.abs(matrix - matrices[0]).max() < 0.02 * unit

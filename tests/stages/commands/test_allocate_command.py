@@ -13,6 +13,7 @@ from pipeline.config import load_study
 
 ROOT = Path(__file__).parent.parent.parent.parent
 QUICK = (ROOT / "data/studies/quick.toml").read_text().replace("crank_deg = [0.0, 90.0]", "crank_deg = [0.0]")
+QUICK = QUICK.replace("levels_per_branch", "rigid_angles = 3\nlevels_per_branch")
 COSTS = """
 [costs.pin_tangential]
 law = "reciprocal"
@@ -49,8 +50,7 @@ def written(folder: Path, text: str) -> str:
 def test_an_allocation_is_cheaper_than_scaling_alike_and_runs(
     outputs: dict, own_runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    limits = re.sub(r"backlash_arcmin = \S+", "backlash_arcmin = 2.25", QUICK).replace("rigid_angles", "# rigid_angles")
-    study = written(tmp_path, limits.replace("levels_per_branch", "rigid_angles = 3\nlevels_per_branch") + COSTS)
+    study = written(tmp_path, re.sub(r"backlash_arcmin = \S+", "backlash_arcmin = 2.25", QUICK) + COSTS)
     assert cli.main(["allocate", "--study", study, "--yield", "0.85", "--units", "200", "--jobs", "1"]) == 0
     told = capsys.readouterr()
     assert "cheaper" in told.out

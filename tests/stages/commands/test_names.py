@@ -9,9 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from small_study import save_named
 
 from pipeline import cli, settings
 from pipeline.config.changing import toml_of
+from pipeline.figures import style
 
 ROOT = Path(__file__).parent.parent.parent.parent
 STEM = "größe_滚轮.v2+a-b"
@@ -41,8 +43,13 @@ def study_file(folder: Path, text: str) -> Path:
     return path
 
 
-def test_odd_names_reach_every_page(folder: Path, capsys: pytest.CaptureFixture) -> None:
-    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 6")
+def test_odd_names_reach_every_page(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """Figures with the material and the labels of cases are printed in the next test."""
+    monkeypatch.setattr(style, "save", save_named("reducer"))
+    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 4")
+    text = re.sub(r"\[model_forms\]\n.*\n", "", text)
     study = study_file(folder, re.sub(r'^title = ".*"', "title = '''$\\\\frac %s <b>滚轮</b> ü'''", text, flags=re.M))
     for command in (
         ["run", "report", "--study", study, "--jobs", "1"],

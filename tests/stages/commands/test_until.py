@@ -13,7 +13,6 @@ from pipeline import settings
 from pipeline.config import Study
 from pipeline.config.studies.study import Until
 from pipeline.engine import runner
-from pipeline.engine.store import Output
 from pipeline.errors import InputError
 from pipeline.library import running, studies
 from pipeline.report.results import needed_units
@@ -24,21 +23,17 @@ BATCH, HALF_WIDTH = 8, 0.12
 
 
 def until(**changes: object) -> Study:
-    """Its limit is one that some units break."""
+    """Of rigid disks at one crank angle; its limit is one that some units break."""
     study = small_study(until=Until(yield_half_width=HALF_WIDTH, **changes))
     limits = study.limits.model_copy(update={"clearance_backlash_arcmin": 2.1})
-    return study.model_copy(update={"name": "until", "limits": limits})
+    changed = {"reduce": study.reduce.model_copy(update={"disk": "rigid"}), "limits": limits, "name": "until"}
+    return study.model_copy(update=changed | {"cycle": study.cycle.model_copy(update={"crank_deg": (0.0,)})})
 
 
 @pytest.fixture
-def own_runs(outputs: dict, runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    folder = tmp_path / "runs"
-    folder.mkdir()
-    (folder / ".cache").mkdir()
-    for entry in (runs / ".cache").iterdir():  # the condensed disk, and no answer of a batch
-        (folder / ".cache" / entry.name).symlink_to(entry)
-    monkeypatch.setattr(settings, "RUNS", folder)
-    return folder
+def own_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
+    return tmp_path / "runs"
 
 
 def half_width(kept_items: np.ndarray) -> float:
@@ -147,7 +142,7 @@ def test_looking_several_times_costs_little_of_the_confidence() -> None:
     assert 0.93 < np.mean(covered) < 0.99
 
 
-def test_what_is_remembered_belongs_to_the_settings(own_runs: Path, outputs: dict[str, Output]) -> None:
+def test_what_is_remembered_belongs_to_the_settings(own_runs: Path) -> None:
     studies.run(until(at_most=BATCH), ["aggregate"], jobs=1)
     assert running.known_size(until(at_most=50)).samples.count > BATCH  # the same batch, whatever is to come of it
     variant = until().model_copy(update={"samples": until().samples.model_copy(update={"seed": 5})})

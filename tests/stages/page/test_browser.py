@@ -8,11 +8,8 @@ from pathlib import Path
 import chromium
 import pandas as pd
 import pytest
-from small_study import small_study
 
-from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
-from stages.chain import STAGES
 
 pytestmark = pytest.mark.skipif(chromium.PROGRAM is None, reason="no Chromium (on Debian: apt-get install chromium)")
 
@@ -20,8 +17,8 @@ WIDTHS = (1280, 390)
 
 
 @pytest.fixture(scope="module")
-def report(runs: Path, outputs: dict[str, Output]) -> Path:
-    return run(STAGES, small_study(), ["report"], runs, Resources(1, 100))["report"].folder / "report.html"
+def report(page_outputs: dict[str, Output]) -> Path:
+    return page_outputs["report"].folder / "report.html"
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +28,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[chromium.Page]:
 
 
 @pytest.fixture(scope="module")
-def units(runs: Path, outputs: dict[str, Output]) -> pd.DataFrame:
-    return pd.read_parquet(runs / "quick" / "aggregate" / "units.parquet").set_index("sample").drop(index=0)
+def units(page_outputs: dict[str, Output]) -> pd.DataFrame:
+    return pd.DataFrame(page_outputs["aggregate"].read("units")).set_index("sample").drop(index=0)
 
 
 def of_explorer(page: chromium.Page, selector: str, expression: str) -> object:
@@ -119,11 +116,10 @@ def test_a_unit_that_is_pointed_at_shows_its_loop_and_forces(page, report, units
     assert len(of_explorer(page, ".bar", "1")) > 3
 
 
-def test_forces_and_angles_of_the_page_are_those_of_the_tables(page, report, runs):
+def test_forces_and_angles_of_the_page_are_those_of_the_tables(page, report, page_outputs):
     page.open(report, 1280)
     data = json.loads(page.value("document.getElementById('explorer-data').textContent"))
-    contacts = pd.read_parquet(runs / "quick" / "hysteresis" / "contacts.parquet")
-    curves = pd.read_parquet(runs / "quick" / "hysteresis" / "curves.parquet")
+    contacts, curves = (pd.DataFrame(page_outputs["hysteresis"].read(table)) for table in ("contacts", "curves"))
     unit = data["units"][2]
     sample = int(unit["label"].removeprefix("sample "))
     loaded_contacts = contacts[(contacts["sample"] == sample) & (contacts["crank_deg"] == data["crank"])]

@@ -18,7 +18,7 @@ def tiny_study(name: str, **changes: object) -> Study:
     """The quick study with a dozen samples and the coarsest mesh."""
     data = tomllib.loads((ROOT / "data/studies/quick.toml").read_text(encoding="utf-8"))
     data["samples"] |= {"count": 12}
-    data["cycle"] |= {"crank_deg": [0.0, 90.0], "levels_per_branch": 4}
+    data["cycle"] |= {"crank_deg": [0.0, 90.0], "levels_per_branch": 4, "keep_contacts": "all"}
     data["reduce"] |= {
         "flank_edges_per_lobe": 12,
         "patch_half_width_mm": 0.3,
