@@ -1,7 +1,7 @@
 """Stage 4c: the units beyond the study's own samples that variance-based indices need, solved like them.
 
 Where the worst over the whole turn is searched for, that of some units is too: the indices of the worst follow from
-both, see ``variance_indices.two_fidelity_indices``.
+both, see ``sensitivity.two_fidelity_indices``.
 """
 
 from dataclasses import dataclass, replace

@@ -125,7 +125,7 @@ def _sobol(seed: int, replicate: int, dimensions: int, start: int, stop: int) ->
 
 
 @lru_cache(maxsize=64)
-def _scrambled_sequence(seed: int, replicate: int, dimensions: int) -> scipy.stats.qmc.Sobol:
+def _scrambled_sequence(seed: int, replicate: int, dimensions: int) -> "scipy.stats.qmc.Sobol":
     """A Sobol' sequence at its first point; it moves on when it is drawn from, so only copies of it are."""
     return scipy.stats.qmc.Sobol(dimensions, scramble=True, rng=_generator(seed, replicate))
 

@@ -1,4 +1,4 @@
-"""The sections of a study's report, in rooms by their subject.
+"""The sections of a study's report, by their subject.
 
 A file defines one ``SECTION`` or a table ``SECTIONS``; its heading, its entry in the contents, its figures and their
 numbers follow from it. A long template lies beside it.
