@@ -13,9 +13,8 @@ from pydantic import Field
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.config.files.section import Millimetres, Mistake, Positive
-from pipeline.config.mechanisms.crankshaft import Crankshaft
+from pipeline.config.mechanisms.crankshaft import Crankshaft, FirstStage
 from pipeline.config.mechanisms.drawing import Circles, Panel, Points
-from pipeline.config.mechanisms.first_stage import FirstStage
 from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
 from pipeline.model.contact.laws import ContactLaws, Material, concatenated_laws
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined_contacts
