@@ -11,6 +11,7 @@ from pipeline import settings
 from pipeline.cli.arguments import check_sample
 from pipeline.config import Study, load_study
 from pipeline.engine.cache import Cache
+from pipeline.engine.progress import Line
 from pipeline.engine.stage import Job
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Column, Table, columns_of_frame
@@ -19,7 +20,7 @@ from pipeline.figures.hysteresis import output_turn_figure
 from pipeline.figures.style import save
 from pipeline.library.running import known_size
 from pipeline.model.turn import orders
-from pipeline.populations.output_turn import PHASES, OutputTurn, free_error, loaded_error
+from pipeline.populations.output_turn import PHASES, OutputTurn, free_error, loaded_error, loaded_steps, rigid_cranks
 from pipeline.sampling.errors import Errors, draw
 from stages.reduce import DiskMatrices
 from stages.tables.keys import CRANK
@@ -62,7 +63,7 @@ def turn_unit(options: argparse.Namespace) -> None:
     held_torque = study.metrics.rigidity_percent[1] / 100 * study.design.cycloid.rated_torque_Nm
     curves: dict[float, OutputTurn] = {}
     reasons: list[str] = []
-    for torque, error_of in ((0.0, free_error), (held_torque, _loaded_error)):
+    for torque, error_of in ((0.0, _free_error), (held_torque, _loaded_error)):
         try:
             curves[torque] = error_of(study, unit)
         except ArithmeticError as error:
@@ -85,10 +86,17 @@ def turn_unit(options: argparse.Namespace) -> None:
     print(f"tables and figure turn-{options.sample}: {settings.shown(folder)}")
 
 
+def _free_error(study: Study, unit: Errors) -> OutputTurn:
+    with Line("without load", "crank angles", len(rigid_cranks(study))) as line:
+        return free_error(study, unit, line.advance)
+
+
 def _loaded_error(study: Study, unit: Errors) -> OutputTurn:
     with tempfile.TemporaryDirectory() as folder:
         disks = DiskMatrices(Job(study, 1, Path(folder), {}, Cache(Path(folder), "")))
-        return loaded_error(drives_of(study, disks, PHASES), unit)
+        drives = drives_of(study, disks, PHASES)
+        with Line("under load", "crank angles", len(loaded_steps(study, drives.phases))) as line:
+            return loaded_error(drives, unit, line.advance)
 
 
 def _error_rows(curves: dict[float, OutputTurn]) -> pd.DataFrame:

@@ -4,6 +4,7 @@ Under load the disks are those of ``turn_drives``: condensed once for each phase
 to lobe, else once for each pitch between two equal directions of the eccentric in the disk.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import gcd
 
@@ -25,6 +26,8 @@ from pipeline.mounting import drive_of
 from pipeline.populations.turn_drives import TurnDrives, Units
 from pipeline.sampling.errors import Errors
 
+Advance = Callable[[int, int], None]
+"""Counts items that are done, and those of them without a result."""
 PHASES = 3
 """Phases of the pins' pitch that are condensed: the wave of the pitch itself is told from the mean of the turn."""
 LOADED_PER_TURN = 30
@@ -71,8 +74,12 @@ def loaded_steps(study: Study, phases: int = PHASES) -> NDArray[np.intp]:
     return np.arange(0, steps, stride)
 
 
-def free_error(study: Study, unit: Errors) -> OutputTurn:
+def free_error(study: Study, unit: Errors, advance: Advance = lambda items, failed_items: None) -> OutputTurn:
     """Error of one unit at the ends of its play.
+
+    Parameters
+    ----------
+    advance : called with the number of ``rigid_cranks`` that are done each time, and 0.
 
     Notes
     -----
@@ -101,6 +108,7 @@ def free_error(study: Study, unit: Errors) -> OutputTurn:
                 f"contacts interfere at crank angle {crank_deg:.6g} degrees, so that there is no play"
             )
         ends.append(play.ends)
+        advance(lobes if one_batch else 1, 0)
     error = ARCSEC * np.stack(ends, axis=2).reshape(2, -1)
     missing = np.full(error.shape, np.nan)
     return OutputTurn(cranks, error, missing, missing)
@@ -130,8 +138,14 @@ def _mounted_unit(study: Study, unit: Errors) -> tuple[ModelErrors, Real]:
     return assembly.errors(unit), assembly.bearing_clearance(study.design, unit.bearing_clearance)
 
 
-def loaded_error(drives: TurnDrives, unit: Errors) -> OutputTurn:
+def loaded_error(
+    drives: TurnDrives, unit: Errors, advance: Advance = lambda items, failed_items: None
+) -> OutputTurn:
     """Error of one unit while the torque of the metrics is held.
+
+    Parameters
+    ----------
+    advance : called after each of the ``loaded_steps`` with 1 and 0.
 
     Raises
     ------
@@ -151,4 +165,5 @@ def loaded_error(drives: TurnDrives, unit: Errors) -> OutputTurn:
         angles[:, k] = ARCSEC * response.angle[0, ends]
         on_bearing[:, k] = np.abs(bearing_force(drive, response, torques)[0, :, 0])
         on_pin[:, k] = held_forces(response, torques)[0, :, 0]
+        advance(1, 0)
     return OutputTurn(np.radians(drives.crank_deg(steps)), angles, on_bearing, on_pin)

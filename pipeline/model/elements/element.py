@@ -162,3 +162,49 @@ def _begin(torque: Real, time: Real, leg: Whole, turns: Real) -> float:
         return float(time[0])  # a load that was put on at once
     rate = (time[1] - time[0]) / (torque[1] - torque[0])
     return float(time[0] - max((torque[0] - turns[leg[0]]) * rate, 0.0))
+
+
+@dataclass(frozen=True)
+class ElasticModulus(Element):
+    """Modulus of all elastic parts and contacts over that of the drawing.
+
+    Attributes
+    ----------
+    factor : (n,) in each state of the drive.
+    of_bearing : whether the stiffness of the input bearing has the same factor.
+    """
+
+    factor: Real
+    of_bearing: bool = False
+
+    def some(self, states: NDArray[Any] | slice) -> "ElasticModulus":
+        """The factors of some of the states (n,)."""
+        return ElasticModulus(self.factor[states], self.of_bearing)
+
+
+@dataclass(frozen=True)
+class RoundedPlay(Spring):
+    """Gaps that close one after the other: twist = half sign(T) (1 - exp(-|T| / knee)).
+
+    Attributes
+    ----------
+    half : of the play.
+    knee : torque over which it is taken up, but for a share of 1/e; towards 0 it is a dead zone.
+
+    Source
+    ------
+    Gaps whose closing torques are distributed exponentially; of a single gap the dead zone of Nordin and Gutman,
+    Automatica 38 (2002) 1633.
+    """
+
+    half: float
+    knee: float
+
+    def twist(self, torque: Real) -> Real:
+        """Rotation, in the unit of ``half``, under torques of any shape."""
+        return np.copysign(self.half * -np.expm1(-np.abs(torque) / self.knee), torque)
+
+    def energy(self, torque: Real) -> Real:
+        """The integral of the twist over torques of any shape, in closed form."""
+        size = np.abs(torque)
+        return self.half * (size + self.knee * np.expm1(-size / self.knee))

@@ -1,17 +1,39 @@
-"""Friction that is rigid until it slides, and a spring's memory of its largest torque: of drives without a design."""
+"""Friction of elastic-slip elements; and of drives without a design what slides at once, and a memory of the torque."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipeline.arrays import Real, Whole
 from pipeline.model.compiled import entry
+from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.elements.element import Element
 
 STAGES = 5
 """Friction elements in series where their thresholds are spread."""
 LARGEST_SHARE = 0.95
 """Friction of a stage over the torque that it leaves: at 1 nothing comes back."""
+
+
+@dataclass(frozen=True)
+class Friction(Element):
+    """In parallel with the output or at the contacts.
+
+    Attributes
+    ----------
+    sliders : elastic-slip elements; their resistance has its limits at T -> 0 in ``Sliders.limit``.
+    lean : torque beyond the one carried, over it, that the turning end takes in either sense of motion: half of what
+        friction in proportion to the load resists more with the load than against it.
+    """
+
+    sliders: Sliders
+    lean: float = 0.0
+
+    def at_drawing_modulus(self, factor: float) -> "Friction":
+        """Friction that is to the modulus of the drawing as this is to one that is ``factor`` times as large."""
+        sliders = self.sliders
+        scaled = replace(sliders, limit=sliders.limit / factor, stiffness=sliders.stiffness / factor)
+        return replace(self, sliders=scaled)
 
 
 @entry
