@@ -40,7 +40,10 @@ def with_design_effects(study: Study, **effects: dict[str, float]) -> Study:
 
 
 def run_with(runs: Path, name: str, **effects: dict[str, float]) -> Outputs:
-    return run_study(with_design_effects(small_study(count=3), **effects).model_copy(update={"name": name}), runs)
+    """Three units at the study's two crank angles; of rigid bodies at three more."""
+    study = with_design_effects(small_study(count=3), **effects)
+    cycle = study.cycle.model_copy(update={"rigid_angles": 3})
+    return run_study(study.model_copy(update={"name": name, "cycle": cycle}), runs)
 
 
 def metrics(outputs: Outputs) -> pd.DataFrame:
@@ -93,7 +96,7 @@ def test_width_grows_with_the_friction_of_the_pins_and_forces_keep_their_laws(ru
     first_metrics = metrics(bare_run).query("sample <= 2 and crank_deg == 0")
     widths, parts = [first_metrics["zero_torque_width_arcmin"].to_numpy()], []
     study = small_study(count=2)
-    cycle = study.cycle.model_copy(update={"crank_deg": (0.0,), "levels_per_branch": 6})
+    cycle = study.cycle.model_copy(update={"crank_deg": (0.0,), "rigid_angles": 3, "levels_per_branch": 6})
     for number, coefficient in enumerate((0.01, 0.04)):
         rubbing_pins = with_design_effects(study, contact_friction={"coefficient": coefficient})
         outputs = run_study(rubbing_pins.model_copy(update={"name": f"pins{number}", "cycle": cycle}), runs)

@@ -49,7 +49,7 @@ def test_odd_names_reach_every_page(
     """Figures with the material and the labels of cases are printed in the next test."""
     monkeypatch.setattr(style, "save", save_named("reducer"))
     text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 4")
-    text = re.sub(r"\[model_forms\]\n.*\n", "", text)
+    text = re.sub(r"\[model_forms\]\n.*\n", "", text).replace("levels_per", "rigid_angles = 7\nlevels_per")
     study = study_file(folder, re.sub(r'^title = ".*"', "title = '''$\\\\frac %s <b>滚轮</b> ü'''", text, flags=re.M))
     for command in (
         ["run", "report", "--study", study, "--jobs", "1"],
@@ -71,6 +71,7 @@ def test_labels_of_cases_reach_page_and_figures(folder: Path, capsys: pytest.Cap
     kept = {
         name: settings_of_study[name] for name in ("design", "cycle", "reduce", "springs") if name in settings_of_study
     }
+    kept["cycle"]["rigid_angles"] = 7
     cases = [{"label": label, "pin_radial": float(k)} for k, label in enumerate(LABELS)]
     study = study_file(folder, toml_of({**kept, "samples": {"experiment": "cases"}, "cases": cases}))
     assert cli.main(["run", "report", "--study", str(study), "--jobs", "1"]) == 0, capsys.readouterr().err
