@@ -116,5 +116,5 @@ SCALES = Stage(
     module="stages.scales",
     run=_run,
     proportional_to=("samples.count", "cycle.crank_deg"),
-    unit_seconds=1.1e-4,
+    unit_seconds=6.5e-5,
 )
