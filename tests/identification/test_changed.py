@@ -20,7 +20,7 @@ from pipeline.identification.change.table import loop_table
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
-INTERVENTIONS = ROOT.parent / "shared" / "data" / "anti_backlash_interventions"
+RIG_DATA = [ROOT.parent / "shared/data" / name for name in ("anti_backlash_interventions", "anti_backlash_actuator")]
 TEXT = """
 title = "A drive on a bench"
 locked = "output"
@@ -291,7 +291,8 @@ def rig(tmp_path_factory):
     def state(name: str, repeat: bool = False) -> Measurement:
         folder = tmp_path_factory.mktemp(name)
         text = RIG.format(name=name)
-        for path in sorted((INTERVENTIONS / name).glob("*_again.csv.gz" if repeat else "position?.csv.gz")):
+        pattern = f"{name}/{'*_again' if repeat else 'position?'}.csv.gz"
+        for path in sorted(path for data in RIG_DATA for path in data.glob(pattern)):
             rows = pd.read_csv(path)
             rows[rows["test_nr"] < 5].to_csv(folder / path.name, index=False)
             text += f'[[files]]\npath = "{path.name}"\ncrank_deg = {path.name[8]}.0\n'
@@ -301,10 +302,10 @@ def rig(tmp_path_factory):
     return state
 
 
-@pytest.mark.skipif(not INTERVENTIONS.is_dir(), reason="the measured interventions are not here")
+@pytest.mark.skipif(not all(data.is_dir() for data in RIG_DATA), reason="the measured interventions are not here")
 def test_the_known_interventions_are_named_and_a_drive_measured_twice_is_not(rig):
     """Width at zero torque of the small loops: 83, 67, 35, 38, 39 arcmin over the turns of the preload screw."""
-    preloads = [rig(f"conic_onyx_{turns}pre") for turns in (1, 3, 4)]
+    preloads = [rig(f"conic_onyx_{name}") for name in ("1pre", "3pre", "4pre", "preload5")]
     result = answer(rig("conic_onyx_runin"), rig("conic_onyx_2pre"), preloads).comparison
     assert [change.number.kind.name for change in result.named_changes] == ["width"]
     assert -0.6 < result.named_changes[0].mean < -0.3

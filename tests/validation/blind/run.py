@@ -1,5 +1,7 @@
 """Blind units through the identification, one row a case: what was there, what was said, and how well it fits."""
 
+from __future__ import annotations  # the types of a row are read as text
+
 import csv
 import hashlib
 import io
