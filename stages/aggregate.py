@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.studies.study import Study
+from pipeline.engine.parallel import end_idle_workers
 from pipeline.engine.stage import Job, Stage, WholeTables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
@@ -237,6 +238,7 @@ def _join(parts: list[Columns] | list[dict[str, np.ndarray]]) -> Columns:
 
 
 def _run(job: Job) -> WholeTables:
+    end_idle_workers()
     study: Study = job.study
     with tempfile.TemporaryFile(dir=job.folder) as file:  # without a name: nothing is left of it, however this ends
         per_angle = PerAngle(file, (*library(), "preloaded"), len(study.cycle.crank_deg))

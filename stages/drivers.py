@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.config.studies.study import FEWEST_BASE_SAMPLES, Study
+from pipeline.engine.parallel import end_idle_workers
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.model.metrics import library
@@ -67,6 +68,7 @@ class Shared:
 
 def prepare(job: Job) -> Shared:
     """As the stages of the loops and of the search prepare them; no curve is kept."""
+    end_idle_workers()
     loops, study = hysteresis.prepare(job), job.study
     searches = study.cycle.has_turn_search and _items(job) > 0
     return Shared(replace(loops, curve=loops.brief), ranked_drives(job) if searches else None)

@@ -7,7 +7,7 @@ import pandas as pd
 from joblib import delayed
 
 from pipeline.config.studies.study import Study
-from pipeline.engine.parallel import worker_results
+from pipeline.engine.parallel import end_idle_workers, worker_results
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
@@ -62,6 +62,7 @@ YIELDS = Table(
 
 
 def _run(job: Job) -> Tables:
+    end_idle_workers()
     study: Study = job.study
     if not scaled_tolerances(study):
         return {SURROGATE.name: SURROGATE.empty(), YIELDS.name: YIELDS.empty()}
