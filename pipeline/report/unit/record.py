@@ -50,8 +50,6 @@ def write_record_page(answer: RecordAnswer, frames: dict[str, pd.DataFrame], fol
         "levels": torque_levels_figure(frames["levels"]),
         "orders": record_orders_figure(frames["orders"].assign(of=frames["orders"]["of"].astype(str))),
     }
-    trials = answer.judgement.trials
-    names = sorted(answer.judgement.odds, key=lambda name: -answer.judgement.odds[name])
     page = render(
         "unit/record.html",
         verdict=content(answer),
@@ -68,15 +66,7 @@ def write_record_page(answer: RecordAnswer, frames: dict[str, pd.DataFrame], fol
             )
             for row in answer.held_out
         ],
-        tried=[
-            (
-                " and ".join(answer.titles[part] for part in name.split("+")),
-                digits(answer.judgement.odds[name]),
-                digits(60 * trials[name].structure.size * answer.noise),
-                answer.judgement.reasons.get(name, ""),
-            )
-            for name in names[:10]
-        ],
+        tried=_tried_rows(answer),
         why_not=[(name.replace("_", " "), reason) for name, reason in answer.why_not.items()],
         orders=[
             (
@@ -104,6 +94,21 @@ def write_record_page(answer: RecordAnswer, frames: dict[str, pd.DataFrame], fol
         pictures=drawn_pictures(figures, CAPTIONS, folder),
     )
     write_atomic(folder / "report.html", page.encode())
+
+
+def _tried_rows(answer: RecordAnswer) -> list[tuple[str, str, str, str]]:
+    """Titles, odds, discrepancy [arcsec] and what speaks against the models that were tried, most probable first."""
+    judgement = answer.judgement
+    names = sorted(judgement.odds, key=lambda name: -judgement.odds[name])
+    return [
+        (
+            " and ".join(answer.titles[part] for part in name.split("+")),
+            digits(judgement.odds[name]),
+            digits(60 * judgement.trials[name].structure.size * answer.noise),
+            judgement.reasons.get(name, ""),
+        )
+        for name in names[:10]
+    ]
 
 
 def _row(value: Value) -> dict[str, str]:
