@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Real = NDArray[np.float64]
+Single = NDArray[np.float32]
 Complex = NDArray[Any]  # complex128; numpy's stubs lose the type in arithmetic with real numbers
 Whole = NDArray[np.int64]
 Index = NDArray[np.intp]

@@ -114,7 +114,8 @@ def torque_shares(drive: Drive, response: CycleResponse, definitions: Definition
     of_disks = np.stack(
         [moment[..., reducer.disk_of_contact == disk].sum(axis=2) for disk in range(reducer.n_disks)], axis=2
     )
-    return of_disks / of_disks.sum(axis=2, keepdims=True)
+    shares: Real = of_disks / of_disks.sum(axis=2, keepdims=True)
+    return shares
 
 
 def crank_torque(eccentricity: float, crank: Real, n_disks: int, thrust: NDArray[np.complex128]) -> Real:
@@ -133,7 +134,8 @@ def crank_torque(eccentricity: float, crank: Real, n_disks: int, thrust: NDArray
     """
     phase = np.repeat(2 * np.pi * np.arange(n_disks) / n_disks, thrust.shape[3] // n_disks)
     eccentric = np.exp(1j * np.add.outer(crank, phase))
-    return -eccentricity * np.sum(np.imag(np.conj(eccentric) * thrust), axis=3)
+    torque: Real = -eccentricity * np.sum(np.imag(np.conj(eccentric) * thrust), axis=3)
+    return torque
 
 
 def sliding_speed(profile: CycloidProfile, reducer: Reducer, crank_speed: float) -> Real:

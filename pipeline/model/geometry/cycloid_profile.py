@@ -130,7 +130,8 @@ class CycloidProfile:
     def locus(self, psi: ArrayLike) -> Complex:
         """Pin centre in the disk frame at the flank parameter ``psi`` [rad], in mm."""
         turn: Complex = 1j * np.asarray(psi, float)
-        return self.pin_circle_radius * np.exp(turn) - self.eccentricity * np.exp(self.pins * turn)
+        centres: Complex = self.pin_circle_radius * np.exp(turn) - self.eccentricity * np.exp(self.pins * turn)
+        return centres
 
     def normal(self, psi: ArrayLike) -> Complex:
         """Unit normal at ``psi`` [rad], from the pin centre to the pitch point, hence into the disk."""
@@ -154,7 +155,8 @@ class CycloidProfile:
         s_squared = 1 + k * k - 2 * k * cos_beta
         bend = k * (n + 1) * cos_beta - 1 - n * k * k
         with np.errstate(divide="ignore"):  # a point of inflection has an infinite radius
-            return self.pin_circle_radius * s_squared**1.5 / bend
+            radius: Real = self.pin_circle_radius * s_squared**1.5 / bend
+        return radius
 
     def flank_curvature(self, beta: ArrayLike) -> Real:
         """Curvature of the flank at phase ``beta`` [rad], in 1/mm; positive = convex."""

@@ -84,7 +84,8 @@ class TurnReadings:
     @property
     def is_balanced(self) -> NDArray[np.bool_]:
         """(n,) whether the forces on the bearings balance the torque on the output."""
-        return np.all(np.abs(np.mean(self.input_share, axis=2) - 1) <= LARGEST_IMBALANCE, axis=1)
+        balanced: NDArray[np.bool_] = np.all(np.abs(np.mean(self.input_share, axis=2) - 1) <= LARGEST_IMBALANCE, axis=1)
+        return balanced
 
     def with_stride(self, stride: int) -> "TurnReadings":
         """The readings at every so many of the even angles."""
@@ -132,7 +133,8 @@ class TurnMetric(Limited):
 
 def peak_to_peak(angle: Real) -> Real:
     """The larger of both senses' peak to peak (n,) [arcsec] of angles (n, 2, n_angles) [arcmin]."""
-    return 60.0 * np.max(np.max(angle, axis=2) - np.min(angle, axis=2), axis=1)
+    range_of_angle: Real = 60.0 * np.max(np.max(angle, axis=2) - np.min(angle, axis=2), axis=1)
+    return range_of_angle
 
 
 @cache
