@@ -97,7 +97,8 @@ def inclusion_probability(chance: Real, budget: float) -> Real:
     certain = np.arange(weight.size)  # number of units at 1
     factor = (budget - certain) / weight_below[:-1]
     first_certain = int(np.argmax(factor * descending <= 1))
-    return np.minimum(1.0, factor[first_certain] * weight)
+    probability: Real = np.minimum(1.0, factor[first_certain] * weight)
+    return probability
 
 
 def count_slope(chance: Real, probability: Real) -> float:

@@ -1,7 +1,5 @@
 """From a unit's files to the problem that is fitted."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -29,6 +27,7 @@ from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.effect import LOOPS, RATE, STILL
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.backbone import Backbone
+from pipeline.model.units import MM_PER_UM, NMM_PER_NM
 from pipeline.sampling.errors import Errors as SampledErrors
 from pipeline.sampling.errors import draw, draw_as_measured, usual_beside
 
@@ -87,7 +86,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     mean_study = None if case is None else one_unit(study, usual_beside(study, case))
     sampled_errors = _mean_unit(population_errors) if mean_study is None else draw(mean_study, 0, 1)
     drives = drives_of(study, keys, sampled_errors, stations.cranks, compliances, at_stations)
-    nmm = assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm
+    nmm = NMM_PER_NM * study.design.cycloid.rated_torque_Nm
     reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))
     stateless = Forward([course.without_states() for course in courses], nmm, reach)
     ranges = np.array([plausible_range(study.design, key).log for key in keys] + [LAWS.log] * 2).T
@@ -150,7 +149,7 @@ def _asked_nodes(measurement: Measurement, torque: Real) -> NDArray[np.int64] | 
     """Nodes of backbones, at ``torque`` (n_nodes,) [N mm], that are asked for: all, or those of torques held."""
     if not isinstance(measurement, TurningMeasurement):
         return slice(None)
-    levels = assembly.NMM_PER_NM * measurement.motion.levels
+    levels = NMM_PER_NM * measurement.motion.levels
     return np.unique(np.argmin(np.abs(torque[:, None] - levels), axis=0))
 
 
@@ -241,7 +240,7 @@ def _indistinguishable_errors(errors: Errors, case: Case) -> Errors:
     A dimension that was not measured has its tolerance alone.
     """
     rng = np.random.default_rng(POPULATION)
-    unit = assembly.MM_PER_UM * MEASURED_UM
+    unit = MM_PER_UM * MEASURED_UM
     measured_names = {*case.model_fields_set, *("lobe" for name in LOBE_PROFILES if name in case.model_fields_set)}
 
     def spread(values: Real) -> Real:

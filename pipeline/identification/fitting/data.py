@@ -1,7 +1,5 @@
 """The cells that a model is fitted to: of loops at standing cranks, or of a crank that turns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The loops that were measured: their torques by cells, and the path that the load took."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -16,8 +16,6 @@ so that an angle error makes the factor 1 - i' te', and a compliance or a play t
 An error of the encoder is read and does no work. Where the torque is measured at the output, there is no such term.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -61,7 +59,7 @@ class GenericDrive:
     torque_zero: float
 
     @classmethod
-    def from_values(cls, values: Mapping[str, float], top: float) -> GenericDrive:
+    def from_values(cls, values: Mapping[str, float], top: float) -> "GenericDrive":
         """The drive of numbers by the names of ``drive_terms``, none where not given; ``top``: largest torque [N m]."""
         amplitudes = {name: [values.get(number, 0.0) for number in TERMS[name]] for name in CRANK_EFFECTS}
         creep = values.get("creep_arcmin_per_Nm", 0.0)

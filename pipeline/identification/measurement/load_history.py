@@ -1,7 +1,5 @@
 """The torques at which each position turned, over all its cycles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

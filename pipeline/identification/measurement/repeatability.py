@@ -3,8 +3,6 @@
 All numbers are of cells (averages over neighbouring torques), which are what is fitted.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 

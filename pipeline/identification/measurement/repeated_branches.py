@@ -1,7 +1,5 @@
 """Branches that repeat each other: their angles held against each other at equal torque."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -133,7 +131,8 @@ def _is_even(branch: Branch, level: Real) -> NDArray[np.bool_]:
     """Torques that a branch reaches and where it is not steep."""
     torque = branch.torque
     steep = steep_places(branch)[np.clip(np.searchsorted(torque, level), 0, torque.size - 1)]
-    return (level >= torque[0]) & (level <= torque[-1]) & ~steep
+    is_even: NDArray[np.bool_] = (level >= torque[0]) & (level <= torque[-1]) & ~steep
+    return is_even
 
 
 def _interpolate(branch: Branch, level: Real) -> tuple[Real, Real]:
@@ -157,7 +156,8 @@ def steep_places(branch: Branch) -> NDArray[np.bool_]:
     torque, angle = branch.torque, branch.angle
     rise, run = np.abs(np.diff(angle)) - SURE * np.sqrt(2) * branch.blur, np.abs(np.diff(torque))
     steep = rise * np.ptp(torque) > STEEP * np.ptp(angle) * run
-    return np.concatenate([[False], steep]) | np.concatenate([steep, [False]])
+    is_steep: NDArray[np.bool_] = np.concatenate([[False], steep]) | np.concatenate([steep, [False]])
+    return is_steep
 
 
 def steep_cells(cells: Cells) -> NDArray[np.bool_]:

@@ -1,16 +1,14 @@
 """What a record says of a drive: verdict, lost motion and rigidity from both senses, and the orders of its error."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
-from threadpoolctl import threadpool_limits
 
 from pipeline.arrays import Real, Truth
+from pipeline.identification.identify import one_thread
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.evidence import Points, RecordEvidence, points_of
 from pipeline.identification.record.judging import TOLERATED_SHARE, Judgement, RecordJudge, Trial, parts_of
@@ -145,7 +143,7 @@ class RecordAnswer:
         return {effect.name: effect.title for effect in self.effects}
 
 
-@threadpool_limits.wrap(limits=1)  # matrices are small: threads would wait for each other
+@one_thread
 def record_answer(record: TurnRecord) -> RecordAnswer:
     """The answer on a record without a fatal fault."""
     points = points_of(record)
@@ -323,7 +321,8 @@ def _orders(record: TurnRecord, points: Points) -> list[OrderRow]:
     def amplitudes(order: float) -> Real:
         columns = np.column_stack([np.cos(order * place), np.sin(order * place), np.ones(len(place))])
         sizes, *_ = np.linalg.lstsq(columns, np.nan_to_num(np.column_stack(signals)), rcond=None)
-        return 60 * np.hypot(sizes[0], sizes[1]) / float(np.sinc(order * half / np.pi))
+        amplitude: Real = 60 * np.hypot(sizes[0], sizes[1]) / float(np.sinc(order * half / np.pi))
+        return amplitude
 
     amplitudes_found = {float(order): amplitudes(order) for order in {*named_orders, *grid}}
     separate_orders = [

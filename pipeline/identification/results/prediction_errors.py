@@ -1,7 +1,5 @@
 """Errors of predictions on held-out data of the metrics that are read off a loop."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A signature is a coefficient of a least-squares line through the residual of the
 cycle, branch) are drawn with replacement, since neighbouring cells are not independent.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,10 +70,12 @@ class SignatureCells:
     block: NDArray[np.int64]
 
     def near_zero(self) -> Truth:
-        return np.abs(self.torque) <= LOW * np.max(np.abs(self.torque), initial=0.0)
+        is_small: Truth = np.abs(self.torque) <= LOW * np.max(np.abs(self.torque), initial=0.0)
+        return is_small
 
     def is_loaded(self) -> Truth:
-        return np.abs(self.torque) >= HIGH * np.max(np.abs(self.torque), initial=0.0)
+        is_large: Truth = np.abs(self.torque) >= HIGH * np.max(np.abs(self.torque), initial=0.0)
+        return is_large
 
 
 def signatures(measurement: Measurement, data: Data, predicted_angle: Real) -> tuple[Signature, ...]:

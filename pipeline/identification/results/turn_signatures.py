@@ -1,7 +1,5 @@
 """Prediction errors and signatures of a unit whose crank turned."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
