@@ -6,8 +6,6 @@ A dimension with a direction is an amplitude with a phase; its units of full amp
 A metric as a linear stack of the errors, and its process capability: whether a normal yield agrees with it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -53,7 +51,7 @@ class Box:
     measured_values: Mapping[str, Real] = field(default_factory=dict)
 
     @classmethod
-    def from_study(cls, study: Study, measured_values: Mapping[str, Real] | None = None) -> Box:
+    def from_study(cls, study: Study, measured_values: Mapping[str, Real] | None = None) -> "Box":
         """The box of a study, of which some dimensions were ``measured_values``.
 
         Raises
@@ -183,7 +181,8 @@ class Stack:
     @property
     def values(self) -> Real:
         """(n,) of the drawn units."""
-        return self.middle + np.sum(list(self.parts.values()), axis=0)
+        values: Real = self.middle + np.sum(list(self.parts.values()), axis=0)
+        return values
 
     @property
     def rss(self) -> float:

@@ -191,7 +191,8 @@ def _margins(study: Study, values: Mapping[str, Real]) -> Real:
         if name in values:
             distance = np.asarray(values[name]) - limit
             margins.append((distance if metrics[name].smaller_is_worse else -distance) / limit)
-    return np.min(margins, axis=0)
+    smallest: Real = np.min(margins, axis=0)
+    return smallest
 
 
 def _verified_yield(

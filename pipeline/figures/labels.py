@@ -61,4 +61,5 @@ def centred_loops(angle: NDArray[np.float64], branch: NDArray[Any], torque: NDAr
     branch, torque : (n_steps,) names of the cycle's branches and [N m].
     """
     ends = [np.flatnonzero((branch == name) & (torque == 0))[0] for name in ("unloading+", "unloading-")]
-    return angle - angle[:, ends].mean(axis=1, keepdims=True)
+    centred: NDArray[np.float64] = angle - angle[:, ends].mean(axis=1, keepdims=True)
+    return centred

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from pipeline.arrays import Index, Real
 from pipeline.figures.measured_unit import MODELS, STAGES, zero_line
 from pipeline.figures.style import (
     ACCENT,
@@ -82,11 +83,13 @@ def states_figure(states: pd.DataFrame, trends: pd.DataFrame, variable: str) -> 
     return figure
 
 
-def _line(values: np.ndarray, place: np.ndarray, trend: dict[str, Any], line: np.ndarray) -> np.ndarray:
+def _line(values: Real, place: Real | Index, trend: dict[str, Any], line: Real) -> Real:
     """The trend through the mean of the states (n,): exponential of a positive number."""
+    slope: float = trend["slope"]
+    distance: Real = line - place.mean()
     if trend["slope_unit"] == "1":
-        return np.exp(np.log(values).mean()) * (1 + trend["slope"]) ** (line - place.mean())
-    return values.mean() + trend["slope"] * (line - place.mean())
+        return float(np.exp(np.log(values).mean())) * (1 + slope) ** distance
+    return float(values.mean()) + slope * distance
 
 
 MOST_POSITIONS = 9

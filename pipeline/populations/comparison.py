@@ -1,7 +1,5 @@
 """Measured units against the distributions of a study: bias, spread, quantiles, and tests of the same distribution."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

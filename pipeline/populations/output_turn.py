@@ -21,7 +21,7 @@ from pipeline.model.geometry.drawn_flank import deviation_table
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.response import respond
 from pipeline.model.turn import bearing_force, held_forces
-from pipeline.model.units import ARCMIN
+from pipeline.model.units import ARCMIN, NMM_PER_NM
 from pipeline.mounting import drive_of
 from pipeline.populations.turn_drives import TurnDrives, Units
 from pipeline.sampling.errors import Errors
@@ -154,7 +154,7 @@ def loaded_error(
     """
     study, units = drives.study, Units.from_errors(drives.study, unit)
     steps, torques = loaded_steps(study, drives.phases), assembly.definitions(study)
-    held_torque = assembly.NMM_PER_NM * torques.rigidity_high
+    held_torque = NMM_PER_NM * torques.rigidity_high
     angles, on_bearing, on_pin = np.empty((3, 2, len(steps)))
     for k, step in enumerate(steps):
         drive = drives.drive(int(step), units)

@@ -6,8 +6,6 @@ by that the units are taken (``statistics.two_phase``). A metric that the rough 
 alike, and its interval is then as wide as that of plain sampling: ``effective`` says so.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 

@@ -5,8 +5,6 @@ all metrics. What the rough model misses at them corrects the ranking of the oth
 misses is seen on units that are solved at every pitch and beside the worst of these.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import dataclass
@@ -183,7 +181,7 @@ def lies_elsewhere(found: Worst, searched: Worst) -> bool:
     return False
 
 
-def _pools(drives: TurnDrives, ranking: Ranking, units: Units) -> Iterator[_Pool]:
+def _pools(drives: TurnDrives, ranking: Ranking, units: Units) -> "Iterator[_Pool]":
     """The best ranked pitches of all units, in blocks of them."""
     for first_row in range(0, len(units), GAPS_AT_ONCE):
         rows = np.arange(first_row, min(first_row + GAPS_AT_ONCE, len(units)))
@@ -217,7 +215,7 @@ class _Pool:
     names: tuple[str, ...]
 
     @classmethod
-    def from_ranking(cls, ranking: Ranking, gaps: SeparateGaps, rows: Index) -> _Pool:
+    def from_ranking(cls, ranking: Ranking, gaps: SeparateGaps, rows: Index) -> "_Pool":
         """The best ranked pitches of each metric, of units by their gaps."""
         rankings = ranking.predict_metrics(gaps)
         count = min(CANDIDATES, gaps.n_pitches)

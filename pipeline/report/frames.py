@@ -1,7 +1,5 @@
 """What a report is made of: the study and its tables, and which of their rows the figures draw."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -170,7 +168,8 @@ class Frames:
         samples = table["sample"].to_numpy()
         first_sample, n = int(samples[0]), len(np.unique(samples))
         values = table[column].to_numpy().reshape(n, len(self.study.cycle.curve_crank_deg), -1)
-        return values[self.band - first_sample, 0]
+        rows: NDArray[np.float64] = values[self.band - first_sample, 0]
+        return rows
 
 
 def unsolved_rows(metrics: pd.DataFrame) -> pd.DataFrame:
@@ -207,7 +206,7 @@ class Drawing:
     name: str
     title: str
     caption: str
-    figure: Callable[[], Figure]
+    figure: "Callable[[], Figure]"
 
 
 def disk_words(design: Design) -> str:

@@ -132,20 +132,20 @@ class TableFile:
         """The cells of a column as numbers (n,); NaN where there is none."""
         values = self.cells[column]
         if pd.api.types.is_numeric_dtype(values):
-            return values.to_numpy(float)
-        return pd.to_numeric(_with_point(values, self.decimal), errors="coerce").to_numpy(float)
+            return np.asarray(values.to_numpy(float))
+        return np.asarray(pd.to_numeric(_with_point(values, self.decimal), errors="coerce").to_numpy(float))
 
     def texts(self, column: str) -> list[str]:
         """The cells of a column as texts (n,), as names of cases that happen to be numbers; "" where it is blank."""
         values = self.cells[column]
         if pd.api.types.is_numeric_dtype(values):
             return ["" if np.isnan(value) else f"{value:.15g}" for value in values]
-        return values.fillna("").astype(str).tolist()
+        return list(values.fillna("").astype(str).tolist())
 
     def is_blank(self, column: str) -> Truth:
         """Whether the cells of a column hold nothing (n,)."""
         values = self.cells[column]
-        return (values.isna() | values.isin(BLANK)).to_numpy(bool)
+        return np.asarray((values.isna() | values.isin(BLANK)).to_numpy(bool))
 
     def place(self, row: int) -> str:
         """`file:line` of a row."""

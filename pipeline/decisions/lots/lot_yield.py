@@ -163,7 +163,7 @@ def _target(drawing: Distribution) -> Fixed:
 
 def limit_passes(study: Study, values: Mapping[str, Real]) -> NDArray[np.bool_]:
     """Whether each unit (n,) keeps all limits; one without a value keeps none."""
-    has_values = np.all(
+    has_values: NDArray[np.bool_] = np.all(
         [np.isfinite(values[name]) for name in study.limits.limited_metrics(ALL_LIMITS, values)], axis=0
     )
     return study.limits.pass_flags(values)[ALL_LIMITS] & has_values
