@@ -182,7 +182,7 @@ def _plays(element: Rayleigh, torque: Real, time: Real) -> Real:
     for k, load in enumerate(torque):
         play_torque = np.clip(play_torque, load - half, load + half)
         twist[k] = play_torque.sum()
-    return 2 * element.coefficient * (half[1] - half[0]) * twist
+    return 2 * element.coefficient * float(half[1] - half[0]) * twist
 
 
 def _every_row(turns: Real, row_torque: Real, leg: NDArray[np.int64]) -> tuple[Real, NDArray[np.bool_]]:

@@ -68,7 +68,8 @@ class Flank:
         pitch = 2 * np.pi / self.lobes
         feet = [self.refined(point, nominal + share * pitch) for share in FIRST_STARTS]
         distances = np.array([np.abs(self._in_lobe(point, foot)[0] - self._curve(foot)[0]) for foot in feet])
-        return np.array(feet)[np.argmin(distances, axis=0), np.arange(len(point))]
+        nearest: Real = np.array(feet)[np.argmin(distances, axis=0), np.arange(len(point))]
+        return nearest
 
     def refined(self, pin_position: Complex, start: Real) -> Real:
         """Parameters of the nearest points, from those of a neighbouring pose."""
@@ -133,7 +134,7 @@ class LineContact:
 
     @property
     def _scale(self) -> float:
-        return self.interfaces * APPROACH_MM / self.length**BY_LENGTH
+        return float(self.interfaces * APPROACH_MM / self.length**BY_LENGTH)
 
     def force(self, approach: Real) -> Real:
         """Forces (n,) [N] at approaches [mm]; none where bodies are apart."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,7 @@ class Position:
     loading: Loading
     encoder_turns: float
     encoder_angle: float
-    _curves: dict[tuple, Curve] = field(default_factory=dict)
+    _curves: dict[tuple[Any, ...], Curve] = field(default_factory=dict)
 
     def angle(self, effects: Mapping[str, Sequence[float]]) -> Real:
         """Angle (n_rows,) [arcmin] as read, without noise, with effects by their names and values."""
