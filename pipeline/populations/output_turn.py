@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from math import gcd
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.config.studies.study import Study
 from pipeline.model.geometry.clearance import Errors as ModelErrors
 from pipeline.model.geometry.clearance import after_turns
@@ -65,7 +64,7 @@ def rigid_cranks(study: Study) -> Real:
     return 2 * np.pi * np.arange(per_turn * cycloid.lobes) / per_turn
 
 
-def loaded_steps(study: Study, phases: int = PHASES) -> NDArray[np.intp]:
+def loaded_steps(study: Study, phases: int = PHASES) -> Index:
     """Steps of a pitch over its ``phases`` at which the unit is loaded, evenly over the output turn, phases alike."""
     cycloid = study.design.cycloid
     steps = cycloid.pins * cycloid.lobes * phases

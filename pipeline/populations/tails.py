@@ -11,9 +11,8 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from joblib import delayed
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.config.designs.design import Design
 from pipeline.config.studies.optional import limited_under_load, without_tails
 from pipeline.config.studies.study import Samples, Study
@@ -134,7 +133,7 @@ def _join(parts: Sequence[Mapping[str, Real]]) -> Mapping[str, Real]:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def _solve_units(population: Population, solve: Solve, selected_units: NDArray[np.intp]) -> Mapping[str, Real]:
+def _solve_units(population: Population, solve: Solve, selected_units: Index) -> Mapping[str, Real]:
     """Metrics of the taken units; each is drawn by its own number."""
     return solve(joined_errors(*(draw(population, int(unit), int(unit) + 1) for unit in selected_units)))
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.arrays import Index, Real
+from pipeline.arrays import Index, Real, Single, Truth
 from pipeline.model.metrics import library
 from pipeline.model.units import ARCMIN
 from pipeline.populations.turn_drives import TurnDrives, Units
@@ -208,10 +208,10 @@ class _Pool:
 
     rows: Index
     pitches: NDArray[np.int32]
-    predicted_values: NDArray[np.float32]
+    predicted_values: Single
     best_columns: NDArray[np.int16]
-    solved_values: NDArray[np.float32]
-    is_open: NDArray[np.bool_]
+    solved_values: Single
+    is_open: Truth
     names: tuple[str, ...]
 
     @classmethod
@@ -242,7 +242,7 @@ class _Pool:
 
     def promising(self, ranking: Ranking, n_best: int) -> Index:
         """Likewise of those that may be among the worst, by the ranking and what it missed at the solved ones."""
-        is_known: NDArray[np.bool_] = np.asarray(np.isfinite(self.solved_values).any(axis=0))
+        is_known: Truth = np.asarray(np.isfinite(self.solved_values).any(axis=0))
         scores, rows = np.full(self.predicted_values.shape, -np.inf), np.flatnonzero(self.is_open)
         known = np.argsort(~is_known[rows], axis=1, kind="stable")[:, : max(1, int(is_known.sum(axis=1).max()))]
         rows = rows[:, None]

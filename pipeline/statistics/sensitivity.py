@@ -13,7 +13,7 @@ import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.config.studies.study import FEWEST_BASE_SAMPLES
 from pipeline.statistics.resampling import resampled_means
 
@@ -57,7 +57,7 @@ class VarianceIndices:
     n: int
 
 
-def are_determined(index: Real, ci_low: Real, ci_high: Real) -> NDArray[np.bool_]:
+def are_determined(index: Real, ci_low: Real, ci_high: Real) -> Truth:
     """Whether indices of any kind say something: their intervals are narrower than they are large."""
     return ci_high - ci_low < np.abs(index)  # an unknown index compares as false
 

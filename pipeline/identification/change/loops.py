@@ -5,16 +5,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.identification.change.scatter import indicators
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.measurement.cells import CELL_POWER, CELLS_PER_SENSE
 from pipeline.identification.measurement.measurement import Measurement
 
-Numbers = NDArray[np.intp]
+Numbers = Index
 
 SAME_SIZE = 1.3
 """Ratio of the largest torques of two loops below which they are loops of one size."""

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real, Whole
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.errors import InputError
 from pipeline.identification.change.kinds import KINDS, Kind
 from pipeline.identification.change.loops import Curves, Loop, LoopSize, State, curves_at, loop_of, loop_sizes
@@ -60,7 +59,7 @@ class LoopTable:
     curves: tuple[dict[LoopSize, Curves], ...]
 
     @cached_property
-    def positive(self) -> NDArray[np.bool_]:
+    def positive(self) -> Truth:
         """Numbers (n_numbers,) that are compared on a log scale."""
         return np.array([number.kind.positive for number in self.numbers], bool)
 

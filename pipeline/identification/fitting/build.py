@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.arrays import Real, Truth
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.config.designs.design import LAWS, Design, plausible_range
 from pipeline.config.studies.study import Study
 from pipeline.config.studies.tolerances import Case
@@ -145,7 +144,7 @@ def _refuse_paths(unit: UnitFile, paths: frozenset[str]) -> None:
         )
 
 
-def _asked_nodes(measurement: Measurement, torque: Real) -> NDArray[np.int64] | slice:
+def _asked_nodes(measurement: Measurement, torque: Real) -> Whole | slice:
     """Nodes of backbones, at ``torque`` (n_nodes,) [N mm], that are asked for: all, or those of torques held."""
     if not isinstance(measurement, TurningMeasurement):
         return slice(None)
@@ -153,7 +152,7 @@ def _asked_nodes(measurement: Measurement, torque: Real) -> NDArray[np.int64] | 
     return np.unique(np.argmin(np.abs(torque[:, None] - levels), axis=0))
 
 
-def _states(measurement: Measurement) -> tuple[list[NDArray[np.int64]], list[Conditions]]:
+def _states(measurement: Measurement) -> tuple[list[Whole], list[Conditions]]:
     """State of every leg of each position, and the conditions of each state: one per cycle."""
     rows, blocks, cells, turns = measurement.rows, measurement.branches, measurement.cells, measurement.history
     unit = measurement.unit
@@ -177,7 +176,7 @@ def _states(measurement: Measurement) -> tuple[list[NDArray[np.int64]], list[Con
     return states, conditions
 
 
-def _rise(cells: Cells, cycles: NDArray[np.int64], is_chosen: Truth, drawing_C: float) -> Real:
+def _rise(cells: Cells, cycles: Whole, is_chosen: Truth, drawing_C: float) -> Real:
     """Temperature over that of the drawing (n_cycles,) [K], mean of the chosen cells; 0 where it was not measured."""
     rise = np.zeros(len(cycles))
     for number, cycle in enumerate(cycles):
@@ -187,7 +186,7 @@ def _rise(cells: Cells, cycles: NDArray[np.int64], is_chosen: Truth, drawing_C: 
     return rise
 
 
-def _reach(courses: Sequence[Course], training_positions: NDArray[np.int64]) -> float:
+def _reach(courses: Sequence[Course], training_positions: Whole) -> float:
     """Largest torque [N m] that the curves are solved for: that of trained positions, unless others go far beyond."""
     tops = np.array([np.max(np.abs(course.torque)) for course in courses])
     top = float(np.max(tops[training_positions]))
@@ -195,7 +194,7 @@ def _reach(courses: Sequence[Course], training_positions: NDArray[np.int64]) -> 
 
 
 def _course(
-    measurement: Measurement, states: Sequence[NDArray[np.int64]], stations: Stations, position: int, visible: Truth
+    measurement: Measurement, states: Sequence[Whole], stations: Stations, position: int, visible: Truth
 ) -> Course:
     unit, cells, turns = measurement.unit, measurement.cells, measurement.history
     of_position = cells.position == position
@@ -247,9 +246,8 @@ def _indistinguishable_errors(errors: Errors, case: Case) -> Errors:
         common = unit * rng.standard_normal((POPULATION,) + (1,) * (values.ndim - 1))
         return values + common + (unit * rng.standard_normal((POPULATION, *values.shape[1:])) * (values.ndim > 1))
 
-    return Errors(
-        **{name: spread(values) if name in measured_names else values for name, values in vars(errors).items()}
-    )
+    values_of = dict(vars(errors))
+    return Errors(**values_of | {name: spread(values_of[name]) for name in values_of if name in measured_names})
 
 
 def _population(study: Study, case: Case | None = None) -> SampledErrors:

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import svd
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.identification.bench.instrument_effects import InstrumentEffect, instrument_effects
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Forward
@@ -61,8 +60,8 @@ class Problem:
     """
 
     data: Data
-    training: NDArray[np.bool_]
-    trained_on: "Callable[[NDArray[np.bool_]], Problem]"
+    training: Truth
+    trained_on: "Callable[[Truth], Problem]"
     forward: Forward
     forward_by_state: Forward
     stations: tuple[range, ...]
@@ -170,7 +169,7 @@ class Problem:
         sizes *= min(1.0, LIMIT / max(float(np.linalg.norm(sizes)), LIMIT))
         return float(np.sqrt(np.mean((change - sizes @ patterns) ** 2)))
 
-    def why_not(self, candidate: Candidate, cells: NDArray[np.bool_] | None = None) -> str:
+    def why_not(self, candidate: Candidate, cells: Truth | None = None) -> str:
         """Why the data, or some cells (n_cells,) of them, cannot test an effect; empty if they can."""
         offered_names = set(self.met_needs)
         if cells is not None and len(np.unique(self.data.position[cells])) < FEWEST_CRANKS:

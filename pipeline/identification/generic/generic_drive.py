@@ -21,9 +21,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.identification.generic.crank_loops import CrankAngle, CrankLoops
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, TERMS, CrankEffect
 from pipeline.model.effects.compliance import LinearSpring
@@ -162,5 +161,5 @@ class LoopModel:
         return twist
 
     @cached_property
-    def _runs(self) -> tuple[NDArray[np.intp], ...]:
+    def _runs(self) -> tuple[Index, ...]:
         return tuple(np.flatnonzero(self.loops.runs == run) for run in np.unique(self.loops.runs))

@@ -4,10 +4,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from pipeline.arrays import Real, Truth
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.identify import one_thread
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.evidence import Points, RecordEvidence, points_of
@@ -357,20 +356,20 @@ def _mesh_orders(record: TurnRecord) -> dict[float, str]:
     return {times * turns: f"{times} times per turn of the crank" for times in (3, 4)} if turns else {}
 
 
-def _squares(x: Real, group: NDArray[np.int64]) -> Real:
+def _squares(x: Real, group: Whole) -> Real:
     """Sum of squares (n_groups,) of x about its mean in each group."""
     about = x - (np.bincount(group, x) / np.bincount(group))[group]
     return np.asarray(np.bincount(group, about**2), float)
 
 
-def _slopes(x: Real, y: Real, group: NDArray[np.int64]) -> Real:
+def _slopes(x: Real, y: Real, group: Whole) -> Real:
     """Slopes (n_groups,) of y over x in each group; zeros where x does not vary."""
     about = x - (np.bincount(group, x) / np.bincount(group))[group]
     return np.bincount(group, about * y) / np.maximum(np.bincount(group, about**2), 1e-12)
 
 
 def _held_out(
-    record: TurnRecord, evidence: RecordEvidence, held_out_by: str, parts: NDArray[np.int64], trial: Trial
+    record: TurnRecord, evidence: RecordEvidence, held_out_by: str, parts: Whole, trial: Trial
 ) -> list[HeldOut]:
     """Each part predicted from the others; nothing where none can be held out."""
     if not held_out_by:

@@ -7,10 +7,9 @@ cycle, branch) are drawn with replacement, since neighbouring cells are not inde
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit  # scipy.stats is slow to import
 
-from pipeline.arrays import Real, Truth
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.measurement.estimate import SEED
 from pipeline.identification.measurement.measurement import Measurement
@@ -66,8 +65,8 @@ class SignatureCells:
     cycle: Real
     hours: Real
     warmer: Real
-    position: NDArray[np.int64]
-    block: NDArray[np.int64]
+    position: Whole
+    block: Whole
 
     def near_zero(self) -> Truth:
         is_small: Truth = np.abs(self.torque) <= LOW * np.max(np.abs(self.torque), initial=0.0)

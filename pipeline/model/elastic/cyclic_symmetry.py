@@ -142,7 +142,8 @@ class CyclicBody:
             np.stack([yielding[:, :n_cut], yielding[:, n_cut:]]),
         )
         bordered_stiffness = _bordered_stiffness(ends, yielding, reaction, held_force, _phases(len(sectors.nodes)))
-        return cls(sectors, freedoms, factors.solve, yielding, held_force, np.linalg.inv(bordered_stiffness))
+        flexibility = np.asarray(np.linalg.inv(bordered_stiffness), complex)
+        return cls(sectors, freedoms, factors.solve, yielding, held_force, flexibility)
 
     def compliance(self, loads: csc_array) -> Real:
         """Work of each load on the displacement by each other, the reference held (n_loads, n_loads) [mm/N].

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Complex, Real
+from pipeline.arrays import Complex, Index, Real
 
 FIRST_STARTS = (-0.12, 0.0, 0.12)
 """Starts of the nearest point about the nominal one, in pitches of the lobes: a pin above a root has two of them."""
@@ -54,7 +53,7 @@ class Flank:
         """Number of lobes, the ratio of the drive."""
         return self.pins - 1
 
-    def lobe_at(self, parameter: Real) -> NDArray[np.intp]:
+    def lobe_at(self, parameter: Real) -> Index:
         """Lobe of a place on the flank; they are counted clockwise from the root at angle 0."""
         return np.floor(-parameter * self.lobes / (2 * np.pi)).astype(int) % self.lobes
 

@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from pipeline.arrays import Real, Whole
+from pipeline.arrays import Real, Truth, Whole
 from tests.validation.blind.rigid_drive.drive import Curve, RigidDrive
 from tests.validation.blind.rigid_drive.effects import EFFECTS, NMM_PER_NM, RAD_PER_ARCMIN, Sensors
 from tests.validation.blind.rigid_drive.train import Train
@@ -98,7 +97,7 @@ def _numbers(part: str, effects: Mapping[str, Sequence[float]]) -> dict[str, flo
     }
 
 
-def _with_turns(torque: Real, turns: Real, leg: Whole) -> tuple[Real, NDArray[np.bool_]]:
+def _with_turns(torque: Real, turns: Real, leg: Whole) -> tuple[Real, Truth]:
     """Torques of the rows with the turns among them, and which of them are rows."""
     steps, is_row = [turns[0]], [False]
     for number, end in enumerate(turns[1:]):
