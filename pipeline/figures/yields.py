@@ -52,8 +52,7 @@ def _draw_breaks(axes: Axes, breaks: Mapping[str, Truth]) -> None:
             f"{100 * all_units:.3g} %", (100 * all_units, row), (4, 0), textcoords="offset points", va="center"
         )
     axes.set_yticks(range(len(names)), [LIMITED_METRICS[name].title for name in names])
-    axes.set(xlabel="units (%)")
-    axes.set_xlim(0, 1.25 * max(100 * float(broken.mean(axis=1).max()), 1e-9))
+    axes.set(xlabel="units (%)", xlim=(0, 1.25 * max(100 * float(broken.mean(axis=1).max()), 1e-9)))
     axes.grid(visible=False, axis="y")
     axes.legend(loc="lower center", bbox_to_anchor=(0.3, 1.0), ncols=2, columnspacing=1.0, handlelength=1.2)
 
@@ -96,13 +95,9 @@ def units_figure(
     for name, line in zip(metrics, (scatter.axvline, scatter.axhline), strict=True):
         if name in limits:
             line(limits[name], color=ALARM, linestyle="--", linewidth=1.0)
-    scatter.set_xlabel(METRICS[metrics[0]].axis)
-    scatter.set_ylabel(METRICS[metrics[1]].axis)
-    scatter.set_title("Units; dashed: limits")
+    scatter.set(xlabel=METRICS[metrics[0]].axis, ylabel=METRICS[metrics[1]].axis, title="Units; dashed: limits")
     loops.plot(torque, angles.T, color=ACCENT, alpha=0.25, linewidth=0.7)
-    loops.set_xlabel("torque (N m)")
-    loops.set_ylabel("angle of the output (arcmin)")
-    loops.set_title("Their loops")
+    loops.set(xlabel="torque (N m)", ylabel="angle of the output (arcmin)", title="Their loops")
     return figure
 
 
