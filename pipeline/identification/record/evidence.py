@@ -12,8 +12,6 @@ Source: evidence of a linear Gaussian model: MacKay, Neural Computation 4 (1992)
 Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache

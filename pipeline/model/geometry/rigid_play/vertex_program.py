@@ -9,7 +9,7 @@ A disc is replaced by its tangents at the optima so far (Kelley, J. SIAM 8 (1960
 import numpy as np
 import scipy  # its functions are slow to import: they are when they are called
 
-from pipeline.arrays import Index, Real
+from pipeline.arrays import Index, Real, Whole
 from pipeline.model.compiled import entry, part
 from pipeline.model.geometry.rigid_play.disc_program import CONE_TOLERANCE
 
@@ -26,7 +26,9 @@ MOST_PIVOTS = 200
 
 
 @part
-def _exchange(rows, entering, violation, basis, inverse, duals, share, x):
+def _exchange(
+    rows: Real, entering: int, violation: float, basis: Index, inverse: Real, duals: Real, share: Real, x: Real
+) -> bool:
     """Let a violated row into the basis, and ``x`` onto it, for the one whose dual falls to zero first.
 
     False if no row can leave: the program is infeasible.
@@ -57,7 +59,9 @@ def _exchange(rows, entering, violation, basis, inverse, duals, share, x):
 
 
 @entry
-def _solve(rows, limits, radii, basis, inverse, duals, points, state):
+def _solve(
+    rows: Real, limits: Real, radii: Real, basis: Index, inverse: Real, duals: Real, points: Real, state: Whole
+) -> None:
     """Fill ``points`` (n, n_unknowns) and ``state`` (n,): 0 solved, 1 infeasible, 2 given up.
 
     ``rows`` (n_unknowns, n_rows) are columns here: the violations of all are found several at once. The last
