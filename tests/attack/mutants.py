@@ -40,7 +40,7 @@ SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
 }  # fmt: skip
 """Operators and bounds, and what takes their place."""
 LONGEST = 120
-"""Seconds that the tests of a mutant take without it, together; the slowest are left out of longer ones."""
+"""Seconds that the traced tests of a mutant take without it, together, and its files; longer ones are left out."""
 PYTEST = ("-m", "pytest", "-q", "-p", "no:cacheprovider")
 NOTHING_TO_RUN = 5
 """Exit status of pytest where all tests of the files are for another target."""
@@ -131,18 +131,21 @@ class Coverage:
                 self.seconds[test] = float(case.get("time", 0))
 
     def tests(self, mutant: Mutant) -> list[str]:
-        """Tests that run a line of a mutant, the shortest first; where no line of it is traced, files that name it.
+        """Tests that run a line of a mutant, the shortest first, then files that name its module or what is in it.
 
         What runs in the setup of one test may be shared with any test of its file. Compiled functions are not traced,
-        nor is what runs in a process that a test starts.
+        nor is what runs in a process that a test starts: for these are the files.
         """
         contexts = self.data.contexts_by_lineno(str(mutant.path))
         phases = {context for line in mutant.lines for context in contexts.get(line, [])}
         shared = tuple(phase.split("::")[0] for phase in phases if phase.endswith("|setup"))
         tests = {phase.split("|")[0] for phase in phases} | {test for test in self.seconds if test.startswith(shared)}
-        ranked = sorted(tests & self.seconds.keys(), key=self._time) or self._naming(mutant.path)
-        ends = accumulate(map(self._time, ranked))
-        return [test for test, end in zip(ranked, ends, strict=True) if end < LONGEST] or ranked[:1]
+        traced, named = sorted(tests & self.seconds.keys(), key=self._time), self._naming(mutant.path)
+        return self._first(traced) + self._first(named)
+
+    def _first(self, tests: list[str]) -> list[str]:
+        ends = accumulate(map(self._time, tests))
+        return [test for test, end in zip(tests, ends, strict=True) if end < LONGEST] or tests[:1]
 
     def _time(self, test: str) -> float:
         """Seconds of a test, or of all tests of a file."""
