@@ -189,8 +189,8 @@ def _tests_of(home: Path, options: Sequence[str], seconds: int = 10_000) -> subp
 
 def failed_test(home: Path, tests: Sequence[str]) -> str | None:
     """The first test that fails on the project in a folder; "" if one does not end, None if none fails."""
-    ran = _tests_of(home, ["-x", "-n", "0", *tests], 3 * LONGEST)
-    if ran.returncode in (0, NOTHING_TO_RUN):
+    ran = _tests_of(home, ["-x", "-n", "0", *tests], 6 * LONGEST) if tests else None
+    if ran is None or ran.returncode in (0, NOTHING_TO_RUN):
         return None
     found = re.search(r"^(?:FAILED|ERROR) (\S+)", ran.stdout, re.M)
     return found[1] if found else ""
