@@ -14,13 +14,13 @@ Computation 4 (1992) 415; variance of a random effect by its largest marginal li
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.special import gammaincinv, log_ndtr
 
 from pipeline.arrays import Real, Truth, Whole
@@ -121,11 +121,15 @@ class Covariance:
         white[self.is_first] = scaled_columns[self.is_first]
         return white
 
+    def features(self, reach: float) -> Real:
+        """Features of all kinds and zeros of angles (n, n_features)."""
+        return np.hstack([*self._features[reach], self.zeros])
+
     def whitened_features(self, reach: float, correlation: float) -> tuple[Real, Real]:
         """Features of all kinds and zeros of angles (n, n_features), whitened, and their products."""
         key = reach, correlation
         if key not in self._whitened_columns:
-            self._whitened_columns[key] = self.whiten(np.hstack([*self._features[reach], self.zeros]), correlation)
+            self._whitened_columns[key] = self.whiten(self.features(reach), correlation)
             self._products[key] = self._whitened_columns[key].T @ self._whitened_columns[key]
         return self._whitened_columns[key], self._products[key]
 
@@ -166,6 +170,7 @@ class Evidence:
         self.misfit = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
         self._products: dict[tuple[float, float], Real] = {}
         self._known_values: dict[Structure, float] = {}
+        self._systems: dict[Structure, tuple[Real, Real]] = {}
         self.structure = self._most_likely(start_structure or FIRST)
         self.value = self._value(self.structure) + self._positive
 
@@ -216,7 +221,17 @@ class Evidence:
     def _most_likely(
         self, start: Structure, largest_size: float = np.inf, largest_between_cycles: float = np.inf
     ) -> Structure:
-        """The structure of the largest evidence, not beyond two sizes: along each of its numbers until none helps."""
+        """The structure of the largest evidence, not beyond two sizes."""
+        return self.best_structure(self._value, start, largest_size, largest_between_cycles)
+
+    def best_structure(
+        self,
+        value: Callable[[Structure], float],
+        start: Structure,
+        largest_size: float = np.inf,
+        largest_between_cycles: float = np.inf,
+    ) -> Structure:
+        """The structure of the largest ``value``, not beyond two sizes: along each of its numbers until none helps."""
         positions_scatter, cycles_scatter = self.covariance.can_scatter
         sizes = [size for size in SIZES if size <= largest_size / np.sqrt(2)] or [SIZES[0]]
         own_sizes = sizes if positions_scatter else [0.0]
@@ -224,20 +239,21 @@ class Evidence:
         cycle_sizes = [size for size in cycle_sizes if size <= largest_between_cycles]
         axes: tuple[Sequence[float], ...] = (sizes, own_sizes, REACHES, CORRELATIONS, cycle_sizes)
         start_values = start.common, start.own_size, start.reach, start.correlation, start.cycle_size
-        place = [int(np.argmin(np.abs(np.array(axis) - value))) for axis, value in zip(axes, start_values, strict=True)]
+        place = [int(np.argmin(np.abs(np.array(axis) - first))) for axis, first in zip(axes, start_values, strict=True)]
 
         def structure_at(place: Sequence[int]) -> Structure:
             return Structure(*(axis[k] for axis, k in zip(axes, place, strict=True)))
 
-        best_value, has_improved = self._value(structure_at(place)), True
+        best_value, has_improved = value(structure_at(place)), True
         while has_improved:
             has_improved = False
             for number, step in product(range(len(axes)), (-1, 1)):
                 while 0 <= place[number] + step < len(axes[number]):
                     neighbour = [k + step * (n == number) for n, k in enumerate(place)]
-                    if self._value(structure_at(neighbour)) <= best_value:
+                    neighbour_value = value(structure_at(neighbour))
+                    if neighbour_value <= best_value:
                         break
-                    place, best_value, has_improved = neighbour, self._value(structure_at(neighbour)), True
+                    place, best_value, has_improved = neighbour, neighbour_value, True
         return structure_at(place)
 
     @cached_property
@@ -299,29 +315,61 @@ class Evidence:
         """Standard deviations of the unknowns (n_unknowns,) in their units."""
         return self.spread * np.sqrt(np.diag(self.unknowns[1]))
 
-    def information(self, changes: Real) -> Real:
+    def fall(self, structure: Structure) -> float:
+        """Fall of the logarithm of the evidence from the structure of the largest one to another."""
+        return self._value(self.structure) - self._value(structure)
+
+    def information(self, changes: Real, structure: Structure | None = None) -> Real:
         """Products (n, n) of changes (n_cells, n) [arcmin] of all cells, under noise, structure and the model's priors.
 
-        A change whose product with itself is lambda is seen at the square root of lambda standard deviations.
+        A change whose product with itself is lambda is seen at the square root of lambda standard deviations. The
+        structure is that of the largest evidence unless another is given.
         """
-        weighted_changes = self._weighted_changes(changes)
-        white = self.covariance.whiten(changes[self.covariance.cells], self.structure.correlation)
-        return np.asarray(white.T @ weighted_changes)
+        structure = structure or self.structure
+        spread, factor = self._system(structure)
+        white = self.covariance.whiten(changes[self.covariance.cells], structure.correlation)
+        followed_part = solve_triangular(factor, spread[:, None] * self._columns_times(white, structure), lower=True)
+        return np.asarray(white.T @ white - followed_part.T @ followed_part)
 
     def scores(self, changes: Real) -> Real:
-        """Products (n_blocks, n) of changes (n_cells, n) with what the model misses, branch by branch."""
-        covariance, correlation = self.covariance, self.structure.correlation
-        white_misfit = covariance.whiten(self.misfit, correlation)
+        """Products (n_blocks, n) of changes (n_cells, n) with what is left of the cells, branch by branch.
+
+        What unknowns and structure take up of the changes within their priors is taken off.
+        """
+        covariance, structure = self.covariance, self.structure
+        white = covariance.whiten(changes[covariance.cells], structure.correlation)
+        white_columns = np.delete(self._columns(structure), self.jacobian.shape[1], axis=1)
+        white -= white_columns @ self._amounts(white, structure)
+        white_left = covariance.whiten(self.residual, structure.correlation)
         _, block = np.unique(covariance.data.block[covariance.cells], return_inverse=True)
-        products = self._weighted_changes(changes) * white_misfit[:, None]
+        products = white * white_left[:, None]
         return np.array([products[block == number].sum(axis=0) for number in range(block.max() + 1)])
 
-    def _weighted_changes(self, changes: Real) -> Real:
-        """Whitened changes (n, n_changes) less what structure and unknowns take up within their priors."""
-        structure, k = self.structure, self.jacobian.shape[1]
-        columns = np.delete(self._columns(structure), k, axis=1)
-        spread = np.append(np.ones(k), self.covariance.spreads(structure))
-        white = self.covariance.whiten(changes[self.covariance.cells], structure.correlation)
-        scaled_columns = columns * spread
-        gram = np.eye(len(spread)) + scaled_columns.T @ scaled_columns
-        return np.asarray(white - scaled_columns @ np.linalg.solve(gram, scaled_columns.T @ white))
+    @cached_property
+    def residual(self) -> Real:
+        """What model and structure leave of the cells (n,) [arcmin], both as they are most probable."""
+        columns = np.hstack([self.jacobian, self.covariance.features(self.structure.reach)])
+        white_misfit = self.covariance.whiten(self.misfit, self.structure.correlation)
+        return np.asarray(self.misfit - columns @ self._amounts(white_misfit[:, None], self.structure)[:, 0])
+
+    def _amounts(self, white: Real, structure: Structure) -> Real:
+        """Most probable amounts (n_columns, n) of unknowns and features in whitened columns (n_cells, n)."""
+        spread, factor = self._system(structure)
+        products = spread[:, None] * self._columns_times(white, structure)
+        return np.asarray(spread[:, None] * cho_solve((factor, True), products))
+
+    def _columns_times(self, white: Real, structure: Structure) -> Real:
+        """Products (n_columns, n) of the whitened unknowns and features with whitened columns (n_cells, n)."""
+        features, _ = self.covariance.whitened_features(structure.reach, structure.correlation)
+        jacobian = self.covariance.whiten(self.jacobian, structure.correlation)
+        return np.vstack([jacobian.T @ white, features.T @ white])
+
+    def _system(self, structure: Structure) -> tuple[Real, Real]:
+        """Standard deviations of unknowns and features (n_columns,), and the factor of their posterior's precision."""
+        if structure not in self._systems:
+            k, gram = self.jacobian.shape[1], self._gram(structure, self._everything)
+            other_columns = np.delete(np.arange(len(gram)), k)
+            spread = np.append(np.ones(k), self.covariance.spreads(structure))
+            scaled_gram = spread[:, None] * gram[np.ix_(other_columns, other_columns)] * spread
+            self._systems[structure] = spread, cholesky(np.eye(len(spread)) + scaled_gram, lower=True)
+        return self._systems[structure]

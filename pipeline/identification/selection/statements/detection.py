@@ -13,6 +13,7 @@ from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.criteria import LARGEST_CLASS, ODDS, Trial, prior_log_odds
+from pipeline.identification.selection.evidence import Structure
 from pipeline.statistics.resampling import CONFIDENCE
 
 START = 0.01
@@ -61,7 +62,7 @@ def detection_limits(fitter: Fitter, base: Trial, testable: Mapping[str, Candida
             own_product - products[number, k] ** 2 / (products[k, k] + 1 / priors[k] ** 2) for k in rivals
         )
         product_apart = products_left[LARGEST_CLASS - 1] if len(products_left) >= LARGEST_CLASS else own_product
-        limits.append(item.limit(own_product, max(product_apart, 1e-12 * own_product)))
+        limits.append(item.limit(max(product_apart, 1e-12 * own_product)))
     return tuple(limits)
 
 
@@ -81,6 +82,7 @@ class _Sought:
         self.grows = next((k for k, (low, high) in enumerate(self.bounds) if low <= 0 <= high), 0)
         self.base_angle = fitter.predict(Model(), base.fit.unknowns).angle
         self.scatter, self.is_noticed, self.amplitude = 1.0, False, START
+        self.structure = base.evidence.structure
         self.pattern = np.zeros_like(self.base_angle)
         self._search()
 
@@ -103,33 +105,44 @@ class _Sought:
         return prediction.angle - self.base_angle if prediction.sound else None
 
     def _search(self) -> None:
+        evidence = self.base.evidence
         for _ in range(STEPS):
             change = self._change(self.amplitude)
             if change is None or not np.all(np.isfinite(change)):
                 self.is_noticed = False
                 return
             self.pattern = change
-            information = float(self.base.evidence.information(change[:, None])[0, 0])
-            scores = self.base.evidence.scores(change[:, None])[:, 0]
+            information = float(evidence.information(change[:, None])[0, 0])
+            scores = evidence.scores(change[:, None])[:, 0]
             self.scatter = float(np.sqrt(max(1.0, np.sum(scores**2) / max(information, 1e-300))))
-            ratio = self._root_of_needed_information(information) / np.sqrt(max(information, 1e-12))
+            self.structure = evidence.best_structure(self._needed_share, self.structure)
+            ratio = self._needed_share(self.structure)
             self.is_noticed = ratio <= 1 + AGREEMENT
             if abs(ratio - 1) < AGREEMENT or (ratio > 1 and self.amplitude >= 1.0):
                 return
             self.amplitude = float(np.clip(ratio * self.amplitude, 1e-6, 1.0))
 
-    def _root_of_needed_information(self, information: float) -> float:
-        """Root of the information that rejects "no effect" with 95 % probability."""
-        cost = 0.5 * np.log1p(information * self.prior**2) - prior_log_odds(1, self.n_tried)
-        return float(np.sqrt(2 * (ODDS + cost)) + ndtri(CONFIDENCE) * self.scatter)
+    def _needed_share(self, structure: Structure) -> float:
+        """Share of the pattern that rejects "no effect" with a structure, with 95 % probability.
 
-    def limit(self, own_product: float, product_apart: float) -> DetectionLimit:
-        """Both sizes, from the information of the pattern and of what the third rival leaves of it."""
+        A larger structure beside the model without effects takes up more of the pattern, but is less probable where the
+        pattern is not there.
+        """
+        evidence, pattern = self.base.evidence, self.pattern[:, None]
+        cost = 0.5 * np.log1p(float(evidence.information(pattern)[0, 0]) * self.prior**2)
+        fall = ODDS + cost - prior_log_odds(1, self.n_tried) - evidence.fall(structure)
+        if fall <= 0:
+            return 0.0
+        information = float(evidence.information(pattern, structure)[0, 0])
+        return float((np.sqrt(2 * fall) + ndtri(CONFIDENCE) * self.scatter) / np.sqrt(max(information, 1e-12)))
+
+    def limit(self, product_apart: float) -> DetectionLimit:
+        """Both sizes, from what the third rival leaves of the information of the pattern."""
         parameter = self.effect.parameters[self.grows]
         size = abs(self._values(self.amplitude)[self.grows])
         bound = max(abs(low_or_high) for low_or_high in self.bounds[self.grows])
         told_apart = np.sqrt(2 * ODDS) + ndtri(CONFIDENCE) * self.scatter
-        noticed_size = size * self._root_of_needed_information(own_product) / np.sqrt(max(own_product, 1e-12))
+        noticed_size = size * self._needed_share(self.structure)
         named_size = max(noticed_size, size * told_apart / np.sqrt(product_apart))
         noticed_size = float(min(noticed_size, bound)) if self.is_noticed else float("nan")
         named_size = float(named_size) if self.is_noticed and named_size <= bound else float("nan")
