@@ -168,7 +168,7 @@ class Fitter:
         """
         descents = [Descent(self, model, is_fitted, start, base_fit) for start in starts]
         for descent in descents:
-            descent.run(FIRST_ITERATIONS)
+            descent.run(FIRST_ITERATIONS, rival_cost, ITERATIONS - FIRST_ITERATIONS)
         best_descent = min(descents, key=lambda descent: descent.in_noise if descent.prediction.sound else np.inf)
         best_descent.run(ITERATIONS - FIRST_ITERATIONS, rival_cost)
         return self._fit_of(best_descent)

@@ -20,7 +20,7 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.special import gammaincinv, log_ndtr
 
 from pipeline.arrays import Real, Truth, Whole
@@ -199,23 +199,30 @@ class Evidence:
         left_out = self._columns(structure)[~is_chosen]
         return self._products[key] - left_out.T @ left_out
 
-    def _normal(self, structure: Structure, is_chosen: Truth) -> tuple[float, Real, Real]:
-        """Log evidence of chosen cells (n,), and mean and covariance of the unknowns, in their priors' deviations."""
+    def _solved(self, structure: Structure, is_chosen: Truth) -> tuple[Real, Real, Real, float]:
+        """Deviations (n_columns,) of unknowns and features, factor of their posterior's precision, right side, square.
+
+        Of chosen cells (n,); the square is that of the misfit, in noise.
+        """
         k, gram = self.jacobian.shape[1], self._gram(structure, is_chosen)
         other_columns = np.delete(np.arange(len(gram)), k)
         spread = np.append(np.ones(k), self.covariance.spreads(structure))
-        right_side = spread * gram[other_columns, k]
         scaled_gram = spread[:, None] * gram[np.ix_(other_columns, other_columns)] * spread
-        factor = cho_factor(np.eye(len(spread)) + scaled_gram, lower=True)
-        mean = cho_solve(factor, right_side)
-        size = float(np.sum(np.log(np.diag(factor[0])))) + 0.5 * float(is_chosen.sum()) * np.log(2 * np.pi)
-        value = -0.5 * (gram[k, k] - right_side @ mean) - size
-        value += self.covariance.log_scale(structure.correlation, is_chosen)
-        return float(value), mean[:k], cho_solve(factor, np.eye(len(spread), k))[:k]
+        factor = cholesky(np.eye(len(spread)) + scaled_gram, lower=True)
+        return spread, factor, spread * gram[other_columns, k], float(gram[k, k])
+
+    def _log_evidence(self, structure: Structure, is_chosen: Truth) -> float:
+        """Logarithm of the evidence of chosen cells (n,)."""
+        _, factor, right_side, square = self._solved(structure, is_chosen)
+        explained_square = np.sum(solve_triangular(factor, right_side, lower=True) ** 2)
+        size = float(np.sum(np.log(np.diag(factor)))) + 0.5 * float(is_chosen.sum()) * np.log(2 * np.pi)
+        return float(
+            -0.5 * (square - explained_square) - size + self.covariance.log_scale(structure.correlation, is_chosen)
+        )
 
     def _value(self, structure: Structure) -> float:
         if structure not in self._known_values:
-            self._known_values[structure] = self._normal(structure, self._everything)[0]
+            self._known_values[structure] = self._log_evidence(structure, self._everything)
         return self._known_values[structure]
 
     def _most_likely(
@@ -259,7 +266,9 @@ class Evidence:
     @cached_property
     def unknowns(self) -> tuple[Real, Real]:
         """Mean and covariance of the unknowns about the centre of their priors, in their standard deviations."""
-        return self._normal(self.structure, self._everything)[1:]
+        (spread, factor, right_side, _), k = self._solved(self.structure, self._everything), self.jacobian.shape[1]
+        covariance = cho_solve((factor, True), np.eye(len(spread), k))[:k]
+        return cho_solve((factor, True), right_side)[:k], covariance
 
     @cached_property
     def _positive(self) -> float:
@@ -282,7 +291,7 @@ class Evidence:
     def training(self) -> Mapping[int, float]:
         """By number of a part, the logarithm of the evidence of all other parts."""
         parts = self.covariance.parts
-        return {int(part): self._normal(self.structure, parts != part)[0] for part in np.unique(parts)}
+        return {int(part): self._log_evidence(self.structure, parts != part) for part in np.unique(parts)}
 
     @cached_property
     def predictive(self) -> Real:
@@ -367,9 +376,5 @@ class Evidence:
     def _system(self, structure: Structure) -> tuple[Real, Real]:
         """Standard deviations of unknowns and features (n_columns,), and the factor of their posterior's precision."""
         if structure not in self._systems:
-            k, gram = self.jacobian.shape[1], self._gram(structure, self._everything)
-            other_columns = np.delete(np.arange(len(gram)), k)
-            spread = np.append(np.ones(k), self.covariance.spreads(structure))
-            scaled_gram = spread[:, None] * gram[np.ix_(other_columns, other_columns)] * spread
-            self._systems[structure] = spread, cholesky(np.eye(len(spread)) + scaled_gram, lower=True)
+            self._systems[structure] = self._solved(structure, self._everything)[:2]
         return self._systems[structure]
