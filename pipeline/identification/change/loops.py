@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.arrays import Real
+from pipeline.constant_kinds import Fineness
 from pipeline.identification.change.scatter import indicators
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.data import Data
@@ -20,7 +21,7 @@ Numbers = NDArray[np.intp]
 
 SAME_SIZE = 1.3
 """Ratio of the largest torques of two loops below which they are loops of one size."""
-POINTS = 401
+POINTS: Fineness = 401
 """Torques at which a loop is read, from its largest negative to its largest positive one."""
 
 

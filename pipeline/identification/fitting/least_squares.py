@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Rounding
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector
 from pipeline.identification.fitting.problem import Model
@@ -25,7 +26,7 @@ DAMPING_DECREASE, DAMPING_INCREASE = 5.0, 8.0
 TRUSTED_RATIO = 0.25
 """Share of the fall that derivatives promise from which the damping is eased (Fletcher, AERE report R 6799, 1971).
 Where contacts open and close, derivatives hold for short steps alone, and a longer one would be tried in vain."""
-SMALL = 1e-6
+SMALL: Rounding = 1e-6
 """Mean square of a cell, in noise, that only rounding leaves."""
 TRIES = 6
 """Dampings that are tried, each ten times the one before, until a step lowers the misfit."""

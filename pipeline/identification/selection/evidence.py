@@ -24,6 +24,7 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.special import gammaincinv, log_ndtr
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Rounding
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
@@ -35,7 +36,7 @@ SIZES = (1e-3, *(0.1 * 2.0 ** np.arange(10)).tolist())
 """Standard deviations of a discrepancy that are tried, in those of the median cell's noise."""
 CORRELATIONS = (0.0, 0.3, 0.6)
 """Correlations of the noise of neighbouring cells of a branch."""
-OFFSET = 1e3
+OFFSET: Rounding = 1e3
 """Prior standard deviation of the zero of an angle, in those of the median cell: equal in all models."""
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import ndtri  # scipy.stats is slow to import
 
 from pipeline.arrays import Real
+from pipeline.constant_kinds import Fineness, Shown
 from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model
@@ -16,10 +17,12 @@ from pipeline.identification.selection.criteria import LARGEST_CLASS, ODDS, Tria
 from pipeline.identification.selection.evidence import Structure
 from pipeline.statistics.resampling import CONFIDENCE
 
-START = 0.01
+START: Shown = 0.01
 """First size that is looked at, in parts of an effect's bounds."""
-STEPS, AGREEMENT = 6, 0.05
-"""Predictions at most, and relative error of the size that is good enough."""
+STEPS: Fineness = 6
+"""Predictions at most."""
+AGREEMENT: Shown = 0.05
+"""Relative error of the size that is good enough."""
 
 
 @dataclass(frozen=True)
