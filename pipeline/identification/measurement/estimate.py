@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.arrays import Real
+from pipeline.constant_kinds import Fineness, Seed
 from pipeline.identification.measurement.scatter import MAD_TO_STD
 from pipeline.statistics.resampling import resampled_counts, resampled_means
 
-RESAMPLES = 1000
+RESAMPLES: Fineness = 1000
 """Of the block bootstrap of the noise."""
-SEED = 79
+SEED: Seed = 79
 """Of the bootstrap: equal data give an equal page."""
 
 

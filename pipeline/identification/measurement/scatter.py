@@ -3,10 +3,11 @@
 import numpy as np
 
 from pipeline.arrays import Real
+from pipeline.constant_kinds import Unit
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.unit_sections import InstrumentSection
 
-MAD_TO_STD = 1.4826
+MAD_TO_STD: Unit = 1.4826
 """Standard deviation over median absolute deviation of normal values."""
 
 
