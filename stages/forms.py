@@ -172,12 +172,8 @@ def _has_search(study: Study) -> bool:
 
 def _full_compliance(study: Study, disks: DiskMatrices, crank: float) -> Real:
     reducer = assembly.reducer(study.design, crank)
-    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
-    if study.reduce.disk == "elastic":
-        for disk, matrix in enumerate(disks.at_crank(crank)):
-            rows = assembly.disk_contacts(reducer, disk)
-            full[np.ix_(rows, rows)] = matrix / UM_PER_MM
-    return full
+    blocks = disks.at_crank(crank) if study.reduce.disk == "elastic" else ()
+    return assembly.joined_blocks(reducer, (block / UM_PER_MM for block in blocks))
 
 
 def _metrics_of_step(drives: TurnDrives, step: int, units: Units) -> Real:

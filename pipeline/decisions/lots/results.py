@@ -231,8 +231,7 @@ def _frame(lot_result: LotFindings) -> pd.DataFrame:
 
 def _renamed_study(study: Study, name: str) -> Study:
     """The study as a run of its units alone: sample 0 is a drawn one."""
-    samples = study.samples.model_copy(update={"nominal_first": False})
-    return study.model_copy(update={"name": name, "samples": samples})
+    return study.with_section("samples", nominal_first=False).model_copy(update={"name": name})
 
 
 def study_text(study: Study, fits: Sequence[DimensionFit], lot: str, name: str, design: str) -> str:

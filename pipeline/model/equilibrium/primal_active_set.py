@@ -54,7 +54,7 @@ def _most_penetrated(work: Workspace) -> int:
 
 
 @algebraic_part
-def _step_to_the_first_zero(system: System, longest: float, work: Workspace) -> float:
+def _step_to_the_first_zero(longest: float, work: Workspace) -> float:
     """Share of the step, at most ``longest``, at which the first active force vanishes; it becomes exactly 0."""
     force, length = work.force, longest
     for b in range(count(work.active)):
@@ -126,7 +126,7 @@ def settle(
         length = share_of_a_turn(system, work)
         if friction is not None:
             length = min(length, share_of_braking(system, friction, work))
-        length = _step_to_the_first_zero(system, length, work)
+        length = _step_to_the_first_zero(length, work)
         move(system, length, work)
         advance(length, work)
         release(system, work)

@@ -99,7 +99,7 @@ class Equilibria:
 
 
 @algebraic_part
-def _extrapolate(system: System, torques: Real, t: int, motions: Real, forces: Real, work: Workspace) -> None:
+def _extrapolate(torques: Real, t: int, motions: Real, forces: Real, work: Workspace) -> None:
     """Start of step t: the two or three steps before with the same contacts, continued to its torque.
 
     ``motions``, ``forces`` hold the solved steps; ``counts[0]`` of them, up to the last, have the contacts of that one.
@@ -177,7 +177,7 @@ def _solve_batch(system: System, work: Workspace, inputs: _Inputs, progress: Who
         if not progress[2]:
             if t == 0:
                 _begin(system, start[0][s], start[1][s], work)
-            _extrapolate(system, torques, t, motion[s], force[s], work)
+            _extrapolate(torques, t, motion[s], force[s], work)
             iterations[s, t], residual[s, t] = converge(system, None, torques[t], gap[s], clearance[s], work)
             if not residual[s, t] <= ACCEPTED_RESIDUAL:
                 progress[2] = 1

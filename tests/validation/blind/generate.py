@@ -134,7 +134,7 @@ def _narrowed(study: Study) -> Study:
         tolerance = getattr(study.tolerances, name)
         if tolerance.varies:
             narrow[name] = tolerance.scaled_by(UNMEASURED)
-    return study.model_copy(update={"tolerances": study.tolerances.model_copy(update=narrow)})
+    return study.with_section("tolerances", **narrow)
 
 
 class _Draw:
