@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from hashlib import sha256
@@ -40,7 +40,7 @@ SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
 }  # fmt: skip
 """Operators and bounds, and what takes their place."""
 LONGEST = 120
-"""Seconds that the tests of a mutant take without it, together; the slowest are left out of longer ones."""
+"""Seconds that the traced tests of a mutant take without it, together, and its files; longer ones are left out."""
 PYTEST = ("-m", "pytest", "-q", "-p", "no:cacheprovider")
 NOTHING_TO_RUN = 5
 """Exit status of pytest where all tests of the files are for another target."""
@@ -131,18 +131,29 @@ class Coverage:
                 self.seconds[test] = float(case.get("time", 0))
 
     def tests(self, mutant: Mutant) -> list[str]:
-        """Tests that run a line of a mutant, the shortest first; where no line of it is traced, files that name it.
+        """Tests that run a line of a mutant, the shortest first, then files that name its module or what is in it.
 
         What runs in the setup of one test may be shared with any test of its file. Compiled functions are not traced,
-        nor is what runs in a process that a test starts.
+        nor is what runs in a process that a test starts: for these are the files, and tests of modules that import it.
         """
-        contexts = self.data.contexts_by_lineno(str(mutant.path))
-        phases = {context for line in mutant.lines for context in contexts.get(line, [])}
+        traced = self._running(mutant.path, mutant.lines) or self._running_importers(mutant.path)
+        return self._first(sorted(traced, key=self._time)) + self._first(self._naming(mutant.path))
+
+    def _running(self, path: Path, lines: Container[int]) -> set[str]:
+        contexts = self.data.contexts_by_lineno(str(path))
+        phases = {phase for line in contexts if line in lines for phase in contexts[line]}
         shared = tuple(phase.split("::")[0] for phase in phases if phase.endswith("|setup"))
         tests = {phase.split("|")[0] for phase in phases} | {test for test in self.seconds if test.startswith(shared)}
-        ranked = sorted(tests & self.seconds.keys(), key=self._time) or self._naming(mutant.path)
-        ends = accumulate(map(self._time, ranked))
-        return [test for test, end in zip(ranked, ends, strict=True) if end < LONGEST] or ranked[:1]
+        return tests & self.seconds.keys()
+
+    def _running_importers(self, path: Path) -> set[str]:
+        module = f"from {'.'.join(path.with_suffix('').parts)} import"
+        importers = [file for file in (ROOT / "pipeline").rglob("*.py") if module in file.read_text()]
+        return set().union(*(self._running(file.relative_to(ROOT), range(1_000_000)) for file in importers))
+
+    def _first(self, tests: list[str]) -> list[str]:
+        ends = accumulate(map(self._time, tests))
+        return [test for test, end in zip(tests, ends, strict=True) if end < LONGEST] or tests[:1]
 
     def _time(self, test: str) -> float:
         """Seconds of a test, or of all tests of a file."""
@@ -186,8 +197,8 @@ def _tests_of(home: Path, options: Sequence[str], seconds: int = 10_000) -> subp
 
 def failed_test(home: Path, tests: Sequence[str]) -> str | None:
     """The first test that fails on the project in a folder; "" if one does not end, None if none fails."""
-    ran = _tests_of(home, ["-x", "-n", "0", *tests], 3 * LONGEST)
-    if ran.returncode in (0, NOTHING_TO_RUN):
+    ran = _tests_of(home, ["-x", "-n", "0", *tests], 6 * LONGEST) if tests else None
+    if ran is None or ran.returncode in (0, NOTHING_TO_RUN):
         return None
     found = re.search(r"^(?:FAILED|ERROR) (\S+)", ran.stdout, re.M)
     return found[1] if found else ""
