@@ -130,6 +130,8 @@ def start_within(
 ) -> None:
     """Near-solution from no start at all: its motions, forces and closed contacts in ``work``.
 
+    ``torque`` [N mm] at the output, ``gap`` (n_contacts,) and ``clearance`` (n_disks,) of the bearings [mm].
+
     Force times slack tends to zero along the central path of the convex problem, which has no active set to guess.
     A disk that its bearing lets go is held where it is by a spring that vanishes with them (a proximal term: it slows
     the disk down and moves no solution).

@@ -96,7 +96,10 @@ def _close_first_on_the_way(system: System, work: Workspace) -> bool:
 def settle(
     system: System, friction: Friction | None, torque: float, gap: Real, clearance: Real, work: Workspace
 ) -> tuple[int, float]:
-    """Primal active set from the state in ``work``, which is changed; returns the iterations and the residual."""
+    """Primal active set from the state in ``work``, which is changed; returns the iterations and the residual.
+
+    ``torque`` [N mm] at the output, ``gap`` (n_contacts,) and ``clearance`` (n_disks,) of the bearings [mm].
+    """
     residual, steps_since, before = 1.0, 0, np.inf
     for iteration in range(SETTLING_STEPS):
         deflect(system, gap, work)
@@ -139,6 +142,8 @@ def solved_afresh(
     system: System, friction: Friction | None, torque: float, gap: Real, clearance: Real, work: Workspace
 ) -> tuple[int, float]:
     """Solve a load step that Newton does not solve, from an interior point, into ``work``; iterations and residual.
+
+    ``torque`` [N mm] at the output, ``gap`` (n_contacts,) and ``clearance`` (n_disks,) of the bearings [mm].
 
     It is an entry point of its own: the loop over load steps is compiled without it, and faster for that.
     """
