@@ -13,7 +13,7 @@ from pipeline.arrays import Index, Real
 from pipeline.config.studies.study import Study
 from pipeline.engine.parallel import worker_results
 from pipeline.engine.stage import Job, Stage, Tables
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.errors import InputError
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.metrics import library
@@ -74,11 +74,9 @@ ESTIMATES = Table(
         Column("metric", "label", "", "column of metrics; all_limits: the yield against all limits together"),
         Column("statistic", "label", "", "mean, std, quantile, or yield: of the same units under every form"),
         Column("value", "float64", "the metric's", "estimate"),
-        Column("ci_low", "float64", "the metric's", "lower end of the confidence interval"),
-        Column("ci_high", "float64", "the metric's", "upper end of the confidence interval"),
+        *interval_columns("the metric's"),
         Column("difference", "float64", "the metric's", "value less that of the study's own form, same units"),
-        Column("difference_ci_low", "float64", "the metric's", "lower end of its confidence interval"),
-        Column("difference_ci_high", "float64", "the metric's", "upper end of its confidence interval"),
+        *interval_columns("the metric's", prefix="difference_"),
         Column("n", "int32", "1", "units that have a value under both forms"),
     ),
 )
