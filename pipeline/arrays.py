@@ -1,12 +1,12 @@
 """Arrays by the kind of their elements. Shapes and units are in the docstrings of the functions that take them."""
 
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Real = NDArray[np.float64]
-Complex = NDArray[Any]  # complex128; numpy's stubs lose the type in arithmetic with real numbers
+Single = NDArray[np.float32]
+Complex = NDArray[np.complex128]
 Whole = NDArray[np.int64]
 Index = NDArray[np.intp]
 Truth = NDArray[np.bool_]

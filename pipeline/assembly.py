@@ -106,7 +106,8 @@ def _displacement(sampled: "SampledErrors", dimension: Dimension) -> Complex:
 def _vector(sampled: "SampledErrors", name: str, turns: int) -> Complex:
     """Amplitude and so many times the direction of a dimension as a complex number (n, n_elements) [mm]."""
     amplitude, direction = getattr(sampled, f"{name}_amplitude"), getattr(sampled, f"{name}_phase")
-    return MM_PER_UM * amplitude * np.exp(1j * turns * direction)
+    vector: Complex = MM_PER_UM * amplitude * np.exp(1j * turns * direction)
+    return vector
 
 
 def _of_disks(values: np.ndarray, sampled: "SampledErrors") -> np.ndarray:

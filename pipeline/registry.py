@@ -17,7 +17,9 @@ from typing import Any
 def entry_points(group: str) -> EntryPoints:
     """What installed packages register in a group; read again where a folder of the path has changed."""
     folders = [path for path in sys.path if os.path.exists(path or ".")]
-    return _all_groups(tuple((path, os.stat(path or ".").st_mtime_ns) for path in folders)).select(group=group)
+    groups = _all_groups(tuple((path, os.stat(path or ".").st_mtime_ns) for path in folders))
+    entries: EntryPoints = groups.select(group=group)
+    return entries
 
 
 @lru_cache(maxsize=1)

@@ -148,7 +148,8 @@ class _Block:
     @cached_property
     def _finite_motion(self) -> np.ndarray:
         """What finite motions add to the backlash (n, n_angles) [arcmin]; missing where it is not found."""
-        return self._kinematic["finite_motion_arcmin"].reshape(self.stop - self.start, -1)
+        motion: np.ndarray = self._kinematic["finite_motion_arcmin"].reshape(self.stop - self.start, -1)
+        return motion
 
     @cached_property
     def readings(self) -> TurnReadings:
@@ -204,7 +205,7 @@ def _blocks(job: Job) -> Iterator[_Block]:
 
 def _samples_at_once(job: Job) -> int:
     rows = max(job.inputs[stage].record["tables"][table]["rows"] for stage, table in READ_IN_BLOCKS)
-    return max(1, min(SAMPLES_AT_ONCE, ROWS_AT_ONCE * job.study.samples.rows // max(1, rows)))
+    return int(max(1, min(SAMPLES_AT_ONCE, ROWS_AT_ONCE * job.study.samples.rows // max(1, rows))))
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,9 @@ from itertools import groupby
 
 import numpy as np
 from joblib import delayed
-from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.config.studies.study import Study
 from pipeline.engine.parallel import worker_results
 from pipeline.engine.stage import Job, Stage, Tables
@@ -38,7 +37,7 @@ from stages.sample import SAMPLED_TABLES
 from stages.tables.keys import SAMPLE, STATUS
 from stages.worst import TRAINING, drives_of, units_of
 
-Found = tuple[Ranking, NDArray[np.intp]]
+Found = tuple[Ranking, Index]
 """A ranking of pitches, and the steps (n, n_steps) at which a search with it has found the worst of units."""
 RIGIDITY = "torsional_rigidity_Nm_per_arcmin"
 CHECKED_UNITS = 20
@@ -287,7 +286,7 @@ def _form_rows(results: list[_Result]) -> Columns:
     }
 
 
-def _unit_rows(samples: NDArray[np.intp], results: list[_Result]) -> Columns:
+def _unit_rows(samples: Index, results: list[_Result]) -> Columns:
     solved_results = [result for result in results if result.metrics]
     n = len(samples)
     return {

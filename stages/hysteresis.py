@@ -208,7 +208,8 @@ def mounting_forces(loop_inputs: Shared, sampled_errors: Errors) -> np.ndarray:
         at_rest = np.unique(response.state[response.torque == 0])
         force = np.max(response.equilibria.force[:, at_rest], axis=(1, 2))
         forces.append(np.where(response.converged, force, np.nan))
-    return np.max(forces, axis=0)
+    largest: np.ndarray = np.max(forces, axis=0)
+    return largest
 
 
 def _by_sample(loops: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:

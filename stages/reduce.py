@@ -107,7 +107,8 @@ class DiskMatrices:
             patches = elastic.disk_patches(self.study, self.body(rotation), reducer, number)
             np.save(folder / "matrix.npy", UM_PER_MM * self.body(rotation).compliance(patches).matrix)
 
-        return np.load(self.job.memo(f"{self.settings} {key}", condense) / "matrix.npy")
+        matrix: np.ndarray = np.load(self.job.memo(f"{self.settings} {key}", condense) / "matrix.npy")
+        return matrix
 
 
 def _run(job: Job) -> Tables:

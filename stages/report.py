@@ -42,7 +42,7 @@ def _first_rows(job: Job, stage: str, table: str) -> pd.DataFrame:
 def _at_once(job: Job, stage: str, table: str, most: int) -> int:
     """Samples, at most so many, whose rows of a table are read together."""
     rows: int = max(1, job.inputs[stage].record["tables"][table]["rows"])
-    return min(most, max(1, ROWS_AT_ONCE * job.study.samples.rows // rows))
+    return int(min(most, max(1, ROWS_AT_ONCE * job.study.samples.rows // rows)))
 
 
 def _kept_contacts(job: Job, table: Table, samples: list[int]) -> pd.DataFrame:

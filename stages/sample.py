@@ -139,11 +139,12 @@ def _solve(study: Study, chunk: Chunk) -> Tables:
 
 
 def _items(job: Job) -> int:
-    return job.study.samples.rows
+    return int(job.study.samples.rows)
 
 
 def _prepare(job: Job) -> Study:
-    return job.study
+    study: Study = job.study
+    return study
 
 
 SAMPLE = Stage(

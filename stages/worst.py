@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Index
 from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
@@ -51,7 +51,7 @@ class Shared:
 
     drives: TurnDrives
     ranking: Ranking
-    audited_samples: NDArray[np.intp]
+    audited_samples: Index
 
 
 def drives_of(study: Study, disks: DiskMatrices, phases: int = PHASES) -> TurnDrives:
@@ -67,7 +67,7 @@ def drives_of(study: Study, disks: DiskMatrices, phases: int = PHASES) -> TurnDr
     return TurnDrives.from_blocks(study, 1, [blocks])
 
 
-def audited_samples(study: Study) -> NDArray[np.intp]:
+def audited_samples(study: Study) -> Index:
     """Numbers of the samples that are solved at every pitch, ascending: drawn from all but the nominal one."""
     first_unit, rows = int(study.samples.nominal_first), study.samples.rows
     rng = np.random.default_rng(np.random.SeedSequence(study.samples.seed, spawn_key=(AUDIT_DRAW,)))
@@ -104,7 +104,7 @@ def _solve(search_inputs: Shared, chunk: Chunk) -> Tables:
     return {"found": search_columns, "audit": _audit(drives, samples[audited_rows], units.some(audited_rows))}
 
 
-def _audit(drives: TurnDrives, samples: NDArray[np.intp], units: Units) -> dict[str, np.ndarray]:
+def _audit(drives: TurnDrives, samples: Index, units: Units) -> dict[str, np.ndarray]:
     if not len(samples):
         return AUDIT.empty()
     of_pitches, worst_values = audit(drives, units)
@@ -112,7 +112,7 @@ def _audit(drives: TurnDrives, samples: NDArray[np.intp], units: Units) -> dict[
     return _columns(drives, samples, worst_values) | columns | {N_PHASES.name: np.full(len(samples), drives.phases)}
 
 
-def _columns(drives: TurnDrives, samples: NDArray[np.intp], worst_values: Worst) -> dict[str, np.ndarray]:
+def _columns(drives: TurnDrives, samples: Index, worst_values: Worst) -> dict[str, np.ndarray]:
     columns: dict[str, np.ndarray] = {"sample": samples}
     for name, values in worst_values.value.items():
         columns[f"{name}_worst"] = values

@@ -170,7 +170,8 @@ def calibrate(
 
         def misfit(numbers: Real, body: Condensed = body) -> Real:
             trial_study = with_numbers(study, dict(zip(keys, numbers, strict=True)))
-            return target_values(trial_study, body, targets)[is_counted] / value[is_counted] - 1
+            relative: Real = target_values(trial_study, body, targets)[is_counted] / value[is_counted] - 1
+            return relative
 
         fit = fit_numbers(misfit, best_numbers, lower, upper, None)
         change, best_numbers = np.max(np.abs(np.log(fit.value / best_numbers))), fit.value

@@ -150,8 +150,9 @@ def metrics_of(study: Study, cases: SolvedCases, backlash_percent: float = 0.0) 
 
 def pins_in_contact(study: Study, cases: SolvedCases) -> np.ndarray:
     """Pins that carry force at the lost-motion torque (n,)."""
-    force = cases.force(study.metrics.lost_motion_percent)
-    return np.count_nonzero(force[:, : cases.reducer.n_pins] > 0, axis=1)
+    force: Real = cases.force(study.metrics.lost_motion_percent)
+    contacts: np.ndarray = np.count_nonzero(force[:, : cases.reducer.n_pins] > 0, axis=1)
+    return contacts
 
 
 STEP = 1e-4

@@ -65,7 +65,8 @@ class Specimen:
     def gap(self) -> Real:
         """Gap of every contact (n_contacts,) [mm]."""
         errors = assembly.errors(draw(self.study, self.sample, self.sample + 1))
-        return gaps(self.profile, self.reducer, errors, **dict(self.study.clearance))[0]
+        gap: Real = gaps(self.profile, self.reducer, errors, **dict(self.study.clearance))[0]
+        return gap
 
     @cached_property
     def bearing_clearance(self) -> float:

@@ -1,7 +1,5 @@
 """Commands for the people downstream: joints of simulators, where a run comes from, tables, flanks of designs."""
 
-from __future__ import annotations
-
 import argparse
 import io
 import re
@@ -11,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.dataset as ds
 
 from pipeline import assembly, settings
@@ -81,7 +80,7 @@ def _tables(folder: Path) -> Iterator[tuple[str, Path]]:
         yield f"{path.parent.name} {path.stem}", path
 
 
-def _header(field: ds.pyarrow.Field) -> str:
+def _header(field: pa.Field) -> str:
     """Name of a column with its unit."""
     unit = (field.metadata or {}).get(b"unit", b"").decode()
     return f"{field.name} ({unit})" if unit and unit not in ("1", "") else field.name

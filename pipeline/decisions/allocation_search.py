@@ -4,8 +4,6 @@ Slopes are of the same draws rescaled: unit k keeps its random numbers at any to
 to be linear in the rough model's (``population.prediction``), fitted to the round's own solves at each crank angle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -58,7 +56,7 @@ class Trial:
     yield_estimate: Estimate
     units: LinearUnits
 
-    def is_better(self, other_trial: Trial, target: float) -> bool:
+    def is_better(self, other_trial: "Trial", target: float) -> bool:
         """Whether it is cheaper where both reach the target; else whether it reaches it, or comes nearer."""
         reaches_target, other_reaches_target = (
             self.yield_estimate.value >= target,
@@ -213,7 +211,8 @@ def tails(study: Study) -> list[Tail]:
 
 
 def _group_cost(group: Sequence[Priced], scale: Real) -> Real:
-    return np.sum([entry.cost_at(scale) for entry in group], axis=0)
+    cost: Real = np.sum([entry.cost_at(scale) for entry in group], axis=0)
+    return cost
 
 
 def _solve_units(search: Search, scale: Real, start: int, stop: int) -> list[Angles]:

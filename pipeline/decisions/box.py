@@ -6,16 +6,13 @@ A dimension with a direction is an amplitude with a phase; its units of full amp
 A metric as a linear stack of the errors, and its process capability: whether a normal yield agrees with it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions import Distribution
 from pipeline.config.distributions.shipped import Uniform
@@ -47,13 +44,13 @@ class Box:
     """
 
     study: Study
-    free_columns: dict[str, NDArray[np.intp]]
-    waves: dict[str, NDArray[np.intp]]
+    free_columns: dict[str, Index]
+    waves: dict[str, Index]
     n_columns: int
     measured_values: Mapping[str, Real] = field(default_factory=dict)
 
     @classmethod
-    def from_study(cls, study: Study, measured_values: Mapping[str, Real] | None = None) -> Box:
+    def from_study(cls, study: Study, measured_values: Mapping[str, Real] | None = None) -> "Box":
         """The box of a study, of which some dimensions were ``measured_values``.
 
         Raises
@@ -95,12 +92,12 @@ class Box:
         return point
 
     @property
-    def all_waves(self) -> NDArray[np.intp]:
+    def all_waves(self) -> Index:
         """Columns of amplitude and phase (n_waves, 2) of all tolerances with a direction, one after the other."""
         return np.concatenate([np.empty((0, 2), np.intp), *self.waves.values()])
 
     @property
-    def columns(self) -> NDArray[np.intp]:
+    def columns(self) -> Index:
         """Columns of all errors that vary, without the waves'."""
         return np.concatenate([np.empty(0, np.intp), *self.free_columns.values()])
 
@@ -114,7 +111,7 @@ class Box:
         points[np.arange(len(self.columns)), self.columns] = edge_share
         return points
 
-    def rotated_points(self, point: Real, wave: NDArray[np.intp]) -> Real:
+    def rotated_points(self, point: Real, wave: Index) -> Real:
         """(PHASES, n_columns) the point with the full amplitude of a wave, by its columns, in every direction."""
         points = np.repeat(point[None], PHASES, axis=0)
         amplitude, phase = wave
@@ -183,7 +180,8 @@ class Stack:
     @property
     def values(self) -> Real:
         """(n,) of the drawn units."""
-        return self.middle + np.sum(list(self.parts.values()), axis=0)
+        values: Real = self.middle + np.sum(list(self.parts.values()), axis=0)
+        return values
 
     @property
     def rss(self) -> float:
@@ -266,7 +264,7 @@ class Capability:
         return self.pass_estimate.ci_low <= self.yield_if_normal <= self.pass_estimate.ci_high
 
 
-def capability(metric: str, values: NDArray[np.float64], limit: float, confidence: float) -> Capability:
+def capability(metric: str, values: Real, limit: float, confidence: float) -> Capability:
     """C_pk of values (n,) against an upper limit, or a lower one where smaller is worse.
 
     Source

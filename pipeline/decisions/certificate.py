@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real, Truth
 from pipeline.config.studies.study import Study
 from pipeline.config.studies.tolerances import Case
 from pipeline.decisions.box import Box
@@ -105,7 +104,7 @@ class Certificate:
         names = COMPENSATION.schema.names
         return pd.DataFrame({name: np.ravel(value) for name, value in zip(names, values, strict=True)})
 
-    def predicted_angle(self, crank_deg: Real, rising: NDArray[np.bool_], torque: Real) -> Real:
+    def predicted_angle(self, crank_deg: Real, rising: Truth, torque: Real) -> Real:
         """Angle error (n,) [arcmin] that the compensation table holds, interpolated; missing beyond its range.
 
         It is linear between two crank angles and between two torques of one sign. Nearer to zero torque, where the
@@ -218,7 +217,7 @@ class Compensated:
 
 
 def compensation(
-    unit: Certificate, crank_deg: Real, rising: NDArray[np.bool_], torque: Real, angle: Real, position: NDArray[np.intp]
+    unit: Certificate, crank_deg: Real, rising: Truth, torque: Real, angle: Real, position: Index
 ) -> Compensated:
     """What the compensation table leaves of measured rows (n,).
 
@@ -242,7 +241,7 @@ def compensation(
     return Compensated(rms_before, rms_after, int(rows.sum()))
 
 
-def _centred_values(values: Real, position: NDArray[np.intp]) -> Real:
+def _centred_values(values: Real, position: Index) -> Real:
     """Values (n,) less the mean of their position."""
     _, group = np.unique(position, return_inverse=True)
     return values - (np.bincount(group, values) / np.bincount(group))[group]

@@ -124,7 +124,8 @@ def _minimum(cost: Callable[..., Any], spare: Callable[..., Any], logs: Real, lo
     optimum = scipy.optimize.minimize(
         cost, logs, jac=True, method="SLSQP", bounds=bounds, constraints=[constraint], options=options
     )
-    return np.clip(optimum.x, low, high)
+    scale: Real = np.clip(optimum.x, low, high)
+    return scale
 
 
 def _soft_yield(units: LinearUnits, soft_target: float, logs: Real) -> tuple[float, Real]:

@@ -17,7 +17,7 @@ import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions.distribution import Distribution
 from pipeline.config.studies.study import Study
@@ -122,7 +122,7 @@ def effective_units(weight: Real) -> float:
     return total**2 / float(np.sum(weight**2)) if total > 0 else 0.0
 
 
-def weighted_share(passes: NDArray[np.bool_], weight: Real, confidence: float) -> Estimate:
+def weighted_share(passes: Truth, weight: Real, confidence: float) -> Estimate:
     """Share of weighted units (n,) with its interval.
 
     Notes

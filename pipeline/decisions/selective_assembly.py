@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from joblib import delayed
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real, Truth
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.studies.study import Study
@@ -71,8 +70,8 @@ class Assembly:
     first_lot: MeasuredLot
     second_lot: MeasuredLot
     margin: Real
-    passes: NDArray[np.bool_]
-    pairs: NDArray[np.intp]
+    passes: Truth
+    pairs: Index
     random: Estimate
     selected_yield: Estimate
     mounting_N: Real | None
@@ -151,7 +150,7 @@ def _check_complete(lot: MeasuredLot) -> None:
             raise InputError(f"{lot.name}: part {lot.parts[missing[0]]} has no {name}; measure it or delete the part")
 
 
-def _measured_values(lot: MeasuredLot, rows: NDArray[np.intp]) -> dict[str, Real]:
+def _measured_values(lot: MeasuredLot, rows: Index) -> dict[str, Real]:
     return {name: values[rows] for name, values in lot.values.items()}
 
 
@@ -191,11 +190,12 @@ def _margins(study: Study, values: Mapping[str, Real]) -> Real:
         if name in values:
             distance = np.asarray(values[name]) - limit
             margins.append((distance if metrics[name].smaller_is_worse else -distance) / limit)
-    return np.min(margins, axis=0)
+    smallest: Real = np.min(margins, axis=0)
+    return smallest
 
 
 def _verified_yield(
-    study: Study, first_lot: MeasuredLot, second_lot: MeasuredLot, pairs: NDArray[np.intp], solve: Solve, jobs: int
+    study: Study, first_lot: MeasuredLot, second_lot: MeasuredLot, pairs: Index, solve: Solve, jobs: int
 ) -> Estimate:
     """Yield of ``DRAWS`` fresh units of each pair."""
     rows = np.repeat(pairs, DRAWS, axis=0)

@@ -191,7 +191,7 @@ class Output:
         return [self.folder / file["name"] for file in self._table(table)["files"]]
 
     def _table(self, name: str) -> dict[str, Any]:
-        tables = self.record["tables"]
+        tables: dict[str, dict[str, Any]] = self.record["tables"]
         if name not in tables:
             raise TypeError(f"stage {self.folder.name} has no table {name}; it has {list(tables)}")
         return tables[name]

@@ -239,4 +239,6 @@ def _content(schema: pa.Schema, columns: Columns, item: str) -> int:
 def _label_numbers(values: pd.Categorical) -> np.ndarray:
     """Each label as a number that its text alone decides; a missing one is 0, which the code -1 finds at the end."""
     digests = [hashlib.sha256(label.encode()).digest() for label in values.categories]
-    return np.array([int.from_bytes(digest[:8], "little", signed=True) for digest in digests] + [0])[values.codes]
+    numbers = [int.from_bytes(digest[:8], "little", signed=True) for digest in digests]
+    of_values: np.ndarray = np.take([*numbers, 0], values.codes)
+    return of_values

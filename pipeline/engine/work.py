@@ -73,7 +73,7 @@ class Work:
 
     def _is_whole(self, part: Mapping[str, Any]) -> bool:
         path = self.output / part["name"]
-        return path.is_file() and sha256_of(path) == part["sha256"]
+        return bool(path.is_file() and sha256_of(path) == part["sha256"])
 
     def keep(self, bounds: Sequence[tuple[int, int]]) -> None:
         """Forget finished chunks that are none of those (start, stop) of the stage, with their files."""

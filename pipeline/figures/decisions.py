@@ -7,8 +7,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
-from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.distributions import Distribution
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MARKERS, MUTED_INK, legend_below, new_figure, with_style
@@ -67,7 +67,7 @@ def _crank(axes: Axes, crank_index: int, bounds: pd.DataFrame, stacks: pd.DataFr
 
 @with_style
 def certificate_figure(
-    torque: NDArray[np.float64], angle: NDArray[np.float64], band: tuple[float, float], crank_deg: float
+    torque: Real, angle: Real, band: tuple[float, float], crank_deg: float
 ) -> Figure:
     """Median loop and band of the output's angle over the torque at one crank angle.
 
@@ -91,7 +91,7 @@ def certificate_figure(
 
 POINTS = 400
 """Of a distribution function."""
-LotValues = tuple[str, NDArray[np.float64], Distribution]
+LotValues = tuple[str, Real, Distribution]
 """Name of a lot, its values (n,) [um], and the fitted distribution."""
 
 
@@ -140,7 +140,7 @@ def _dimension(axes: Axes, lots: Sequence[LotValues], drawing: Distribution) -> 
 
 
 @with_style
-def margins_figure(margins: Mapping[str, NDArray[np.float64]]) -> Figure:
+def margins_figure(margins: Mapping[str, Real]) -> Figure:
     """Share of units below each margin (n,), as a share of the limit, for each way of assembly."""
     figure = new_figure(3.0)
     axes = figure.subplots()

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.dimensions import dimension_library
 from pipeline.model.metrics import Limited, library
 from pipeline.model.metrics.turn import turn_library
@@ -36,7 +37,7 @@ LOW, HIGH = 0.05, 0.95
 """Shares of the samples below the ends of a band."""
 
 
-def spread_frame(values: NDArray[np.float64], **keys: NDArray[Any]) -> pd.DataFrame:
+def spread_frame(values: Real, **keys: NDArray[Any]) -> pd.DataFrame:
     """5th and 95th percentile and median of each column over the samples.
 
     Parameters
@@ -52,7 +53,7 @@ def spread_frame(values: NDArray[np.float64], **keys: NDArray[Any]) -> pd.DataFr
     return pd.DataFrame({**keys, "low": low, "middle": middle, "high": high})
 
 
-def centred_loops(angle: NDArray[np.float64], branch: NDArray[Any], torque: NDArray[np.float64]) -> NDArray[np.float64]:
+def centred_loops(angle: Real, branch: NDArray[Any], torque: Real) -> Real:
     """Loops (n, n_steps) about the middle of their width at zero torque, where a bench puts its zero.
 
     Parameters
@@ -61,4 +62,5 @@ def centred_loops(angle: NDArray[np.float64], branch: NDArray[Any], torque: NDAr
     branch, torque : (n_steps,) names of the cycle's branches and [N m].
     """
     ends = [np.flatnonzero((branch == name) & (torque == 0))[0] for name in ("unloading+", "unloading-")]
-    return angle - angle[:, ends].mean(axis=1, keepdims=True)
+    centred: Real = angle - angle[:, ends].mean(axis=1, keepdims=True)
+    return centred

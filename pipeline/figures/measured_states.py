@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from pipeline.arrays import Index, Real
 from pipeline.figures.measured_unit import MODELS, STAGES, zero_line
 from pipeline.figures.style import (
     ACCENT,
@@ -44,10 +45,7 @@ def angle_figure(cells: pd.DataFrame) -> Figure:
                 rows["crank_deg"] % 360, rows[f"residual_{stage}_arcmin"], ".", color=ACCENT, alpha=shade, markersize=2
             )
         axes.axhline(0.0, color=MUTED_INK, linewidth=0.8)
-        axes.set_title(title)
-        axes.set_xlabel("crank angle within its turn [deg]")
-        axes.set_xlim(0, 360)
-        axes.set_xticks(range(0, 361, 90))
+        axes.set(title=title, xlabel="crank angle within its turn [deg]", xlim=(0, 360), xticks=range(0, 361, 90))
     panels[0].set_ylabel("measured less predicted [arcmin]")
     return figure
 
@@ -82,11 +80,13 @@ def states_figure(states: pd.DataFrame, trends: pd.DataFrame, variable: str) -> 
     return figure
 
 
-def _line(values: np.ndarray, place: np.ndarray, trend: dict[str, Any], line: np.ndarray) -> np.ndarray:
+def _line(values: Real, place: Real | Index, trend: dict[str, Any], line: Real) -> Real:
     """The trend through the mean of the states (n,): exponential of a positive number."""
+    slope: float = trend["slope"]
+    distance: Real = line - place.mean()
     if trend["slope_unit"] == "1":
-        return np.exp(np.log(values).mean()) * (1 + trend["slope"]) ** (line - place.mean())
-    return values.mean() + trend["slope"] * (line - place.mean())
+        return float(np.exp(np.log(values).mean())) * (1 + slope) ** distance
+    return float(values.mean()) + slope * distance
 
 
 MOST_POSITIONS = 9
@@ -109,8 +109,7 @@ def loops_figure(loops: pd.DataFrame, state_before: str) -> Figure:
             colour, line = (MUTED_INK, "--") if state == state_before else (ACCENT, "-")
             axes.plot(curve["torque_Nm"], curve["rising_arcmin"], line, color=colour, label=str(state))
             axes.plot(curve["torque_Nm"], curve["falling_arcmin"], line, color=colour)
-        axes.set_title(f"Position {label}")
-        axes.set_xlabel("torque (N m)")
+        axes.set(title=f"Position {label}", xlabel="torque (N m)")
     panels[0].set_ylabel("angle (arcmin)")
     legend_below(figure, panels[0])
     return figure
@@ -161,8 +160,7 @@ def turns_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]]
             axes.plot(turn.index, turn[f"{stage}_arcmin"], color=colour, linestyle=line, linewidth=1.2, label=label)
         axes.plot(turn.index, turn["angle_arcmin"], ".", color=INK, markersize=3.5, label="measured", zorder=1)
         sense = SENSES[int(frame["direction"].iloc[0])][0]
-        axes.set_title(f"{frame['torque_Nm'].mean():.3g} N m, {sense}")
-        axes.set_xlabel("crank angle (°)")
+        axes.set(title=f"{frame['torque_Nm'].mean():.3g} N m, {sense}", xlabel="crank angle (°)")
     panels[0].set_ylabel("error of the output (arcmin)")
     legend_below(figure, panels[0])
     return figure

@@ -63,8 +63,7 @@ def loops_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]]
         cycle_rows = position_rows[position_rows["cycle"] == cycles[min(1, len(cycles) - 1)]]
         _draw_loop(axes, cycle_rows, models)
         _draw_zoom(axes, cycle_rows, models)
-        axes.set_title(f"Crank at {crank:g}°, cycle {cycle_rows['cycle'].iloc[0]}")
-        axes.set_xlabel("torque (N m)")
+        axes.set(title=f"Crank at {crank:g}°, cycle {cycle_rows['cycle'].iloc[0]}", xlabel="torque (N m)")
     panels[0].set_ylabel("angle (arcmin)")
     legend_below(figure, panels[0])
     return figure
@@ -114,8 +113,7 @@ def torque_figure(cells: pd.DataFrame, stages: Mapping[str, str] = STAGES) -> Fi
                 label=label,
             )
         zero_line(axes, cells, stages)
-        axes.set_title(title)
-        axes.set_xlabel("torque (N m)")
+        axes.set(title=title, xlabel="torque (N m)")
     panels[0].set_ylabel("measured − predicted (arcmin)")
     legend_below(figure, panels[0])
     return figure

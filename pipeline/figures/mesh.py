@@ -12,6 +12,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
+from pipeline.arrays import Complex, Index, Real
 from pipeline.errors import import_extra
 from pipeline.figures.style import ACCENT, ALARM, INK, new_figure, with_style
 
@@ -24,11 +25,11 @@ NO_HOLES = np.zeros((0, 0), complex)
 
 @with_style
 def mesh_figure(
-    nodes: NDArray[np.complex128],
-    triangles: NDArray[np.intp],
-    patch_points: NDArray[np.complex128],
-    displacement: NDArray[np.complex128],
-    hole_points: NDArray[np.complex128] = NO_HOLES,
+    nodes: Complex,
+    triangles: Index,
+    patch_points: Complex,
+    displacement: Complex,
+    hole_points: Complex = NO_HOLES,
 ) -> Figure:
     """Whole disk with the size of its deflection, and close-ups of the flank at the loaded pin, and of a hole.
 
@@ -77,7 +78,7 @@ def _panels(holes: bool) -> tuple[Figure, list[Axes]]:
 
 
 def _draw_hole(
-    axes: Axes, nodes: NDArray[np.complex128], triangles: NDArray[np.intp], hole_points: NDArray[np.complex128]
+    axes: Axes, nodes: Complex, triangles: Index, hole_points: Complex
 ) -> None:
     """The triangles about the first hole's patch."""
     points = hole_points[0]
@@ -90,14 +91,14 @@ def _draw_hole(
     axes.set_title("Hole 0")
 
 
-def _loaded_patch(nodes: NDArray[np.complex128], centres: NDArray[np.complex128], size: NDArray[np.float64]) -> int:
+def _loaded_patch(nodes: Complex, centres: Complex, size: Real) -> int:
     """The patch that deflects most: that of the loaded pin."""
     nearest_nodes = [int(np.argmin(np.abs(nodes - centre))) for centre in centres]
     return int(np.argmax(size[nearest_nodes]))
 
 
 def _draw_flank(
-    axes: Axes, plane: Triangulation, patch_points: NDArray[np.complex128], loaded_patch: int, reach: float
+    axes: Axes, plane: Triangulation, patch_points: Complex, loaded_patch: int, reach: float
 ) -> None:
     """The triangles and patches within ``reach`` [mm] of the loaded patch."""
     centre = patch_points[loaded_patch].mean()
@@ -155,7 +156,7 @@ def outlines_dxf(outlines: Mapping[str, NDArray[Any]]) -> bytes:
 
 
 def write_vtk(
-    path: Path, nodes: NDArray[np.complex128], triangles: NDArray[np.intp], point_data: Mapping[str, NDArray[Any]]
+    path: Path, nodes: Complex, triangles: Index, point_data: Mapping[str, NDArray[Any]]
 ) -> None:
     """Write quadratic triangles and fields on their nodes.
 
@@ -186,5 +187,5 @@ def write_vtk(
     meshio.Mesh(_in_space(nodes), [("triangle6", triangles)], point_data=fields).write(path)
 
 
-def _in_space(vectors: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _in_space(vectors: Complex) -> Real:
     return np.stack([vectors.real, vectors.imag, np.zeros(len(vectors))], axis=-1)

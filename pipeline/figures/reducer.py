@@ -8,8 +8,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from pipeline.arrays import Complex
 from pipeline.config.mechanisms.mechanism import Circles, Panel, Part, Points, RowLabel
 from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED_INK, legend_below, new_figure, with_style
 
@@ -25,7 +25,7 @@ NUMBER_RADIUS = 1.07
 @with_style
 def reducer_figure(
     contacts: pd.DataFrame,
-    flanks: Sequence[NDArray[np.complex128]],
+    flanks: Sequence[Complex],
     crank_deg: float,
     pin_radius: float,
     panels: Sequence[Panel],
@@ -55,7 +55,7 @@ def reducer_figure(
     return figure
 
 
-def circles(axes: Axes, centre: NDArray[np.complex128], radius: float, **style: Any) -> None:
+def circles(axes: Axes, centre: Complex, radius: float, **style: Any) -> None:
     """Circles of one radius [mm] about the centres (n,) [mm]."""
     size = np.full(len(centre), 2 * radius)
     axes.add_collection(
@@ -71,7 +71,7 @@ def circles(axes: Axes, centre: NDArray[np.complex128], radius: float, **style: 
     )
 
 
-def draw_ring(axes: Axes, pins: pd.DataFrame, flank: NDArray[np.complex128], crank_deg: float, radius: float) -> None:
+def draw_ring(axes: Axes, pins: pd.DataFrame, flank: Complex, crank_deg: float, radius: float) -> None:
     """The disk among its numbered pins, whose rows of ``clearance/contacts`` are ``pins``."""
     normal = pins["normal_x"].to_numpy() + 1j * pins["normal_y"].to_numpy()
     centre = pins["x_mm"].to_numpy() + 1j * pins["y_mm"].to_numpy() - radius * normal
@@ -107,7 +107,7 @@ def draw_ring(axes: Axes, pins: pd.DataFrame, flank: NDArray[np.complex128], cra
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title=f"Pins 0 to {len(pins) - 1}, crank at {crank_deg:g}°")
 
 
-def _draw_panel(axes: Axes, panel: Panel, flank: NDArray[np.complex128]) -> None:
+def _draw_panel(axes: Axes, panel: Panel, flank: Complex) -> None:
     if panel.disk:
         axes.fill(flank.real, flank.imag, facecolor="#f1f4f7", edgecolor=MUTED_INK, linewidth=0.7)
     for shape in panel.shapes:
@@ -173,8 +173,7 @@ def nominal_gap_figure(curve: pd.DataFrame, pins: pd.DataFrame, lobes_differ: bo
     axes.plot(curve["phase_deg"], curve["exact_um"], exact, color=ACCENT, markersize=2, label="exact distance")
     axes.plot(curve["phase_deg"], curve["first_order_um"], first_order, color=ALARM, markersize=1, label="first order")
     axes.plot(pins["phase_deg"], pins["exact_um"], "o", color=INK, label="pins at this crank angle")
-    axes.set_xlabel("phase of the pin from the eccentric (degrees): 0 in a root, 180 on a tip")
-    axes.set_xticks(PHASE_TICKS)
+    axes.set(xlabel="phase of the pin from the eccentric (degrees): 0 in a root, 180 on a tip", xticks=PHASE_TICKS)
     axes.set_ylabel("gap (µm)")
     axes.margins(x=0.01)
     legend_below(figure, axes)

@@ -20,6 +20,8 @@ from matplotlib.ticker import AutoLocator, MaxNLocator
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
+
 WIDTH = 9.0
 """Width of a figure [inches]: that of the report's column, so that its 9 points are 12 pixels there."""
 PNG_DPI = 160
@@ -98,7 +100,7 @@ class _SteadyAxes(Axes):
     The layout asks for that room before and after it moves them: the second answer follows from the first.
     """
 
-    _margins: NDArray[np.float64] | None = None
+    _margins: Real | None = None
 
     def get_tightbbox(self, renderer: Any = None, *, for_layout_only: bool = False, **options: Any) -> Bbox | None:
         """Box of the axes and what stands beside them [pixels]."""

@@ -8,9 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.figures.labels import LIMITED_METRICS, METRICS, PARAMETERS, parameter_title
 from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MARKERS, MUTED_INK, legend_below, new_figure, with_style
 from pipeline.model.metrics import signed_number
@@ -22,7 +21,7 @@ CURVES = 5
 
 @with_style
 def failures_figure(
-    breaks: Mapping[str, NDArray[np.bool_]], curves: Mapping[str, NDArray[np.float64]], target: float
+    breaks: Mapping[str, Truth], curves: Mapping[str, Real], target: float
 ) -> Figure:
     """Share of all units that break each limit, most first; beside it yield against the scale of each tolerance.
 
@@ -42,7 +41,7 @@ def failures_figure(
     return figure
 
 
-def _draw_breaks(axes: Axes, breaks: Mapping[str, NDArray[np.bool_]]) -> None:
+def _draw_breaks(axes: Axes, breaks: Mapping[str, Truth]) -> None:
     names = sorted(breaks, key=lambda name: float(np.mean(breaks[name])))
     broken = np.stack([breaks[name] for name in names])
     breaks_alone = broken & (broken.sum(axis=0) == 1)
@@ -53,13 +52,12 @@ def _draw_breaks(axes: Axes, breaks: Mapping[str, NDArray[np.bool_]]) -> None:
             f"{100 * all_units:.3g} %", (100 * all_units, row), (4, 0), textcoords="offset points", va="center"
         )
     axes.set_yticks(range(len(names)), [LIMITED_METRICS[name].title for name in names])
-    axes.set(xlabel="units (%)")
-    axes.set_xlim(0, 1.25 * max(100 * float(broken.mean(axis=1).max()), 1e-9))
+    axes.set(xlabel="units (%)", xlim=(0, 1.25 * max(100 * float(broken.mean(axis=1).max()), 1e-9)))
     axes.grid(visible=False, axis="y")
     axes.legend(loc="lower center", bbox_to_anchor=(0.3, 1.0), ncols=2, columnspacing=1.0, handlelength=1.2)
 
 
-def _draw_curves(axes: Axes, curves: Mapping[str, NDArray[np.float64]], target: float) -> None:
+def _draw_curves(axes: Axes, curves: Mapping[str, Real], target: float) -> None:
     shown_curves = list(curves.items())[:CURVES]
     for (name, (scale, value, low, high)), colour, marker in zip(shown_curves, COLOURS, MARKERS, strict=False):
         axes.plot(scale, 100 * value, color=colour, marker=marker, label=PARAMETERS[name])
@@ -97,13 +95,9 @@ def units_figure(
     for name, line in zip(metrics, (scatter.axvline, scatter.axhline), strict=True):
         if name in limits:
             line(limits[name], color=ALARM, linestyle="--", linewidth=1.0)
-    scatter.set_xlabel(METRICS[metrics[0]].axis)
-    scatter.set_ylabel(METRICS[metrics[1]].axis)
-    scatter.set_title("Units; dashed: limits")
+    scatter.set(xlabel=METRICS[metrics[0]].axis, ylabel=METRICS[metrics[1]].axis, title="Units; dashed: limits")
     loops.plot(torque, angles.T, color=ACCENT, alpha=0.25, linewidth=0.7)
-    loops.set_xlabel("torque (N m)")
-    loops.set_ylabel("angle of the output (arcmin)")
-    loops.set_title("Their loops")
+    loops.set(xlabel="torque (N m)", ylabel="angle of the output (arcmin)", title="Their loops")
     return figure
 
 

@@ -1,7 +1,5 @@
 """The loop on one unit: read, judge the data, refit, try the effects, judge, report errors on held-out data."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -40,9 +38,13 @@ from pipeline.identification.selection.statements.verdict import (
     judge,
     verdict_without_test,
 )
+from pipeline.model.compiled import Decorator
 
 Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]
 """Compliances of a study's design at crank angles [deg]: each (n_contacts, n_contacts) [mm/N]."""
+
+one_thread: Decorator = threadpool_limits.wrap(limits=1)
+"""Matrices are small: threads would wait for each other, and move last digits."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def identify(unit: UnitFile, condense: Condensed) -> Identification | FaultyUnit
     return identify_measured(read_measurement(unit), condense)
 
 
-@threadpool_limits.wrap(limits=1)  # matrices are small: threads would wait for each other, and move last digits
+@one_thread
 def identify_measured(measurement: Measurement, condense: Condensed) -> Identification | FaultyUnit:
     """From a measurement to the verdict on its unit.
 

@@ -30,15 +30,16 @@ import tempfile
 from collections.abc import Callable, Iterator
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numba
 from filelock import FileLock
-from numba import njit
+from numba import njit, typeof
 from numba.core.compiler_lock import global_compiler_lock
 
 from pipeline.registry import CONTACT_LAWS
 
+Function = TypeVar("Function", bound=Callable[..., Any])
 PACKAGE = Path(__file__).parent
 DAMAGED_SUFFIX = "damaged"
 """Beginning of the names of folders of compiled code that is not what was written."""
@@ -90,8 +91,8 @@ def _is_own(path: Path) -> bool:
     return state.st_uid == os.geteuid() and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
-CACHE = _writable(Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__") / f"compiled-{SOURCES}")  # type: ignore[attr-defined]
-numba.config.CACHE_DIR = str(CACHE)  # type: ignore[attr-defined]
+CACHE = _writable(Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__") / f"compiled-{SOURCES}")
+numba.config.CACHE_DIR = str(CACHE)
 
 ALGEBRA = {"reassoc", "contract", "nsz", "arcp"}
 """What the compiler may assume of sums and products where their order is ours to choose; not that all is finite."""
@@ -140,11 +141,17 @@ def _set_aside(paths: list[Path]) -> None:
             print(f"{path}: not what was written; set aside in {folder}", file=sys.stderr)
 
 
-def cached_entry(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+class Decorator(Protocol):
+    """What compiles a function, which is called as before."""
+
+    def __call__(self, function: Function, /) -> Function: ...
+
+
+def cached_entry(**options: Any) -> Decorator:
     """Decorator of an entry point: compiled for the types of its arguments, by one process at a time, and cached."""
 
-    def decorate(function: Callable[..., Any]) -> Any:
-        dispatcher = njit(cache=True, **COMPILE_OPTIONS, **options)(function)  # type: ignore[call-overload]
+    def decorate(function: Function, /) -> Function:
+        dispatcher = njit(cache=True, **COMPILE_OPTIONS, **options)(function)
         from_cache_or_compiled = dispatcher.compile
 
         def compile_entry(signature: object) -> object:
@@ -164,9 +171,15 @@ def cached_entry(**options: Any) -> Callable[[Callable[..., Any]], Any]:
                 return result
 
         dispatcher.compile = compile_entry
-        return dispatcher
+        compiled: Function = dispatcher
+        return compiled
 
     return decorate
+
+
+def compile_for(dispatcher: Any, *values: object) -> None:
+    """Compile an entry point for the types of its arguments' ``values``; it is not called."""
+    dispatcher.compile(tuple(map(typeof, values)))
 
 
 def compiled_before(dispatcher: Any) -> bool:
@@ -174,8 +187,8 @@ def compiled_before(dispatcher: Any) -> bool:
     return any(CACHE.glob(f"*/*.{dispatcher.__name__}-*.nbi"))
 
 
-part = njit(**INLINE_OPTIONS)  # type: ignore[call-overload]
-entry = cached_entry()
-algebraic_part = njit(fastmath=ALGEBRA, **INLINE_OPTIONS, **BORROWED_OPTIONS)  # type: ignore[call-overload]
-merged_part = njit(fastmath=ALGEBRA, inline="always", **COMPILE_OPTIONS, **BORROWED_OPTIONS)  # type: ignore[call-overload]
-borrowing_entry = cached_entry(**BORROWED_OPTIONS)
+part: Decorator = njit(**INLINE_OPTIONS)
+entry: Decorator = cached_entry()
+algebraic_part: Decorator = njit(fastmath=ALGEBRA, **INLINE_OPTIONS, **BORROWED_OPTIONS)
+merged_part: Decorator = njit(fastmath=ALGEBRA, inline="always", **COMPILE_OPTIONS, **BORROWED_OPTIONS)
+borrowing_entry: Decorator = cached_entry(**BORROWED_OPTIONS)

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Complex, Real, Truth
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.contacts import HOUSING, PIN
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
@@ -54,7 +53,7 @@ def held_forces(response: CycleResponse, definitions: Definitions) -> Real:
     return response.equilibria.force[:, held_states(response, definitions)]
 
 
-def bearing_force(drive: Drive, response: CycleResponse, definitions: Definitions) -> NDArray[np.complex128]:
+def bearing_force(drive: Drive, response: CycleResponse, definitions: Definitions) -> Complex:
     """Force of the disks on each bearing (n, 2, n_bearings) complex [N], housing frame, at plus and minus the torque.
 
     The order is that of ``Reducer.bearings``.
@@ -72,7 +71,7 @@ def bearing_force(drive: Drive, response: CycleResponse, definitions: Definition
     return on_bearings(drive.reducer, held_forces(response, definitions))
 
 
-def on_bearings(reducer: Reducer, force: Real) -> NDArray[np.complex128]:
+def on_bearings(reducer: Reducer, force: Real) -> Complex:
     """Force of the disks on each bearing (n, n_states, n_bearings) complex [N] under forces (..., n_contacts) [N].
 
     Notes
@@ -95,7 +94,7 @@ def on_bearings(reducer: Reducer, force: Real) -> NDArray[np.complex128]:
     return resultant[..., 0] + 1j * resultant[..., 1]
 
 
-def _with_held_between(reducer: Reducer) -> NDArray[np.bool_]:
+def _with_held_between(reducer: Reducer) -> Truth:
     """Contacts (n_contacts,) with a body between disk and output that only rotates in the model."""
     movable = {motion.rsplit("_", 1)[0] for motion in reducer.motions if motion.endswith(("_x", "_y"))}
     fixed_ends = np.array([*movable, HOUSING, "output"])
@@ -114,10 +113,11 @@ def torque_shares(drive: Drive, response: CycleResponse, definitions: Definition
     of_disks = np.stack(
         [moment[..., reducer.disk_of_contact == disk].sum(axis=2) for disk in range(reducer.n_disks)], axis=2
     )
-    return of_disks / of_disks.sum(axis=2, keepdims=True)
+    shares: Real = of_disks / of_disks.sum(axis=2, keepdims=True)
+    return shares
 
 
-def crank_torque(eccentricity: float, crank: Real, n_disks: int, thrust: NDArray[np.complex128]) -> Real:
+def crank_torque(eccentricity: float, crank: Real, n_disks: int, thrust: Complex) -> Real:
     """Torque on the cranks (n, 2, n_angles) [N mm] that balances the disks on their eccentrics, equally spaced.
 
     Parameters
@@ -133,7 +133,8 @@ def crank_torque(eccentricity: float, crank: Real, n_disks: int, thrust: NDArray
     """
     phase = np.repeat(2 * np.pi * np.arange(n_disks) / n_disks, thrust.shape[3] // n_disks)
     eccentric = np.exp(1j * np.add.outer(crank, phase))
-    return -eccentricity * np.sum(np.imag(np.conj(eccentric) * thrust), axis=3)
+    torque: Real = -eccentricity * np.sum(np.imag(np.conj(eccentric) * thrust), axis=3)
+    return torque
 
 
 def sliding_speed(profile: CycloidProfile, reducer: Reducer, crank_speed: float) -> Real:

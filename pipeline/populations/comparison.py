@@ -1,7 +1,5 @@
 """Measured units against the distributions of a study: bias, spread, quantiles, and tests of the same distribution."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -10,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import scipy  # its statistics are slow to import: they are when they are called
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.config.files.section import nearest_name
 from pipeline.config.files.table_file import LARGEST_VALUE, TableFile, read_table, shortened_list
 from pipeline.errors import InputError
@@ -178,7 +175,7 @@ def metric_comparisons(
     """
     rng = np.random.default_rng(seed)
     cranks = population["crank_deg"].to_numpy() if "crank_deg" in population else np.full(len(population), np.nan)
-    groups: list[tuple[float | None, NDArray[np.bool_]]] = [(None, np.isnan(cranks))]
+    groups: list[tuple[float | None, Truth]] = [(None, np.isnan(cranks))]
     groups += [(float(crank), cranks == crank) for crank in np.unique(cranks[np.isfinite(cranks)])]
     pairs = []
     for crank, of_crank in groups:
@@ -268,7 +265,7 @@ def permutation_tests(units: Real, samples: Real, rng: np.random.Generator) -> t
     )
 
 
-def _distances(label: NDArray[np.bool_], group_end: NDArray[np.bool_]) -> Real:
+def _distances(label: Truth, group_end: Truth) -> Real:
     """The three statistics (3, n_rows) of rows of labels (n_rows, n) in ascending order of value.
 
     `group_end` marks the last of each group of equal values, where the distribution functions are compared.

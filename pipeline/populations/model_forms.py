@@ -6,8 +6,6 @@ study's own form; a reference that was met under one form is not met under anoth
 deflections of all contacts times one factor, by which some units have the mean rigidity that they have in the study.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any

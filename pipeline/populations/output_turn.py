@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from math import gcd
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.config.studies.study import Study
 from pipeline.model.geometry.clearance import Errors as ModelErrors
 from pipeline.model.geometry.clearance import after_turns
@@ -21,7 +20,7 @@ from pipeline.model.geometry.drawn_flank import deviation_table
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.response import respond
 from pipeline.model.turn import bearing_force, held_forces
-from pipeline.model.units import ARCMIN
+from pipeline.model.units import ARCMIN, NMM_PER_NM
 from pipeline.mounting import drive_of
 from pipeline.populations.turn_drives import TurnDrives, Units
 from pipeline.sampling.errors import Errors
@@ -65,7 +64,7 @@ def rigid_cranks(study: Study) -> Real:
     return 2 * np.pi * np.arange(per_turn * cycloid.lobes) / per_turn
 
 
-def loaded_steps(study: Study, phases: int = PHASES) -> NDArray[np.intp]:
+def loaded_steps(study: Study, phases: int = PHASES) -> Index:
     """Steps of a pitch over its ``phases`` at which the unit is loaded, evenly over the output turn, phases alike."""
     cycloid = study.design.cycloid
     steps = cycloid.pins * cycloid.lobes * phases
@@ -154,7 +153,7 @@ def loaded_error(
     """
     study, units = drives.study, Units.from_errors(drives.study, unit)
     steps, torques = loaded_steps(study, drives.phases), assembly.definitions(study)
-    held_torque = assembly.NMM_PER_NM * torques.rigidity_high
+    held_torque = NMM_PER_NM * torques.rigidity_high
     angles, on_bearing, on_pin = np.empty((3, 2, len(steps)))
     for k, step in enumerate(steps):
         drive = drives.drive(int(step), units)

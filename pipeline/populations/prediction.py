@@ -5,8 +5,6 @@ The rough model has the exact gaps of a unit and its rigid play, and lets every 
 a pilot of units whose metrics under load are known; over the turn it is then judged as the limits judge it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -102,7 +100,7 @@ class TailPrediction:
     @classmethod
     def from_pilot(
         cls, tail: Tail, loaded_values: Real, pilot: Mapping[str, Real], units: Mapping[str, Real]
-    ) -> TailPrediction:
+    ) -> "TailPrediction":
         """From the rough metrics of the units, and of the pilot whose metric under load is known (n, n_angles)."""
         rough, of_units = (tail.over_turn(turn) for turn in predicted_turn(loaded_values, pilot, units))
         values = tail.over_turn(loaded_values)

@@ -1,7 +1,5 @@
 """Tables of measured units against a study: the comparison of each metric, and which tolerance would close it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

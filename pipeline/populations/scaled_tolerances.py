@@ -8,8 +8,6 @@ Source
 Common random numbers: Owen, Monte Carlo theory, methods and examples (2013), section 8.6.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -17,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.config.studies.tolerances import Tolerances
 from pipeline.model.metrics import library
@@ -73,7 +71,7 @@ def scaled_points(study: Study) -> list[tuple[str, float]]:
 
 def surrogate_values(
     study: Study, start: int, stop: int, rough: Rough, loaded_values: Mapping[str, Real], pilot: Mapping[str, Real]
-) -> dict[str, NDArray]:
+) -> dict[str, NDArray[np.generic]]:
     """Metrics over the turn of the samples from ``start`` to ``stop`` at every scale of every tolerance.
 
     Parameters
@@ -87,7 +85,7 @@ def surrogate_values(
     """
     points = scaled_points(study)
     units = rough(joined_errors(*(draw(_population(study, name, scale), start, stop) for name, scale in points)))
-    columns: dict[str, NDArray] = {
+    columns: dict[str, NDArray[np.generic]] = {
         "tolerance": np.repeat(np.array([name for name, _ in points], object), stop - start),
         "scale": np.repeat([scale for _, scale in points], stop - start),
     }
@@ -152,7 +150,7 @@ def _squared_correlation(values: pd.Series, predictions: pd.Series) -> float:
 
 
 def _shifted_yield(
-    stated_yield: Estimate, passes_before: NDArray, passes_after: NDArray, confidence: float
+    stated_yield: Estimate, passes_before: Truth, passes_after: Truth, confidence: float
 ) -> Estimate:
     """A yield plus the difference of pairs; its interval from both, which are taken to be independent."""
     passes_before, passes_after = np.asarray(passes_before), np.asarray(passes_after)

@@ -1,14 +1,13 @@
 """Units that differ from the study by themselves, apart from the shift that all units share."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
 from pipeline.arrays import Real
-from pipeline.populations.comparison import measurable_metrics, metrics_at
+from pipeline.model.metrics import measurable_metrics
+from pipeline.populations.comparison import metrics_at
 
 LEVEL = 0.05
 """Probability that any unit of a sound population is named."""

@@ -6,16 +6,13 @@ by that the units are taken (``statistics.two_phase``). A metric that the rough 
 alike, and its interval is then as wide as that of plain sampling: ``effective`` says so.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from joblib import delayed
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.config.designs.design import Design
 from pipeline.config.studies.optional import limited_under_load, without_tails
 from pipeline.config.studies.study import Samples, Study
@@ -136,7 +133,7 @@ def _join(parts: Sequence[Mapping[str, Real]]) -> Mapping[str, Real]:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def _solve_units(population: Population, solve: Solve, selected_units: NDArray[np.intp]) -> Mapping[str, Real]:
+def _solve_units(population: Population, solve: Solve, selected_units: Index) -> Mapping[str, Real]:
     """Metrics of the taken units; each is drawn by its own number."""
     return solve(joined_errors(*(draw(population, int(unit), int(unit) + 1) for unit in selected_units)))
 

@@ -1,7 +1,5 @@
 """Which tolerance would close the difference between measured units and a study, if any within its limits does."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -231,4 +229,4 @@ def _room(study: Study, name: str, mean: float, shift: float) -> float:
     """How far the mean deviation can go in the direction of `shift` within the limits [um]."""
     tolerance = getattr(study.tolerances, name)
     lower, upper = (tolerance.allowance_um + limit for limit in tolerance.limits_um)
-    return max(upper - mean if shift > 0 else mean - lower, 0.0)
+    return float(max(upper - mean if shift > 0 else mean - lower, 0.0))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.arrays import Index, Real
+from pipeline.arrays import Index, Real, Single
 from pipeline.model.compiled import entry
 from pipeline.populations.turn_gaps import SeparateGaps
 from pipeline.populations.turn_springs import Springs
@@ -37,7 +37,16 @@ def fitted_slopes(features: Real, values: Real) -> Real:
 
 
 @entry
-def _second_layer(first_pins, first_lobes, second_pins, second_lobes, slopes, n_forces, peak, sums):
+def _second_layer(
+    first_pins: Single,
+    first_lobes: Single,
+    second_pins: Single,
+    second_lobes: Single,
+    slopes: Single,
+    n_forces: int,
+    peak: Real,
+    sums: Real,
+) -> None:
     """Fill the root of the largest of the first ``n_forces`` sums (n, n_pitches), and add the others to ``sums``.
 
     Forces of as many pitches as there are lobes are multiplied together: a library's product takes a third of the time.
@@ -149,7 +158,11 @@ class PinForces:
             columns = np.hstack([second * square, np.vstack([np.zeros(of_values.shape[1]), of_values])])
             split = len(first)
             linear, of_forces = columns[:split], columns[split:]
-            layers = [values.astype(np.float32) for values in (*sources.sums(first), *sources.sums(linear), of_forces)]
-            _second_layer(*layers, len(square), peaks[sense], sums)
+            pins, lobes = (values.astype(np.float32) for values in sources.sums(first))
+            second_pins, second_lobes = (values.astype(np.float32) for values in sources.sums(linear))
+            slopes_of_forces = of_forces.astype(np.float32)
+            _second_layer(
+                pins, lobes, second_pins, second_lobes, slopes_of_forces, len(square), peak=peaks[sense], sums=sums
+            )
         np.maximum(peaks[0], peaks[1], out=peaks[2])
         return np.moveaxis(peaks, 0, -1), sums

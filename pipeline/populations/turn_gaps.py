@@ -6,8 +6,6 @@ pins, without errors of the disk, and of as many as there are lobes, without err
 output stand about the eccentric as before after as many pitches as there are lobes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -44,7 +42,7 @@ class SeparateGaps:
     output: Real
 
     @classmethod
-    def from_units(cls, drives: TurnDrives, units: Units) -> SeparateGaps:
+    def from_units(cls, drives: TurnDrives, units: Units) -> "SeparateGaps":
         """The gaps of some units."""
         study, n_places = drives.study, drives.study.design.cycloid.pins * drives.study.design.disk.count
         without_disk, without_pins = _without_errors(units, OF_DISK), _without_errors(units, HOUSING_ERRORS)
@@ -63,9 +61,9 @@ class SeparateGaps:
     @property
     def n_pitches(self) -> int:
         """Pitches of the output turn."""
-        return self.of_pins.shape[1] * self.of_lobes.shape[1]
+        return int(self.of_pins.shape[1] * self.of_lobes.shape[1])
 
-    def some(self, rows: slice) -> SeparateGaps:
+    def some(self, rows: slice) -> "SeparateGaps":
         """The gaps of some units."""
         return SeparateGaps(self.of_pins[rows], self.of_lobes[rows], self.output[rows])
 

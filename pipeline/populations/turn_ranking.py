@@ -5,8 +5,6 @@ The gaps of all pitches are outer sums (``turn_gaps``), on which every contact h
 the results, by least squares on solved pairs of units and pitches.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -46,7 +44,7 @@ class Ranking:
     @classmethod
     def from_pairs(
         cls, springs: Springs, forces: PinForces, gaps: SeparateGaps, pitches: Index, metrics: Mapping[str, Real]
-    ) -> Ranking:
+    ) -> "Ranking":
         """By least squares on metrics (n, n_pitches) of units at some pitches; those that hardly exist are not ranked.
 
         Parameters

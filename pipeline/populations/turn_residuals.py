@@ -11,8 +11,6 @@ Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), sec. 2.2, 4
 Srinivas et al., IEEE Trans. Inf. Theory 58 (2012) 3250.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -61,7 +59,7 @@ class Correlation:
     @classmethod
     def from_lengths(
         cls, pins: int, lobes: int, pitch_length: float, turn_length: float, of_disk: float, noise: float
-    ) -> Correlation:
+    ) -> "Correlation":
         """Matern's of the order 3/2 around the crank and in the disk, exponential along the turns."""
         steps = np.arange(pins * lobes)
         turns = np.minimum(steps, pins * lobes - steps) / pins
@@ -70,7 +68,8 @@ class Correlation:
 
     def matrix(self, first_pitches: Index, second_pitches: Index) -> Real:
         """Correlations of pitches that broadcast against each other, without the noise."""
-        return self.of_distance[np.abs(first_pitches - second_pitches)]
+        correlation: Real = self.of_distance[np.abs(first_pitches - second_pitches)]
+        return correlation
 
     @cached_property
     def of_distance(self) -> Real:
@@ -84,7 +83,7 @@ def _wound(count: int, length: float) -> Real:
     windings = count * np.arange(-WINDINGS, WINDINGS + 1)
     distance = np.sqrt(3) * np.abs(np.add.outer(np.arange(count), windings)) / length
     correlation: Real = np.sum((1 + distance) * np.exp(-distance), axis=1)
-    return correlation / correlation[0]
+    return correlation / float(correlation[0])
 
 
 def fitted_correlation(pins: int, lobes: int, pitches: Index, residuals: Real) -> Correlation:
@@ -134,15 +133,17 @@ def upper_bounds(
     needs no further system.
     """
     bounds = np.array(predicted_values, float)
-    pitches = [np.ascontiguousarray(part, np.intp) for part in (solved_pitches, other_pitches)]
-    pitches[0] = np.where(np.isfinite(residuals), pitches[0], -1)
+    solved, others = (np.ascontiguousarray(part, np.intp) for part in (solved_pitches, other_pitches))
     own = correlation.of_distance, correlation.noise, correlation.variance
-    _add_bounds(own, np.ascontiguousarray(residuals, float), *pitches, bounds)
+    solved = np.where(np.isfinite(residuals), solved, -1)
+    _add_bounds(own, np.ascontiguousarray(residuals, float), solved, others, bounds)
     return bounds
 
 
 @entry
-def _add_bounds(correlation, residuals, solved_pitches, other_pitches, bounds):
+def _add_bounds(
+    correlation: tuple[Real, float, float], residuals: Real, solved_pitches: Index, other_pitches: Index, bounds: Real
+) -> None:
     """Add what the ranking misses at most to its metric ``bounds`` at other pitches, see ``upper_bounds``."""
     of_distance, noise, least_variance = correlation
     for s in range(solved_pitches.shape[0]):

@@ -5,8 +5,6 @@ all metrics. What the rough model misses at them corrects the ranking of the oth
 misses is seen on units that are solved at every pitch and beside the worst of these.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import dataclass
@@ -15,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.arrays import Index, Real
+from pipeline.arrays import Index, Real, Single, Truth
 from pipeline.model.metrics import library
 from pipeline.model.units import ARCMIN
 from pipeline.populations.turn_drives import TurnDrives, Units
@@ -183,7 +181,7 @@ def lies_elsewhere(found: Worst, searched: Worst) -> bool:
     return False
 
 
-def _pools(drives: TurnDrives, ranking: Ranking, units: Units) -> Iterator[_Pool]:
+def _pools(drives: TurnDrives, ranking: Ranking, units: Units) -> "Iterator[_Pool]":
     """The best ranked pitches of all units, in blocks of them."""
     for first_row in range(0, len(units), GAPS_AT_ONCE):
         rows = np.arange(first_row, min(first_row + GAPS_AT_ONCE, len(units)))
@@ -210,14 +208,14 @@ class _Pool:
 
     rows: Index
     pitches: NDArray[np.int32]
-    predicted_values: NDArray[np.float32]
+    predicted_values: Single
     best_columns: NDArray[np.int16]
-    solved_values: NDArray[np.float32]
-    is_open: NDArray[np.bool_]
+    solved_values: Single
+    is_open: Truth
     names: tuple[str, ...]
 
     @classmethod
-    def from_ranking(cls, ranking: Ranking, gaps: SeparateGaps, rows: Index) -> _Pool:
+    def from_ranking(cls, ranking: Ranking, gaps: SeparateGaps, rows: Index) -> "_Pool":
         """The best ranked pitches of each metric, of units by their gaps."""
         rankings = ranking.predict_metrics(gaps)
         count = min(CANDIDATES, gaps.n_pitches)
@@ -244,7 +242,7 @@ class _Pool:
 
     def promising(self, ranking: Ranking, n_best: int) -> Index:
         """Likewise of those that may be among the worst, by the ranking and what it missed at the solved ones."""
-        is_known: NDArray[np.bool_] = np.asarray(np.isfinite(self.solved_values).any(axis=0))
+        is_known: Truth = np.asarray(np.isfinite(self.solved_values).any(axis=0))
         scores, rows = np.full(self.predicted_values.shape, -np.inf), np.flatnonzero(self.is_open)
         known = np.argsort(~is_known[rows], axis=1, kind="stable")[:, : max(1, int(is_known.sum(axis=1).max()))]
         rows = rows[:, None]

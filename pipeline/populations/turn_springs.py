@@ -5,8 +5,6 @@ on the output as their springs give way. Newton's steps find the rotations: of a
 grows in straight lines between the rotations at which springs close.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +31,7 @@ MOMENTS = 3
 
 
 @algebraic_part
-def _ends(of_pins, of_lobes, output, first_place, end, first_end):
+def _ends(of_pins: Real, of_lobes: Real, output: Real, first_place: Index, end: Real, first_end: Real) -> None:
     """Fill the rotations ``end`` (n_places,) at which springs close, and ``first_end`` (2, n_disks): pins, output."""
     for k in range(end.shape[0]):
         end[k] = of_pins[k] + of_lobes[k]
@@ -46,7 +44,7 @@ def _ends(of_pins, of_lobes, output, first_place, end, first_end):
 
 
 @algebraic_part
-def _closed(end, stiffness, start, stop, angle):
+def _closed(end: Real, stiffness: Real, start: int, stop: int, angle: float) -> tuple[float, float]:
     """Stiffness of the springs that are closed at a rotation, and their moment at 0.
 
     The sums take all springs, the open ones with the factor 0: so the compiler adds several at once.
@@ -60,7 +58,17 @@ def _closed(end, stiffness, start, stop, angle):
 
 
 @algebraic_part
-def _balance(end, stiffness, first_place, first_end, output, output_stiffness, torque, phi, line):
+def _balance(
+    end: Real,
+    stiffness: Real,
+    first_place: Index,
+    first_end: Real,
+    output: Real,
+    output_stiffness: Real,
+    torque: float,
+    phi: Real,
+    line: Real,
+) -> None:
     """Rotations at which the springs carry a torque, by Newton from any: of the disks ``phi[:-1]``, the output's last.
 
     A disk carries nothing before the output has gone through its play. Beyond it some spring on either side of it is
@@ -95,7 +103,16 @@ def _balance(end, stiffness, first_place, first_end, output, output_stiffness, t
 
 
 @entry
-def _spring_features(of_pins, of_lobes, output, stiffness, output_stiffness, first_place, levels, features):
+def _spring_features(
+    of_pins: Real,
+    of_lobes: Real,
+    output: Real,
+    stiffness: Real,
+    output_stiffness: Real,
+    first_place: Index,
+    levels: Real,
+    features: Real,
+) -> None:
     """Fill features (n, n_pins n_lobes, OF_SENSE) of one sense, see ``Springs.features``."""
     n, n_pins, n_places = of_pins.shape
     n_lobes, n_levels, n_disks = of_lobes.shape[1], levels.shape[0], output.shape[2]
@@ -115,13 +132,13 @@ def _spring_features(of_pins, of_lobes, output, stiffness, output_stiffness, fir
                 features[s, pitch, 1 + k] = phi[k, n_disks]
             angle, share = phi[n_levels - 1], 0.0
             for d in range(n_disks):
-                k, k0 = _closed(behind[d], springs_behind[d], 0, behind.shape[1], angle[n_disks] - angle[d])
-                share = max(share, k * (angle[n_disks] - angle[d]) - k0)
+                slope, offset = _closed(behind[d], springs_behind[d], 0, behind.shape[1], angle[n_disks] - angle[d])
+                share = max(share, slope * (angle[n_disks] - angle[d]) - offset)
             features[s, pitch, n_levels + 1] = share / levels[n_levels - 1]
 
 
 @entry
-def _features_of_single(of_pins, of_lobes, stiffness, levels, features):
+def _features_of_single(of_pins: Real, of_lobes: Real, stiffness: Real, levels: Real, features: Real) -> None:
     """Likewise of a single disk with rigid parts behind it, whose play ``of_lobes`` holds too."""
     n, n_pins, n_places = of_pins.shape
     n_lobes, n_levels = of_lobes.shape[1], levels.shape[0]
@@ -169,7 +186,7 @@ class Springs:
     levels: Real
 
     @classmethod
-    def from_compliance(cls, drives: TurnDrives, compliance: Real) -> Springs:
+    def from_compliance(cls, drives: TurnDrives, compliance: Real) -> "Springs":
         """Springs of a compliance (n_contacts,) [mm/N] by places."""
         study, definitions = drives.study, assembly.definitions(drives.study)
         lobes, reducer = study.design.cycloid.lobes, assembly.reducer(study.design, 0.0)
@@ -222,17 +239,24 @@ class Springs:
                 np.abs(self.arm[rows]),
                 np.bincount(self.disk[rows], minlength=self.output_stiffness.shape[1]),
             )
-            ends = [gaps.of_pins[:, :, rows] / size, gaps.of_lobes[:, :, rows] / size]
-            springs, behind = [self.stiffness[rows]], gaps.output[:, :, sense]
-            is_single = behind.shape[2:] == (1, 1)
-            if is_single:
-                ends[1] += behind[..., 0]
-            else:
-                ends.append(behind)
-                springs += [self.output_stiffness, np.append(0, np.cumsum(counts))]
-            arrays = [np.ascontiguousarray(values) for values in (*ends, *springs)]
+            of_pins = np.ascontiguousarray(gaps.of_pins[:, :, rows] / size)
+            of_lobes = np.ascontiguousarray(gaps.of_lobes[:, :, rows] / size)
+            stiffness, behind = np.ascontiguousarray(self.stiffness[rows]), gaps.output[:, :, sense]
             of_sense = features[:, :, sense * OF_SENSE : (sense + 1) * OF_SENSE]
-            (_features_of_single if is_single else _spring_features)(*arrays, self.levels, of_sense)
+            if behind.shape[2:] == (1, 1):
+                of_lobes += behind[..., 0]
+                _features_of_single(of_pins, of_lobes, stiffness, self.levels, of_sense)
+                continue
+            _spring_features(
+                of_pins,
+                of_lobes,
+                np.ascontiguousarray(behind),
+                stiffness,
+                np.ascontiguousarray(self.output_stiffness),
+                first_place=np.append(0, np.cumsum(counts)),
+                levels=self.levels,
+                features=of_sense,
+            )
         return features
 
 
@@ -242,7 +266,7 @@ def _waves_over_arm(reducer: Reducer) -> Real:
     eccentric = np.array([pose.eccentric for pose in reducer.disks])[reducer.disk_of_contact[rows]]
     direction = (contacts.point[rows] - eccentric) / eccentric
     angle = np.angle(direction)[:, None] * np.arange(1, MOMENTS + 1)
-    waves = np.hstack([np.ones((len(rows), 1)), np.cos(angle), np.sin(angle)])
+    waves: Real = np.hstack([np.ones((len(rows), 1)), np.cos(angle), np.sin(angle)])
     arm = np.abs(contacts.arm[rows])
     has_arm = (arm > ARM_FLOOR * np.max(arm))[:, None]
     return np.divide(waves, arm[:, None], out=np.zeros_like(waves), where=has_arm)

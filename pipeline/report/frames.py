@@ -1,7 +1,5 @@
 """What a report is made of: the study and its tables, and which of their rows the figures draw."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -9,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Index, Real
 from pipeline.config.designs.design import Design
 from pipeline.config.studies.study import Study
 from pipeline.figures.labels import METRICS, centred_loops, spread_frame
@@ -124,7 +122,7 @@ class Frames:
         return drawn_samples(self.study, self.failed_rows)
 
     @cached_property
-    def band(self) -> NDArray[np.intp]:
+    def band(self) -> Index:
         """Samples whose spread is drawn: those at hand, but for the nominal and failed ones; none of listed cases."""
         at_hand = np.unique(self.curves["sample"].to_numpy())
         left_out = set(self.failed_rows["sample"]) | ({0} if self.study.samples.nominal_first else set())
@@ -165,12 +163,13 @@ class Frames:
         """Rows at the crank angle of the figures."""
         return table[table["crank_deg"] == self.crank_deg]
 
-    def of_band(self, table: pd.DataFrame, column: str) -> NDArray[np.float64]:
+    def of_band(self, table: pd.DataFrame, column: str) -> Real:
         """Values (n_band, n_columns) of a table on the full grid, at the crank angle of the figures."""
         samples = table["sample"].to_numpy()
         first_sample, n = int(samples[0]), len(np.unique(samples))
         values = table[column].to_numpy().reshape(n, len(self.study.cycle.curve_crank_deg), -1)
-        return values[self.band - first_sample, 0]
+        rows: Real = values[self.band - first_sample, 0]
+        return rows
 
 
 def unsolved_rows(metrics: pd.DataFrame) -> pd.DataFrame:
@@ -207,7 +206,7 @@ class Drawing:
     name: str
     title: str
     caption: str
-    figure: Callable[[], Figure]
+    figure: "Callable[[], Figure]"
 
 
 def disk_words(design: Design) -> str:

@@ -272,7 +272,7 @@ def _name_and_unit(key: str) -> tuple[str, str]:
 
 
 def _is_zero(tolerance: Any) -> bool:
-    return tolerance.limits_um == (0.0, 0.0) and tolerance.allowance_um == 0
+    return bool(tolerance.limits_um == (0.0, 0.0) and tolerance.allowance_um == 0)
 
 
 def _any(value: Any) -> bool:

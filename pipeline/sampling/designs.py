@@ -40,7 +40,8 @@ def correlated_numbers(probability: Real, circumference: float, length: float) -
     # Positive in theory; for lengths far beyond the circumference round-off may leave -1e-16.
     spectrum = np.maximum(rfft(np.exp(-arc / length)).real, 0.0)
     scores = ndtri(np.clip(probability, SMALLEST_PROBABILITY, 1 - 2 * SMALLEST_PROBABILITY))
-    return ndtr(irfft(rfft(scores, axis=1) * np.sqrt(spectrum), n=n, axis=1))
+    numbers: Real = ndtr(irfft(rfft(scores, axis=1) * np.sqrt(spectrum), n=n, axis=1))
+    return numbers
 
 
 BLOCK = 4
@@ -121,7 +122,8 @@ def _sobol(seed: int, replicate: int, dimensions: int, start: int, stop: int) ->
     if start > 0:
         engine.fast_forward(start)
     # SciPy warns of any other number than a power of two, for the sake of an error estimate that is not ours.
-    return engine.random(1 << (stop - start - 1).bit_length())[: stop - start]
+    numbers: Real = engine.random(1 << (stop - start - 1).bit_length())[: stop - start]
+    return numbers
 
 
 @lru_cache(maxsize=64)
@@ -133,6 +135,6 @@ def _scrambled_sequence(seed: int, replicate: int, dimensions: int) -> "scipy.st
 @lru_cache(maxsize=64)
 def _hypercube(seed: int, replicate: int, dimensions: int, strata: int) -> Real:
     """One whole hypercube (strata, dimensions): no part of it can be had alone, so it is kept for the next chunk."""
-    numbers = scipy.stats.qmc.LatinHypercube(dimensions, rng=_generator(seed, replicate)).random(strata)
+    numbers: Real = scipy.stats.qmc.LatinHypercube(dimensions, rng=_generator(seed, replicate)).random(strata)
     numbers.flags.writeable = False
     return numbers

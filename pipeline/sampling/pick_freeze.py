@@ -8,6 +8,7 @@ of its own and errors are correlated within a tolerance only. That is what makes
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.sampling.designs import independent_uniforms
 from pipeline.sampling.errors import Errors, dimensions, errors_at, varies
@@ -58,5 +59,5 @@ def draw_mixed(study: Study, start: int, stop: int) -> Errors:
     return errors_at(study, np.concatenate(numbers))
 
 
-def _numbers(study: Study, columns: int, draws: NDArray[np.integer]) -> NDArray[np.float64]:
+def _numbers(study: Study, columns: int, draws: NDArray[np.integer]) -> Real:
     return independent_uniforms(study.samples.seed, columns, int(draws[0]), int(draws[-1]) + 1)

@@ -79,7 +79,7 @@ def curve_scatter(
     means = _group_means(abscissa, branch, group, values, sigma, bins)
     if not means.group.size:
         return None
-    columns = [_dummies(means.state), *([_dummies(means.group)] if own_zero else [])]
+    columns = [dummies(means.state), *([dummies(means.group)] if own_zero else [])]
     decomposition = np.linalg.svd(np.hstack(columns), full_matrices=False)
     basis = decomposition[0][:, decomposition[1] > RANK_TOLERANCE * decomposition[1].max()]
     if len(basis) == basis.shape[1]:
@@ -142,6 +142,6 @@ def _correlations(means: _Means, top: float) -> Iterator[Real]:
         yield correlation
 
 
-def _dummies(label: Whole) -> Real:
-    """One column for each label (n, n_labels)."""
-    return (label[:, None] == np.unique(label)).astype(float)
+def dummies(label: Whole) -> Real:
+    """One column for each label (n, n_labels), 1 in its rows."""
+    return np.equal.outer(label, np.unique(label)).astype(float)

@@ -13,7 +13,7 @@ import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.statistics.intervals import QUANTILES, mean_interval
 from pipeline.statistics.resampling import FEWEST_BEYOND, Interval, by_replicate
 
@@ -48,7 +48,7 @@ def welch_interval(a: Real, b: Real, confidence: float) -> Interval:
     return value - half, value + half
 
 
-def share_difference(a: NDArray[np.bool_], b: NDArray[np.bool_], confidence: float, are_paired: bool) -> Interval:
+def share_difference(a: Truth, b: Truth, confidence: float, are_paired: bool) -> Interval:
     """Newcombe's interval of the share of ``b`` that is true less that of ``a``, from Wilson's of each.
 
     Notes
@@ -75,12 +75,12 @@ def _combined_distance(distances: Real, phi: float) -> float:
     return float(np.sqrt(max(np.sum(distances**2) - 2 * phi * np.prod(distances), 0.0)))
 
 
-def _wilson(passes: NDArray[np.bool_], confidence: float) -> Interval:
+def _wilson(passes: Truth, confidence: float) -> Interval:
     ends = scipy.stats.binomtest(int(passes.sum()), passes.size).proportion_ci(confidence, method="wilson")
     return float(ends.low), float(ends.high)
 
 
-def _pair_correlation(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
+def _pair_correlation(a: Truth, b: Truth) -> float:
     table = np.array([[np.sum(a & b), np.sum(a & ~b)], [np.sum(~a & b), np.sum(~a & ~b)]], float)
     margins = float(np.prod(table.sum(axis=0)) * np.prod(table.sum(axis=1)))
     if margins == 0:

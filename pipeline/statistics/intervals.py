@@ -15,7 +15,7 @@ import numpy as np
 import scipy  # its functions are slow to import: they are when they are called
 from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.statistics.resampling import (
     Interval,
     Statistic,
@@ -87,7 +87,7 @@ def distribution(values: Real, confidence: float, replicate: NDArray[np.integer]
     return estimates
 
 
-def pass_share(passes: NDArray[np.bool_], confidence: float, replicate: NDArray[np.integer] | None = None) -> Estimate:
+def pass_share(passes: Truth, confidence: float, replicate: NDArray[np.integer] | None = None) -> Estimate:
     """Yield: the share of samples that keep a limit.
 
     Parameters

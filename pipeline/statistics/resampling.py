@@ -15,11 +15,11 @@ import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 from scipy import special
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Whole
 
 
 @lru_cache(maxsize=16)
-def resampled_counts(n_blocks: int, resamples: int, seed: int) -> NDArray[np.int64]:
+def resampled_counts(n_blocks: int, resamples: int, seed: int) -> Whole:
     """How often each block is drawn (resamples, n_blocks), as many draws as blocks, with replacement."""
     counts = np.random.default_rng(seed).multinomial(n_blocks, np.full(n_blocks, 1 / n_blocks), size=resamples)
     counts.flags.writeable = False  # callers share it
@@ -78,7 +78,7 @@ def jackknife_interval(value: float, left_out: Sequence[float]) -> tuple[float, 
     return value / factor, value * factor
 
 
-def _reach(values: NDArray[np.float64]) -> float:
+def _reach(values: Real) -> float:
     """Half of the interval by values (n,) of fits that leave out a group each."""
     n = len(values)
     error = np.sqrt((n - 1) / n * np.sum((values - np.mean(values)) ** 2))

@@ -13,7 +13,7 @@ import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.config.studies.study import FEWEST_BASE_SAMPLES
 from pipeline.statistics.resampling import resampled_means
 
@@ -57,7 +57,7 @@ class VarianceIndices:
     n: int
 
 
-def are_determined(index: Real, ci_low: Real, ci_high: Real) -> NDArray[np.bool_]:
+def are_determined(index: Real, ci_low: Real, ci_high: Real) -> Truth:
     """Whether indices of any kind say something: their intervals are narrower than they are large."""
     return ci_high - ci_low < np.abs(index)  # an unknown index compares as false
 
@@ -148,14 +148,15 @@ def _control_coefficient(high: Real, low: Real, n_rest: int) -> Real:
     """Coefficient (n_moments,) of the cheap moments with the least variance, 0 of constant ones or without others."""
     spread = low - low.mean(axis=0)
     square = np.sum(spread**2, axis=0)
-    slope = np.divide(np.sum(spread * high, axis=0), square, out=np.zeros_like(square), where=square > 0)
+    slope: Real = np.divide(np.sum(spread * high, axis=0), square, out=np.zeros_like(square), where=square > 0)
     return slope * n_rest / (n_rest + 2 * len(low))
 
 
 def _standardised_rows(rows: Real) -> Real:
     """Rows (n_rows, 2 + n_groups) less the mean of their base sets, over the standard deviation."""
-    spread = rows[:, :2].std()
-    return (rows - rows[:, :2].mean()) / (spread if spread > 0 else 1.0)
+    spread: float = rows[:, :2].std()
+    standardised: Real = (rows - rows[:, :2].mean()) / (spread if spread > 0 else 1.0)
+    return standardised
 
 
 def _unknown_indices(groups: int, n: int) -> VarianceIndices:
@@ -259,7 +260,8 @@ def _spearman(columns: Real, metrics: Real) -> Real:
     centred_ranks = [rank - rank.mean(axis=0) for rank in ranks]
     with np.errstate(invalid="ignore", divide="ignore"):  # a column that does not vary has no correlation
         unit = [rank / np.linalg.norm(rank, axis=0) for rank in centred_ranks]
-    return np.clip(unit[0].T @ unit[1], -1.0, 1.0)
+    correlation: Real = np.clip(unit[0].T @ unit[1], -1.0, 1.0)
+    return correlation
 
 
 def _fisher(correlation: Real) -> Real:
@@ -270,4 +272,5 @@ def _fisher(correlation: Real) -> Real:
 def _student(parts: Real, confidence: float) -> Real:
     """Student's factor times the standard deviation over the first axis."""
     count = len(parts)
-    return scipy.stats.t.ppf((1 + confidence) / 2, count - 1) * np.std(parts, axis=0, ddof=1)
+    half_width: Real = scipy.stats.t.ppf((1 + confidence) / 2, count - 1) * np.std(parts, axis=0, ddof=1)
+    return half_width

@@ -24,10 +24,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
-from numpy.typing import NDArray
 from scipy import special
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.statistics.intervals import QUANTILES, Estimate
 from pipeline.statistics.resampling import rank_share
 
@@ -97,7 +96,8 @@ def inclusion_probability(chance: Real, budget: float) -> Real:
     certain = np.arange(weight.size)  # number of units at 1
     factor = (budget - certain) / weight_below[:-1]
     first_certain = int(np.argmax(factor * descending <= 1))
-    return np.minimum(1.0, factor[first_certain] * weight)
+    probability: Real = np.minimum(1.0, factor[first_certain] * weight)
+    return probability
 
 
 def count_slope(chance: Real, probability: Real) -> float:
@@ -112,7 +112,7 @@ def count_slope(chance: Real, probability: Real) -> float:
 
 
 def tail_share(
-    in_tail: NDArray[np.bool_], probability: Real, units: int, confidence: float, slope: float = 0.0
+    in_tail: Truth, probability: Real, units: int, confidence: float, slope: float = 0.0
 ) -> TailEstimate:
     """Share of all units that lie beyond a limit.
 
@@ -170,7 +170,7 @@ def tail_quantile(values: Real, probability: Real, units: int, level: float, con
     )
 
 
-def _share(in_tail: NDArray[np.bool_], probability: Real, units: int, slope: float = 0.0) -> tuple[float, float]:
+def _share(in_tail: Truth, probability: Real, units: int, slope: float = 0.0) -> tuple[float, float]:
     """Share of the units beyond a limit, and the effective number of units that know it."""
     contributions = slope + (in_tail - slope) / probability
     other_units = units - in_tail.size
@@ -191,7 +191,7 @@ HALVINGS = 60
 """Of the range of values until a quantile is found to the last digit."""
 
 
-def audited_share(passes: Iterable[NDArray[np.bool_]], confidence: float) -> Estimate:
+def audited_share(passes: Iterable[Truth], confidence: float) -> Estimate:
     """Share of the units that pass, with the interval of both samples.
 
     Parameters

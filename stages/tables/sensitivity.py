@@ -157,8 +157,9 @@ def _shares(job: Job, units: Columns, of_angles: Columns) -> list[dict[str, Any]
 
 def _worse(metric: str, first_values: np.ndarray, second_values: np.ndarray) -> np.ndarray:
     """The worse of two values of a metric (n,), missing where either is."""
-    return (
+    worse: np.ndarray = (
         np.minimum(first_values, second_values)
         if library()[metric].smaller_is_worse
         else np.maximum(first_values, second_values)
     )
+    return worse

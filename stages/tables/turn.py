@@ -191,8 +191,9 @@ def over_turn_columns(turns: Mapping[str, Turn]) -> dict[str, np.ndarray]:
 
 def unit_status(status: np.ndarray, angles: int) -> np.ndarray:
     """Status (n,) of units: of the first of their ``angles`` loops that has no result, or `ok`."""
-    by_unit = np.asarray(status).reshape(-1, angles)
-    return by_unit[np.arange(len(by_unit)), np.argmax(by_unit != "ok", axis=1)]
+    by_unit: np.ndarray = np.asarray(status).reshape(-1, angles)
+    first_other: np.ndarray = by_unit[np.arange(len(by_unit)), np.argmax(by_unit != "ok", axis=1)]
+    return first_other
 
 
 WHOLE_TURN = "whole_turn"

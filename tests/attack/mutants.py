@@ -1,16 +1,16 @@
 """Mutants: one operator, constant, sign or bound of the program changed at a time, and the tests that must notice.
 
-`python tests/attack/mutants.py --count 200 --seed 1` draws them evenly over the rooms, runs the tests of each mutant's
-room on a copy of the project, and prints the survivors by room. A survivor is a line that no test looks at, or a change
-without effect; which of the two takes a reader.
+`python tests/attack/mutants.py --count 200 --seed 1` draws them evenly over the rooms and prints the survivors by room.
+One run of all tests under coverage says which tests run a line, and how long each takes; a mutant gets the tests that
+run its line, the shortest first, until one fails. A survivor is a line that no test looks at, or a change without
+effect; which of the two takes a reader.
 """
-
-from __future__ import annotations
 
 import argparse
 import ast
 import copy
 import os
+import queue
 import random
 import re
 import resource
@@ -20,133 +20,210 @@ import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from hashlib import sha256
+from itertools import accumulate
 from pathlib import Path
+from xml.etree import ElementTree
+
+from coverage import CoverageData
 
 ROOT = Path(__file__).resolve().parents[2]
-TESTS = {
-    "pipeline/engine": ("tests/engine",),
-    "pipeline/statistics": ("tests/statistics", "tests/verification/statistics"),
-    "pipeline/decisions": ("tests/verification/decisions", "tests/study/test_costs.py"),
-    "pipeline/identification/measurement": (
-        "tests/identification/measurement",
-        "tests/identification/test_generic_drive.py",
-    ),
-    "pipeline/identification/fitting": ("tests/identification/fitting",),
-    "pipeline/identification/selection": ("tests/identification/selection", "tests/identification/fitting"),
-    "pipeline/model/contact": ("tests/model/test_contact.py", "tests/model/equilibrium"),
-    "pipeline/model/geometry": ("tests/model/geometry",),
-    "pipeline/model/load_history": ("tests/model/load_history", "tests/model/effects"),
-}
-"""Tests that are run on a mutant of each room."""
+ROOMS = ("engine", "statistics", "decisions", "identification", "model")
+"""Folders of `pipeline` whose mutants are drawn."""
+STORED = ROOT / "data" / "runs" / "mutants"
+"""Folder of the coverage of the tests, which is measured again when a source or test has changed."""
 SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Lt: ast.LtE, ast.LtE: ast.Lt,
     ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.And: ast.Or, ast.Or: ast.And,
 }  # fmt: skip
 """Operators and bounds, and what takes their place."""
-LONGEST = 900
-"""Seconds of processor time of the tests on a mutant, after which it counts as killed: it does not end."""
-KILLED, UNENDED, SURVIVED = "killed", "no end", "SURVIVED"
+LONGEST = 120
+"""Seconds that the traced tests of a mutant take without it, together, and its files; longer ones are left out."""
+PYTEST = ("-m", "pytest", "-q", "-p", "no:cacheprovider")
+NOTHING_TO_RUN = 5
+"""Exit status of pytest where all tests of the files are for another target."""
 
 
-def places(tree: ast.Module) -> Iterator[ast.AST]:
-    """Nodes of functions that can be mutated; annotations and texts cannot."""
+@dataclass(frozen=True)
+class Mutant:
+    """One change of one file: the room, the path in the project, first and last line, what was done, the new text."""
+
+    room: str
+    path: Path
+    lines: range
+    change: str
+    text: str
+
+    @property
+    def title(self) -> str:
+        """Where it is and what it changes."""
+        return f"{self.path}:{self.lines[0]} {self.change}"
+
+
+def places(tree: ast.Module) -> Iterator[ast.expr]:
+    """Expressions of functions that can be mutated; annotations, texts and parts of formatted texts cannot."""
+    formatted = {part for text in ast.walk(tree) if isinstance(text, ast.JoinedStr) for part in ast.walk(text)}
     for function in ast.walk(tree):
         if isinstance(function, ast.FunctionDef):
             for statement in function.body:
                 for node in ast.walk(statement):
-                    if _change(copy.copy(node)):
+                    if isinstance(node, ast.expr) and node not in formatted and _change(copy.copy(node)):
                         yield node
 
 
-def _change(node: ast.AST) -> str:
+def _change(node: ast.expr) -> str:
     """Mutate a node in place; what was done, empty where it cannot be."""
     if isinstance(node, ast.BinOp | ast.BoolOp) and type(node.op) in SWAPPED:
-        before = type(node.op)
-        node.op = SWAPPED[before]()  # type: ignore[assignment]
-        return f"{before.__name__} -> {type(node.op).__name__}"
+        operator = type(node.op)
+        node.op = SWAPPED[operator]()  # type: ignore[assignment]
+        return f"{operator.__name__} -> {SWAPPED[operator].__name__}"
     if isinstance(node, ast.Compare) and type(node.ops[0]) in SWAPPED:
-        before = type(node.ops[0])
-        node.ops = [SWAPPED[before](), *node.ops[1:]]  # type: ignore[list-item]
-        return f"{before.__name__} -> {type(node.ops[0]).__name__}"
+        bound = type(node.ops[0])
+        node.ops = [SWAPPED[bound](), *node.ops[1:]]  # type: ignore[list-item]
+        return f"{bound.__name__} -> {SWAPPED[bound].__name__}"
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         node.op = ast.UAdd()
         return "- -> +"
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        node.value = node.value + 1 if isinstance(node.value, int) else 1.5 * node.value + 0.01
-        return f"constant -> {node.value}"
+        value = node.value
+        node.value = value + 1 if isinstance(value, int) else 1.5 * value + 0.01  # type: ignore[operator]
+        return f"{value!r} -> {node.value!r}"
     return ""
 
 
-def mutant(rng: random.Random, room: str) -> tuple[Path, int, str, str, str]:
-    """File, line, change, mutated text and name of the function of a random mutant of a room."""
+def mutant(rng: random.Random, room: str) -> Mutant:
+    """A random mutant of a room; the rest of the file is unchanged, letter by letter."""
     while True:
-        path = rng.choice(sorted((ROOT / room).rglob("*.py")))
-        tree = ast.parse(path.read_text())
-        nodes = list(places(tree))
-        if nodes:
+        path = rng.choice(sorted((ROOT / "pipeline" / room).rglob("*.py")))
+        text = path.read_text()
+        if nodes := list(places(ast.parse(text))):
             node = rng.choice(nodes)
-            line, change = node.lineno, _change(node)  # type: ignore[attr-defined]
-            function = next(f.name for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) and node in ast.walk(f))
-            return path.relative_to(ROOT), line, change, ast.unparse(tree), function
+            first, last = node.lineno, node.end_lineno or node.lineno
+            rows = text.encode().splitlines(keepends=True)
+            head, tail = rows[first - 1][: node.col_offset], rows[last - 1][node.end_col_offset :]
+            change = _change(node)
+            rows[first - 1 : last] = [head + f"({ast.unparse(node)})".encode() + tail]
+            changed = b"".join(rows).decode()
+            return Mutant(room, path.relative_to(ROOT), range(first, last + 1), change, changed)
 
 
-def nearest_first(tests: tuple[str, ...], path: Path, function: str) -> list[str]:
-    """The files of tests, those first that name the mutated function, its public neighbours or its module.
+class Coverage:
+    """Which tests run a line of the project in a folder, and the seconds of each of them."""
 
-    A test that fails ends the run: the nearest are the likeliest, and the room is gone through for survivors alone.
-    """
-    module = ".".join(path.with_suffix("").parts)
-    names = [node.name for node in ast.parse((ROOT / path).read_text()).body if isinstance(node, DEFINITION)]
-    public = [name for name in names if not name.startswith("_")]
+    def __init__(self, home: Path) -> None:
+        self.home = home
+        if not (STORED / _state()).exists():
+            shutil.rmtree(STORED, ignore_errors=True)
+            STORED.mkdir(parents=True)
+            settings = STORED / "settings"
+            settings.write_text("[run]\nsource = pipeline\nrelative_files = true\n")
+            options = ["--cov", f"--cov-config={settings}", "--cov-context=test", "--cov-report="]
+            _tests_of(home, [*options, f"--junit-xml={STORED / 'times.xml'}", "--ignore=tests/house"])
+            (STORED / _state()).touch()
+        self.data = CoverageData(str(STORED / "lines"))
+        self.data.read()
+        self.seconds: dict[str, float] = {}
+        for case in ElementTree.parse(STORED / "times.xml").iter("testcase"):
+            if case.find("failure") is None and case.find("error") is None:
+                test = f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}"
+                self.seconds[test] = float(case.get("time", 0))
 
-    def nearness(file: Path) -> int:
-        text = file.read_text()
-        words = set(re.findall(r"\w+", text))
-        return -(100 * (function in words) + 10 * (module in text) + sum(name in words for name in public))
+    def tests(self, mutant: Mutant) -> list[str]:
+        """Tests that run a line of a mutant, the shortest first, then files that name its module or what is in it.
 
-    found = {file for test in tests for file in _test_files(ROOT / test)}
-    found |= {file for file in _test_files(ROOT / "tests") if module in file.read_text() and "attack" not in file.parts}
-    return [str(file.relative_to(ROOT)) for file in sorted(found, key=nearness)]
+        What runs in the setup of one test may be shared with any test of its file. Compiled functions are not traced,
+        nor is what runs in a process that a test starts: for these are the files.
+        """
+        contexts = self.data.contexts_by_lineno(str(mutant.path))
+        phases = {context for line in mutant.lines for context in contexts.get(line, [])}
+        shared = tuple(phase.split("::")[0] for phase in phases if phase.endswith("|setup"))
+        tests = {phase.split("|")[0] for phase in phases} | {test for test in self.seconds if test.startswith(shared)}
+        traced, named = sorted(tests & self.seconds.keys(), key=self._time), self._naming(mutant.path)
+        return self._first(traced) + self._first(named)
+
+    def _first(self, tests: list[str]) -> list[str]:
+        ends = accumulate(map(self._time, tests))
+        return [test for test, end in zip(tests, ends, strict=True) if end < LONGEST] or tests[:1]
+
+    def _time(self, test: str) -> float:
+        """Seconds of a test, or of all tests of a file."""
+        return self.seconds.get(test) or sum(self.seconds[name] for name in self.seconds if name.startswith(test))
+
+    def _naming(self, path: Path) -> list[str]:
+        """Files of tests, those first that name the module or most of its public functions and classes."""
+        module = ".".join(path.with_suffix("").parts)
+        names = {node.name for node in ast.parse((ROOT / path).read_text()).body if isinstance(node, DEFINITION)}
+
+        def nearness(text: str) -> int:
+            return 10 * (module in text) + len(names & set(re.findall(r"\w+", text)))
+
+        found = {file: nearness(file.read_text()) for file in (self.home / "tests").rglob("test_*.py")}
+        near = sorted((file for file in found if found[file] and "attack" not in file.parts), key=lambda f: -found[f])
+        return [str(file.relative_to(self.home)) for file in near]
 
 
 DEFINITION = (ast.FunctionDef, ast.ClassDef)
 
 
-def _test_files(path: Path) -> list[Path]:
-    return sorted(path.rglob("test_*.py")) if path.is_dir() else [path]
+def _state() -> str:
+    """Hash of all sources and tests."""
+    files = sorted(file for folder in ("pipeline", "stages", "tests") for file in (ROOT / folder).rglob("*.py"))
+    return sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
+def _tests_of(home: Path, options: Sequence[str], seconds: int = 10_000) -> subprocess.CompletedProcess[str]:
+    """Run tests on the project in a folder; its processes end after so many seconds of processor time."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(home / ".compiled"), "PYTHONPATH": str(home)}
+    environment["COVERAGE_FILE"] = str(STORED / "lines")
+    return subprocess.run(
+        [sys.executable, *PYTEST, *options],
+        cwd=home,
+        env=environment,
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5)),
+    )
 
 
 def failed_test(home: Path, tests: Sequence[str]) -> str | None:
-    """The first test that fails on the project in a folder; "" if it does not end, None if all pass."""
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(home / ".compiled"), "OMP_NUM_THREADS": "1"}
-    environment["PYTHONPATH"] = str(home)
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider", *tests]
-    process = subprocess.run(command, cwd=home, env=environment, capture_output=True, text=True, preexec_fn=_limited)
-    if process.returncode in (0, NOTHING_TO_RUN):
+    """The first test that fails on the project in a folder; "" if one does not end, None if none fails."""
+    ran = _tests_of(home, ["-x", "-n", "0", *tests], 6 * LONGEST) if tests else None
+    if ran is None or ran.returncode in (0, NOTHING_TO_RUN):
         return None
-    found = re.search(r"^(?:FAILED|ERROR) (\S+)", process.stdout, re.M)
+    found = re.search(r"^(?:FAILED|ERROR) (\S+)", ran.stdout, re.M)
     return found[1] if found else ""
 
 
-NOTHING_TO_RUN = 5
-"""Exit status of pytest where all tests of the files are for another target."""
+class Homes:
+    """Copies of the project, one for each process, and one without a mutation: a test that fails there says nothing."""
 
+    def __init__(self, folder: Path, jobs: int) -> None:
+        ignored = shutil.ignore_patterns(".git", ".venv", "runs", "__pycache__", "build", ".*_cache")
+        self.free: queue.SimpleQueue[Path] = queue.SimpleQueue()
+        for name in range(jobs + 1):
+            home = folder / str(name) / "project"
+            shutil.copytree(ROOT, home, ignore=ignored)
+            (home / ".venv").symlink_to(ROOT / ".venv")
+            if name:
+                self.free.put(home)
+        self.original = folder / "0" / "project"
+        self.coverage = Coverage(self.original)
+        self.passed: set[str] = set()
 
-def _limited() -> None:
-    resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST + 5))
-
-
-class Original:
-    """The project without a mutation: a test that fails there too says nothing of a mutant."""
-
-    def __init__(self, home: Path) -> None:
-        self.home, self.passed = home, dict[str, bool]()
-
-    def passes(self, test: str) -> bool:
-        """Whether a test passes on it."""
-        if test not in self.passed:
-            self.passed[test] = failed_test(self.home, [test]) is None
-        return self.passed[test]
+    def outcome(self, mutant: Mutant) -> str:
+        """What becomes of a mutant: the test that fails, "does not end", or "" if it survives."""
+        home = self.free.get()
+        (home / mutant.path).write_text(mutant.text)
+        failed = failed_test(home, self.coverage.tests(mutant))
+        shutil.copy(ROOT / mutant.path, home / mutant.path)
+        self.free.put(home)
+        if failed and failed not in self.passed:
+            if failed_test(self.original, [failed]) is not None:
+                raise RuntimeError(f"{failed} fails without a mutation; mend it first")
+            self.passed.add(failed)
+        return "" if failed is None else failed or "does not end"
 
 
 def main() -> None:
@@ -154,29 +231,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--rooms", nargs="*", default=list(TESTS))
+    parser.add_argument("--rooms", nargs="*", default=list(ROOMS))
+    parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     rng, survivors, killed = random.Random(options.seed), defaultdict(list), 0
-    with tempfile.TemporaryDirectory() as folder:
-        home = Path(folder) / "project"
-        shutil.copytree(
-            ROOT, home, ignore=shutil.ignore_patterns(".git", ".venv", "runs", "__pycache__", "build", ".*_cache")
-        )
-        (home / ".venv").symlink_to(ROOT / ".venv")
-        original = Original(home)
-        for number in range(options.count):
-            room = options.rooms[number % len(options.rooms)]
-            path, line, change, text, function = mutant(rng, room)
-            (home / path).write_text(text)
-            failed = failed_test(home, nearest_first(TESTS[room], path, function))
-            shutil.copy(ROOT / path, home / path)
-            if failed and not original.passes(failed):
-                sys.exit(f"{failed} fails without a mutation; mend it first")
-            outcome = SURVIVED if failed is None else KILLED if failed else UNENDED
-            killed += failed is not None
-            print(f"{outcome:8} {path}:{line} {change} {failed or ''}", flush=True)
-            if failed is None:
-                survivors[room].append(f"{path}:{line} {change}")
+    mutants = [mutant(rng, options.rooms[number % len(options.rooms)]) for number in range(options.count)]
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(options.jobs) as pool:
+        homes = Homes(Path(folder), options.jobs)
+        runs = {pool.submit(homes.outcome, drawn): drawn for drawn in mutants}
+        for ended in as_completed(runs):
+            drawn, outcome = runs[ended], ended.result()
+            killed += bool(outcome)
+            print(f"{'killed' if outcome else 'SURVIVED':8} {drawn.title} {outcome}", flush=True)
+            if not outcome:
+                survivors[drawn.room].append(drawn.title)
     for room, lines in survivors.items():
         print(f"{room}: {len(lines)} survived", *lines, sep="\n  ")
     print(f"{killed} of {options.count} killed")

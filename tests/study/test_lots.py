@@ -197,6 +197,16 @@ def test_ovalities_are_taken_out_of_measured_pin_circles():
     assert np.std(lot.values["pin_radial"]) == pytest.approx(np.std(single), rel=0.05)
 
 
+def test_a_ring_without_any_deviation_has_no_ovality():
+    samples = STUDY.samples.model_copy(update={"count": 40})
+    radial = draw(STUDY.model_copy(update={"samples": samples}), 0, 41).pin_radial
+    assert not radial[0].any()  # the nominal unit
+    columns = {f"pin_radial_{k}": radial[:, k] for k in range(80)}
+    lot = with_separate_ovalities(measured_lot("rings", table(columns), STUDY.design), STUDY)
+    assert not lot.values["pin_radial"][0].any()
+    assert not lot.values["ovality_2"][0].any()
+
+
 def lots_for_assembly(n: int) -> tuple[MeasuredLot, MeasuredLot]:
     rng = np.random.default_rng(6)
     disks = {"disk_profile": rng.uniform(6.0, 14.0, n)}

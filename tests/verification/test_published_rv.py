@@ -7,9 +7,9 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.config import load_design, load_study
+from pipeline.model.equilibrium.blocks import workspace
 from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL
 from pipeline.model.equilibrium.primal_active_set import solved_afresh
-from pipeline.model.equilibrium.residual import workspace
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.response import respond
 from pipeline.model.units import ARCMIN

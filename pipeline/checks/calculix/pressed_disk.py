@@ -102,7 +102,7 @@ class PressedDisk:
         """
         execute("\n".join(self._deck(forces)) + "\n", len(forces), NAME, folder)
         blocks = printed_blocks(folder / f"{NAME}.dat")["displacements"]
-        displacement = np.zeros((len(blocks), len(self.mesh.nodes)), complex)
+        displacement: Complex = np.zeros((len(blocks), len(self.mesh.nodes)), complex)
         for case, values in enumerate(blocks):
             nodes = np.array(list(values)) - 1
             displacement[case, nodes] = [complex(x, y) for x, y, _ in values.values()]
@@ -110,7 +110,8 @@ class PressedDisk:
         arm = self.mesh.nodes[nodes]
         shift = displacement[:, nodes] @ share
         turn = np.imag(np.conj(arm) * displacement[:, nodes] / np.abs(arm) ** 2) @ share
-        return displacement - shift[:, None] - 1j * turn[:, None] * self.mesh.nodes
+        held: Complex = displacement - shift[:, None] - 1j * turn[:, None] * self.mesh.nodes
+        return held
 
     def along(self, displacement: Complex) -> Real:
         """Mean displacement of every patch along its force (n_cases, n_presses) [mm]."""
@@ -164,7 +165,7 @@ def _parameters(curve: Curve, press: Press, transverse: Real) -> Real:
     """Parameters at which the coordinate across the force, from the patch's point, is ``transverse`` (n,) [mm]."""
     parameter, points = curve.samples(DENSE)
     distance = np.abs(points - press.point)
-    foot = parameter[np.argmin(distance)]
+    foot: float = parameter[np.argmin(distance)]
     is_pressed = distance < REACH * press.half_width
     offset = (parameter[is_pressed] - foot + 0.5) % 1.0 - 0.5
     tangential = np.real((points[is_pressed] - press.point) * np.conj(1j * press.direction))

@@ -136,11 +136,12 @@ def _sources(
 def _spread(curve: Curve, parameter: Real, points: Complex, size: EdgeLength) -> Real:
     """Parameters of the corners, as far apart as the edge length wants."""
     chord = np.abs(np.roll(points, -1) - points)
-    edges = np.concatenate([[0.0], np.cumsum(chord / size(points))])
+    edges: Real = np.concatenate([[0.0], np.cumsum(chord / size(points))])
     count = int(np.ceil(edges[-1]))
     if curve.has_even_corners:
         return np.arange(count) / count
-    return np.interp(np.arange(count) * edges[-1] / count, edges, np.append(parameter, 1.0))
+    spread: Real = np.interp(np.arange(count) * edges[-1] / count, edges, np.append(parameter, 1.0))
+    return spread
 
 
 def _leaves(radius: float, size: EdgeLength) -> Complex:
@@ -168,8 +169,9 @@ def _smoothed_nodes(points: Complex, n_fixed: int) -> Complex:
     """Nodes behind the first ``fixed``, each moved to the mean of its neighbours."""
     first_neighbour, neighbour = Delaunay(_plane(points)).vertex_neighbor_vertices
     count = np.diff(first_neighbour)
-    total = np.add.reduceat(points[neighbour], first_neighbour[:-1])
-    return (total / count)[n_fixed:]
+    total: Complex = np.add.reduceat(points[neighbour], first_neighbour[:-1])
+    means: Complex = (total / count)[n_fixed:]
+    return means
 
 
 def _quadratic(points: Complex, triangles: Index, curves: tuple[Curve, ...], parameters: list[Real]) -> CurvedMesh:

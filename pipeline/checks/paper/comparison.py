@@ -240,4 +240,5 @@ def variations_csv(assumptions: pd.DataFrame) -> bytes:
     """The columns of ``refits.refit_table`` that tell of the elastic part, as CSV."""
     parts = [column for column in assumptions.columns if str(column).startswith(ELASTIC_PART)]
     columns = ["assumption", "fitted_to", *parts, "elastic_error", "largest_error", "rms_error", "closes"]
-    return assumptions[[*columns, "pins_in_contact"]].to_csv(index=False, float_format="%.4f").encode()
+    content: bytes = assumptions[[*columns, "pins_in_contact"]].to_csv(index=False, float_format="%.4f").encode()
+    return content

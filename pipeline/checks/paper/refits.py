@@ -72,21 +72,23 @@ class Refit:
     def error(self) -> Real:
         """Relative errors (n_targets,) of Table 2; NaN for a published zero."""
         published_values = np.array([target.value for target in self.targets])
-        return (
+        relative_error: Real = (
             np.divide(
                 self.values, published_values, out=np.full(len(published_values), np.nan), where=published_values != 0
             )
             - 1
         )
+        return relative_error
 
     @property
     def elastic_error(self) -> Real:
         """Relative errors (n_cases,) of the elastic part."""
         published_parts = elastic_part(self.targets, np.array([target.value for target in self.targets]))
-        return (
+        relative_error: Real = (
             np.array(list(elastic_part(self.targets, self.values).values())) / np.array(list(published_parts.values()))
             - 1
         )
+        return relative_error
 
     @property
     def closes(self) -> bool:

@@ -150,7 +150,8 @@ def _rising(tables: Tables) -> Iterator[FigureStatement]:
 
 
 def _deflection(curve: pd.DataFrame) -> np.ndarray:
-    return np.hypot(curve["bearing_x_um"].to_numpy(), curve["bearing_y_um"].to_numpy())
+    deflection: np.ndarray = np.hypot(curve["bearing_x_um"].to_numpy(), curve["bearing_y_um"].to_numpy())
+    return deflection
 
 
 def bearing_deflections(tables: Tables, torque: float) -> list[float]:

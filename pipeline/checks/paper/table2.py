@@ -147,7 +147,7 @@ class Tables:
     @property
     def pins(self) -> np.ndarray:
         """Numbers of the pins' contacts."""
-        return self.contacts.loc[self.contacts["kind"] == "pin", "contact"].to_numpy()
+        return np.asarray(self.contacts.loc[self.contacts["kind"] == "pin", "contact"].to_numpy())
 
     @property
     def with_tolerance(self) -> list[str]:

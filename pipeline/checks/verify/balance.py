@@ -53,7 +53,8 @@ def _misfit(specimen: Specimen, states: Equilibria) -> Real:
     force = states.force[0]
     approach = states.motion[0] @ specimen.reducer.contact_jacobian.T - specimen.gap
     deflection = specimen.laws.deflection(force) + force @ specimen.compliance
-    return np.where(force > 0, np.abs(approach - deflection), np.maximum(approach - deflection, 0.0)) / deflection.max()
+    misfit: Real = np.where(force > 0, np.abs(approach - deflection), np.maximum(approach - deflection, 0.0))
+    return misfit / float(deflection.max())
 
 
 def mirror_permutation(reducer: Reducer) -> np.ndarray:
@@ -67,7 +68,7 @@ def mirror_permutation(reducer: Reducer) -> np.ndarray:
     points: Complex = np.conj(reducer.contacts.point)
     interface = reducer.contacts.interface
     distance = np.abs(points[:, None] - reducer.contacts.point) + np.where(interface[:, None] == interface, 0.0, 1e3)
-    partner = np.argmin(distance, axis=1)
+    partner: np.ndarray = np.argmin(distance, axis=1)
     if np.abs(points - reducer.contacts.point[partner]).max() > 1e-9:
         raise ValueError("the contacts are not mirrored about the crank's axis; take crank angle 0")
     return partner
@@ -151,7 +152,8 @@ class PotentialEnergy:
         stationary = root(self.gradient, minimum.x, jac=self.curvature, tol=1e-14)
         if np.abs(self.gradient(stationary.x)).max() > 1e-9 * np.abs(self.load).max():
             raise ArithmeticError(f"least energy not found: {minimum.message} {stationary.message}")
-        return stationary.x
+        state: Real = stationary.x
+        return state
 
 
 def _against_scipy(specimen: Specimen, states: Equilibria, torque: Real) -> Iterator[Finding]:

@@ -35,7 +35,8 @@ def flank_distance(profile: CycloidProfile, centre: Complex, start: Real) -> Rea
     """Distance of points ``centre`` (n,) from the flank by golden-section search about the parameters ``near`` (n,)."""
 
     def away(psi: Real) -> Real:
-        return np.abs(profile.flank(psi) - centre)
+        distance: Real = np.abs(profile.flank(psi) - centre)
+        return distance
 
     spacing = 3 * profile.lobe_pitch / (SCAN - 1)
     offsets = spacing * (np.arange(SCAN) - SCAN // 2)
@@ -74,7 +75,9 @@ def blanche_yang_flank(profile: CycloidProfile, phi: Real) -> Complex:
     n = profile.pins
     psi = np.arctan2(np.sin((1 - n) * phi), 1 / profile.shortening - np.cos((1 - n) * phi))
     pin_offset = profile.pin_radius * np.exp(1j * (phi + psi))
-    return profile.pin_circle_radius * np.exp(1j * phi) - pin_offset - profile.eccentricity * np.exp(1j * n * phi)
+    locus = profile.pin_circle_radius * np.exp(1j * phi)
+    flank: Complex = locus - pin_offset - profile.eccentricity * np.exp(1j * n * phi)
+    return flank
 
 
 def _envelope(specimen: Specimen) -> tuple[Real, Real]:
@@ -157,7 +160,8 @@ class TurnedFlank(CycloidProfile):
         k, phase = self.shortening, self.lobes * np.asarray(psi)
         s = np.sqrt(1 + k * k - 2 * k * np.cos(phase))
         arm = self.eccentricity * self.lobes * np.abs(np.sin(phase)) / s
-        return self.locus(psi) + (self.pin_radius + ROTATION * arm) * self.normal(psi)
+        flank: Complex = self.locus(psi) + (self.pin_radius + ROTATION * arm) * self.normal(psi)
+        return flank
 
 
 def _gaps(specimen: Specimen, modification: FlankModification, crank: float) -> tuple[Real, Real, Real, Real]:
@@ -186,7 +190,8 @@ def _published_gap(profile: CycloidProfile, phase: Real, dr: float, circle: floa
     """
     k, phi = profile.shortening, np.abs(phase)
     s, largest_sine = np.sqrt(1 + k * k - 2 * k * np.cos(phi)), np.sqrt(1 - k * k)
-    return dr * (1 - np.sin(phi) / s) - circle * (1 - k * np.cos(phi) - largest_sine * np.sin(phi)) / s
+    gap: Real = dr * (1 - np.sin(phi) / s) - circle * (1 - k * np.cos(phi) - largest_sine * np.sin(phi)) / s
+    return gap
 
 
 def check_flank(specimen: Specimen) -> Iterator[Finding]:

@@ -116,7 +116,8 @@ def pressed_disk(specimen: Specimen, fineness: float) -> PressedDisk:
 
 
 def _circle(centre: complex, radius: float, share: Real) -> Complex:
-    return centre + radius * np.exp(2j * np.pi * share)
+    circle: Complex = centre + radius * np.exp(2j * np.pi * share)
+    return circle
 
 
 def check_holes(specimen: Specimen) -> Iterator[Finding]:

@@ -40,7 +40,8 @@ LINE = LineContact(np.array([0.4, 0.8, 48.0]), 1.0, STEEL, STEEL)
 def _difference(function: Callable[..., Any], force: Real) -> Real:
     """Numerical derivative of eighth order by the logarithm of the force."""
     pairs = ((weight, force * (1 + k * STEP), force * (1 - k * STEP)) for k, weight in STENCIL.items())
-    return sum(weight * (function(upper) - function(lower)) for weight, upper, lower in pairs) / STEP
+    slope: Real = sum(weight * (function(upper) - function(lower)) for weight, upper, lower in pairs) / STEP
+    return slope
 
 
 def _energy_slope(laws: ContactLaws, force: Real) -> Real:
@@ -169,7 +170,8 @@ def _mesh_compliance(width: float, edges: int) -> tuple[float, int]:
 def johnson_compression(load: Real) -> Real:
     """Shortening [mm] of the diameter by the line load (n,) [N/mm]: (2p/(pi E')) [2 ln(4R/b) - 1] (Johnson 5.57)."""
     b = np.sqrt(4 * load * RADIUS / (np.pi * CYLINDER_STEEL.modulus / 2))
-    return 2 * load / (np.pi * CYLINDER_STEEL.modulus) * (2 * np.log(4 * RADIUS / b) - 1)
+    logarithm: Real = np.log(4 * RADIUS / b)
+    return 2 * load / (np.pi * CYLINDER_STEEL.modulus) * (2 * logarithm - 1)
 
 
 def check_cylinder_between_flats(specimen: Specimen) -> Iterator[Finding]:

@@ -36,7 +36,7 @@ def textbook_forces(specimen: Specimen, reducer: Reducer, torque: float) -> Real
     profile = specimen.profile
     k, phi = profile.shortening, profile.pin_angle() - reducer.crank
     arm = np.sin(phi) / np.sqrt(1 + k * k - 2 * k * np.cos(phi))
-    loaded_arm = np.maximum(arm, 0.0)
+    loaded_arm: Real = np.maximum(arm, 0.0)
     return torque / (profile.eccentricity * profile.lobes * np.sum(loaded_arm**2)) * loaded_arm
 
 

@@ -89,7 +89,7 @@ class Unreduced:
 
     def residual(self, state: Real, torque: float) -> Real:
         """Gradient of the energy (n,)."""
-        residual = self.stiffness @ state + self.contact_jacobian.T @ self.forces(state)
+        residual: Real = self.stiffness @ state + self.contact_jacobian.T @ self.forces(state)
         residual[self.output] -= torque
         return residual
 

@@ -3,8 +3,6 @@
 `plausible_range` is what a calibrated number may be: its stated range, or that of its kind.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import reduce
@@ -141,7 +139,7 @@ class Design(Section):
     provenance: dict[str, Provenance] = {}
     thermal: Thermal | None = None
 
-    def with_(self, changes: Mapping[str, Any]) -> Design:
+    def with_(self, changes: Mapping[str, Any]) -> "Design":
         """The design with other values at dotted keys, as ``{"disk.thickness_mm": 2.0}``, checked.
 
         Raises

@@ -1,7 +1,5 @@
 """What a distribution declares, what all between two limits share, and the library of all."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
@@ -72,7 +70,7 @@ class Distribution(Section):
         """
         raise TypeError(f"{self.name} has no density")
 
-    def scaled_by(self, factor: float) -> Distribution:
+    def scaled_by(self, factor: float) -> "Distribution":
         """The same distribution, all but its allowance times ``factor``."""
         lengths = (name for name in type(self).model_fields if name.endswith("_um") and name != "allowance_um")
         values = {name: value for name in lengths if (value := getattr(self, name)) is not None}

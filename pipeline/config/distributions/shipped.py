@@ -59,7 +59,8 @@ class Normal(Spread):
         if scale == 0:
             return np.full_like(probability, location)
         low_share, high_share = ndtr((limits - location) / scale)
-        return np.clip(location + scale * ndtri(low_share + (high_share - low_share) * probability), *limits)
+        deviation: Real = np.clip(location + scale * ndtri(low_share + (high_share - low_share) * probability), *limits)
+        return deviation
 
     def density(self, deviation: Real) -> Real:
         """Probability density [1/um] at deviations (any shape) [um]."""
@@ -165,7 +166,8 @@ class NormalInDisc(InDisc):
     def deviation(self, probability: Real) -> Real:
         """Inverse distribution function (Rayleigh's, truncated) of the way at `probability` (any shape) [um]."""
         zone_share = -np.expm1(-0.5 * ZONE_IN_SIGMA**2)
-        return self.radius_um / ZONE_IN_SIGMA * np.sqrt(-2 * np.log1p(-zone_share * probability))
+        deviation: Real = self.radius_um / ZONE_IN_SIGMA * np.sqrt(-2 * np.log1p(-zone_share * probability))
+        return deviation
 
     def details(self, number_text: Callable[[float], str]) -> Iterator[str]:
         """The zone and the standard deviation of a coordinate."""

@@ -17,10 +17,9 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 from pyarrow import csv as arrow_csv
 
-from pipeline.arrays import Real, Truth
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.config.files.section import shown_value
 from pipeline.errors import InputError
 
@@ -132,20 +131,20 @@ class TableFile:
         """The cells of a column as numbers (n,); NaN where there is none."""
         values = self.cells[column]
         if pd.api.types.is_numeric_dtype(values):
-            return values.to_numpy(float)
-        return pd.to_numeric(_with_point(values, self.decimal), errors="coerce").to_numpy(float)
+            return np.asarray(values.to_numpy(float))
+        return np.asarray(pd.to_numeric(_with_point(values, self.decimal), errors="coerce").to_numpy(float))
 
     def texts(self, column: str) -> list[str]:
         """The cells of a column as texts (n,), as names of cases that happen to be numbers; "" where it is blank."""
         values = self.cells[column]
         if pd.api.types.is_numeric_dtype(values):
             return ["" if np.isnan(value) else f"{value:.15g}" for value in values]
-        return values.fillna("").astype(str).tolist()
+        return list(values.fillna("").astype(str).tolist())
 
     def is_blank(self, column: str) -> Truth:
         """Whether the cells of a column hold nothing (n,)."""
         values = self.cells[column]
-        return (values.isna() | values.isin(BLANK)).to_numpy(bool)
+        return np.asarray((values.isna() | values.isin(BLANK)).to_numpy(bool))
 
     def place(self, row: int) -> str:
         """`file:line` of a row."""
@@ -237,7 +236,7 @@ def _names(lines: list[str], separator: str, name: str) -> list[str]:
 
 def _rows(
     path: Path, name: str, encoding: str, separator: str, names: list[str], skipped_lines: int
-) -> tuple[list[pa.ChunkedArray], NDArray[np.int64]]:
+) -> tuple[list[pa.ChunkedArray], Whole]:
     """Cells (n,) of each column without blanks around them, and the line of each row (n,)."""
     unequal: dict[int, int] = {}
 
@@ -266,7 +265,7 @@ def _rows(
     return columns, line
 
 
-def _open_quotes(columns: list[pa.ChunkedArray], line: NDArray[np.int64], name: str) -> list[str]:
+def _open_quotes(columns: list[pa.ChunkedArray], line: Whole, name: str) -> list[str]:
     """A cell that spans lines: its quotation mark was never closed, and swallowed rows."""
     for column in columns:
         spans = pc.match_substring_regex(column, "[\r\n]").to_numpy(zero_copy_only=False).astype(bool)
@@ -276,7 +275,7 @@ def _open_quotes(columns: list[pa.ChunkedArray], line: NDArray[np.int64], name: 
 
 
 def _unequal(
-    wrong_rows: list[tuple[int, int]], fields: int, line: NDArray[np.int64], separator: str, name: str
+    wrong_rows: list[tuple[int, int]], fields: int, line: Whole, separator: str, name: str
 ) -> list[str]:
     if not wrong_rows:
         return []

@@ -102,8 +102,9 @@ class Carrier(OutputMechanism):
 
     def centres(self) -> Complex:
         """Centres of the holes in a disk's frame, and of the cranks in the carrier's (n_cranks,) complex [mm]."""
-        phase = np.radians(self.phase_deg)
-        return self.crank_circle_radius_mm * np.exp(1j * (phase - 2 * np.pi * np.arange(self.cranks) / self.cranks))
+        phase = np.radians(self.phase_deg) - 2 * np.pi * np.arange(self.cranks) / self.cranks
+        centres: Complex = self.crank_circle_radius_mm * np.exp(1j * phase)
+        return centres
 
     def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Mistake]:
         """Holes that cut each other, the lobes or the bore, a crank circle outside of the disk, a turning housing."""

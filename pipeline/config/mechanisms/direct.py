@@ -1,7 +1,5 @@
 """An output that turns with the disk: a coupling without play and compliance, for models that state no output."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from math import inf
 from typing import TYPE_CHECKING, Literal
@@ -37,7 +35,7 @@ class Direct(OutputMechanism):
         """Radius of a contact's body, which no patch can be too wide for."""
         return inf
 
-    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Mistake]:
+    def problems(self, cycloid: "Cycloid | None", disk: "Disk | None") -> Iterator[Mistake]:
         """Several disks, which cannot all be the output: nothing would share the torque out among them."""
         if disk and disk.count > 1:
             requirement = 'must be 1 with mechanism = "direct": the disk is the output; take another mechanism'
@@ -55,7 +53,7 @@ class Direct(OutputMechanism):
         """No laws."""
         return no_laws()
 
-    def fact(self, cycloid: Cycloid, number_text: Callable[[float], str]) -> str:
+    def fact(self, cycloid: "Cycloid", number_text: Callable[[float], str]) -> str:
         """The coupling in words."""
         return "turns with the disk, without play and compliance; no mechanism is modelled"
 

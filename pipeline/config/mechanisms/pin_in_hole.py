@@ -145,8 +145,9 @@ class PinInHole(OutputMechanism):
 
     def centres(self) -> Complex:
         """Centres of the holes in the disk's frame, and of the pins in the output's (n_pins,) complex [mm]."""
-        phase = np.radians(self.phase_deg)
-        return self.pin_circle_radius_mm * np.exp(1j * (phase - 2 * np.pi * np.arange(self.pins) / self.pins))
+        phase = np.radians(self.phase_deg) - 2 * np.pi * np.arange(self.pins) / self.pins
+        centres: Complex = self.pin_circle_radius_mm * np.exp(1j * phase)
+        return centres
 
     def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Mistake]:
         """Holes that cut each other, the lobes or the bore."""

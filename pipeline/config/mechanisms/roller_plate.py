@@ -167,7 +167,7 @@ class RollerPlate(OutputMechanism):
         """Rollers of one tongue in its slot: faces 0 and 1 at +-h, ends 0 and 1 at +-x, stations from outside."""
         (face, end, station), labels = _places(bodies, self.stations)
         side, reach = 1 - 2 * face, (1 - 2 * end) * self.stations_mm[station]
-        normal: Complex = 1j * direction * side
+        normal: Complex = np.multiply(1j * direction, side)
         n = len(side)
         return Contacts(
             kind=np.full(n, OUTPUT),

@@ -159,8 +159,9 @@ class IsoGrade(Cost):
         """See `Cost`; missing beyond the grades."""
         widths, costs = self._steps
         widths_um = np.append(np.asarray(width_um, float), self._width_um(self.grade))
-        logs = np.interp(np.log(widths_um), np.log(widths), np.log(costs), left=np.nan, right=np.nan)
-        return self.cost * np.exp(logs[:-1] - logs[-1]).reshape(np.shape(width_um))
+        logs: Real = np.interp(np.log(widths_um), np.log(widths), np.log(costs), left=np.nan, right=np.nan)
+        cost: Real = self.cost * np.exp(logs[:-1] - logs[-1]).reshape(np.shape(width_um))
+        return cost
 
     def problems(self, key: str) -> Iterator[Mistake]:
         """Grades that are none, or that do not cost the less the coarser they are."""

@@ -3,8 +3,6 @@
 The section of tails says how many units a rough model looks at, how many are load-solved, and what has no tail.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from math import ceil, isfinite
 from typing import TYPE_CHECKING, Annotated, Any
@@ -41,13 +39,13 @@ class Tails(Section):
     solve: Annotated[int, Field(ge=100, le=10**7)] = 4_000
 
 
-def limited_under_load(limits: Limits) -> dict[str, float]:
+def limited_under_load(limits: "Limits") -> dict[str, float]:
     """Limits by metric, of those that have a rough model: rigid bodies need none, metrics of the turn have none."""
     metrics = library()
     return {n: limit for n, limit in limits.of_metrics.items() if n in metrics and not metrics[n].turn_of_rigid_bodies}
 
 
-def without_tails(samples: Samples, limits: Limits) -> str:
+def without_tails(samples: "Samples", limits: "Limits") -> str:
     """Why a study has no far tails; empty if it has."""
     if samples.experiment == "cases":
         return "listed cases are no sample of anything; tails need random samples"

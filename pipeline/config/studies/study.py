@@ -6,9 +6,9 @@ from collections.abc import Container, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, create_model, model_validator
 
+from pipeline.arrays import Real, Truth
 from pipeline.config.designs.design import Design
 from pipeline.config.designs.problems import LawName
 from pipeline.config.files.section import Derived, Millimetres, NotNegative, Section
@@ -191,7 +191,7 @@ class _Limits(Section):
         limits = {name: getattr(self, name) for name in (*metric_library(), *turn_library())}
         return {name: limit for name, limit in limits.items() if limit is not None}
 
-    def pass_flags(self, values: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.bool_]]:
+    def pass_flags(self, values: Mapping[str, Real]) -> dict[str, Truth]:
         """Whether each value (n,) keeps each limit that is set on one of the ``values``, and `ALL_LIMITS` of them."""
         metrics: Mapping[str, Limited] = {**metric_library(), **turn_library()}
         limits = {name: limit for name, limit in self.of_metrics.items() if name in values}

@@ -107,7 +107,8 @@ class _Case(Section):
 
     def deviation_um(self, dimension: str) -> float | tuple[float, ...]:
         """Deviation of a dimension [um], of elements alike or of each."""
-        return getattr(self, dimension)
+        deviation: float | tuple[float, ...] = getattr(self, dimension)
+        return deviation
 
 
 if TYPE_CHECKING:

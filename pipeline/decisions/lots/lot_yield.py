@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
-from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.config.distributions.distribution import Distribution
 from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.studies.study import ALL_LIMITS, Study
@@ -161,9 +160,9 @@ def _target(drawing: Distribution) -> Fixed:
     return Fixed(distribution="fixed", allowance_um=drawing.allowance_um, value_um=drawing.average_um)
 
 
-def limit_passes(study: Study, values: Mapping[str, Real]) -> NDArray[np.bool_]:
+def limit_passes(study: Study, values: Mapping[str, Real]) -> Truth:
     """Whether each unit (n,) keeps all limits; one without a value keeps none."""
-    has_values = np.all(
+    has_values: Truth = np.all(
         [np.isfinite(values[name]) for name in study.limits.limited_metrics(ALL_LIMITS, values)], axis=0
     )
     return study.limits.pass_flags(values)[ALL_LIMITS] & has_values

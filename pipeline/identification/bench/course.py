@@ -1,7 +1,5 @@
 """What a position was put through: torques from turn to turn, or a torque that is held while the crank turns."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -65,7 +63,7 @@ class Course:
     sliding: Whole | None = None
     crank: CrankMotion | None = None
 
-    def without_states(self) -> Course:
+    def without_states(self) -> "Course":
         """The course with all its legs in the drive's first state."""
         return replace(self, state=np.zeros_like(self.state))
 

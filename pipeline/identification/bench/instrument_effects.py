@@ -1,17 +1,16 @@
 """Effects of the bench, not of the reducer: what the instrument adds to what it reads."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.identification.bench.load_path import NMM_PER_NM, Instrument
+from pipeline.identification.bench.load_path import Instrument
 from pipeline.model.effects import Parameter
 from pipeline.model.effects.effect import CRANKS, LOOPS, TIME, TORQUES, EffectDescription
 from pipeline.model.load_history.friction.output_path import Ripple
 from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.model.units import NMM_PER_NM
 
 FEWEST_WAVES = 4
 """Waves of a ripple over the measured range of the angle: with fewer it is no staircase."""

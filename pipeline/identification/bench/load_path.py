@@ -1,7 +1,5 @@
 """The way of a drive through the torques of a position: elastic curve, friction, ripple, and memory in series."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ read at the motor does the work on it. Elements with memory add their twist m, b
 then is that which starts at phi_0 - ratio m. Where phi_0 lies follows from the crank angles measured at the cells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -4,10 +4,9 @@ The frictionless backbone of a drive is kept from call to call: friction, torsio
 made of it, not itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -73,9 +72,9 @@ class Forward:
         self.shares = torque_levels(LEVELS, beyond * top * NMM_PER_NM / rated_torque)
         stations = sum(len(course.crank.stations) if course.crank else 1 for course in courses)
         self._most_kept = KEPT_CURVES * stations
-        self._kept_drives: dict[tuple, tuple[Drive, Backbone]] = {}
+        self._kept_drives: dict[tuple[Any, ...], tuple[Drive, Backbone]] = {}
         self._latest: tuple[Drive | None, Backbone | None] = None, None
-        self._preloaded_backbones: dict[tuple, Backbone] = {}
+        self._preloaded_backbones: dict[tuple[Any, ...], Backbone] = {}
 
     def backbone(self, drive: Drive) -> Backbone:
         """The frictionless curve of a drive, without its torsion.

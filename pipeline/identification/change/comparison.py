@@ -4,8 +4,6 @@ Numbers of the measured loops are compared position by position, so that what is
 is shown where the scatter of mounting over the positions of all states does not explain it, all numbers counted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Each is read off the measured loop without a model of the drive: no fit can end 
 compared on a log scale, where scatter that grows with the size is even.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,22 +1,19 @@
 """Loops of a measured state: the mean curves of rising and falling torque at each position, by the size of the loop."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.identification.change.scatter import indicators
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.measurement.cells import CELL_POWER, CELLS_PER_SENSE
 from pipeline.identification.measurement.measurement import Measurement
 
-Numbers = NDArray[np.intp]
+Numbers = Index
 
 SAME_SIZE = 1.3
 """Ratio of the largest torques of two loops below which they are loops of one size."""
@@ -38,7 +35,7 @@ class State:
     reach: Real
 
     @classmethod
-    def from_measurement(cls, measurement: Measurement) -> State:
+    def from_measurement(cls, measurement: Measurement) -> "State":
         """The state of a measurement without fatal faults."""
         data = data_of(measurement, np.ones(len(measurement.cells), bool))
         coordinate = np.abs(measurement.rows.coordinate)
@@ -58,7 +55,7 @@ class State:
         names = [files[rows.file[row]].position for row in first_rows]
         return tuple(name or f"{crank:g} deg" for name, crank in zip(names, rows.cranks, strict=True))
 
-    def cells_at(self, position: int, size: LoopSize) -> Numbers:
+    def cells_at(self, position: int, size: "LoopSize") -> Numbers:
         """Cells of loops of a size at a position, in time order, without those of the position's first branch.
 
         Where the first branch of a position started is unknown.
@@ -94,7 +91,7 @@ class Curves:
     torque: Mapping[int, Real]
     angle: Mapping[int, Real]
 
-    def half(self, first_point: int) -> Curves:
+    def half(self, first_point: int) -> "Curves":
         """Every second point of each sense from the ``first_point`` or second on, and its ends."""
         kept_points = {}
         for sense, values in self.torque.items():

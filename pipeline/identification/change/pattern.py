@@ -1,7 +1,5 @@
 """Whether the positions of a drive kept what is their own between two states: a new assembly shuffles it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations

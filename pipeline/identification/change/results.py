@@ -1,7 +1,5 @@
 """What a comparison of two measurements leaves behind: its sentence, verdict.json and tables."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass

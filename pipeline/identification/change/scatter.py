@@ -1,7 +1,5 @@
 """Scatter of mounting over the states and positions of a drive, and contrasts of states tested against it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -59,7 +57,8 @@ class Contrast:
     @property
     def p(self) -> Real:
         """Two-sided p (n_kinds,) of no difference, each kind by itself."""
-        return 2 * scipy.stats.t.sf(self._beyond_bias / self.error, self.freedom)
+        p: Real = 2 * scipy.stats.t.sf(self._beyond_bias / self.error, self.freedom)
+        return p
 
     def reach(self, confidence: float) -> Real:
         """Half of the confidence interval (n_kinds,); NaN where the bias is unknown."""
@@ -72,7 +71,7 @@ class Contrast:
         By the noncentral t distribution of the scatter as estimated: Cohen, Statistical Power Analysis (1988), ch. 2.
         """
         critical = float(scipy.stats.t.isf(self.family.level(chance) / 2, self.freedom))
-        shift = brentq(
+        shift: float = brentq(
             lambda shift: scipy.stats.nct.sf(critical, self.freedom, shift) - POWER, critical / 4, LARGEST_NONCENTRALITY
         )
         return shift * self.error + self.bias

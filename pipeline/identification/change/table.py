@@ -1,15 +1,12 @@
 """Numbers of the loops of several states at all positions, as a layout of states and positions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real, Whole
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.errors import InputError
 from pipeline.identification.change.kinds import KINDS, Kind
 from pipeline.identification.change.loops import Curves, Loop, LoopSize, State, curves_at, loop_of, loop_sizes
@@ -62,7 +59,7 @@ class LoopTable:
     curves: tuple[dict[LoopSize, Curves], ...]
 
     @cached_property
-    def positive(self) -> NDArray[np.bool_]:
+    def positive(self) -> Truth:
         """Numbers (n_numbers,) that are compared on a log scale."""
         return np.array([number.kind.positive for number in self.numbers], bool)
 
@@ -84,7 +81,7 @@ class LoopTable:
         factors = np.asarray(weights, float)
         chosen_states = np.flatnonzero(factors)  # a level without weight counts nothing, whatever its error
         sizes = np.array([[_shared_error(error[self.state == state]) for error in errors] for state in chosen_states])
-        total = np.abs(factors[chosen_states]) @ sizes.max(axis=1)
+        total: Real = np.abs(factors[chosen_states]) @ sizes.max(axis=1)
         at_place = [self.position == place for place in set(self.position)]
         rows = [[np.flatnonzero((self.state == s) & place) for s in chosen_states] for place in at_place]
         shared_rows = np.array([np.concatenate(at) for at in rows if all(len(row) == 1 for row in at)], int)

@@ -4,8 +4,6 @@ Each term must help on groups of data that it was not fitted to, beside all othe
 chance of naming any that is not there at 5 %.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -15,13 +13,14 @@ from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.measured_loops import followed_torques
+from pipeline.identification.fitting.problem import REMAINING_SHARE
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.drive_terms import BASIC, BENCH
 from pipeline.identification.generic.generic_drive import LoopModel
 from pipeline.identification.generic.shared_fit import SharedFit, fitted_together
+from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
-from pipeline.identification.selection.criteria import FEWEST_BLOCKS, REMAINING_SHARE
 from pipeline.identification.selection.held_out import AngleError, angle_error, splits_of
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy
 from pipeline.identification.selection.statements.verdict import UNEXPLAINED

@@ -1,7 +1,5 @@
 """What the description of a drive leaves behind: its sentence, verdict.json and tables."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,11 +10,11 @@ import pandas as pd
 from pipeline.engine.store import write_json, write_tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.identification.described.description import FEWEST_GROUPS, FULLY_DESCRIBED, Description, Number
+from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.results.residual_signatures import Signature, signatures
 from pipeline.identification.results.tables import RESIDUAL, SIGNATURES, signature_rows
 from pipeline.identification.results.write import finite
-from pipeline.identification.selection.criteria import FEWEST_BLOCKS
 from pipeline.identification.selection.statements.statement import fault_statement
 from pipeline.identification.selection.statements.verdict import FAULT
 

@@ -1,14 +1,11 @@
 """From a unit's files to the problem that is fitted."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.arrays import Real, Truth
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.config.designs.design import LAWS, Design, plausible_range
 from pipeline.config.studies.study import Study
 from pipeline.config.studies.tolerances import Case
@@ -29,6 +26,7 @@ from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.effect import LOOPS, RATE, STILL
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.backbone import Backbone
+from pipeline.model.units import MM_PER_UM, NMM_PER_NM
 from pipeline.sampling.errors import Errors as SampledErrors
 from pipeline.sampling.errors import draw, draw_as_measured, usual_beside
 
@@ -87,7 +85,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     mean_study = None if case is None else one_unit(study, usual_beside(study, case))
     sampled_errors = _mean_unit(population_errors) if mean_study is None else draw(mean_study, 0, 1)
     drives = drives_of(study, keys, sampled_errors, stations.cranks, compliances, at_stations)
-    nmm = assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm
+    nmm = NMM_PER_NM * study.design.cycloid.rated_torque_Nm
     reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))
     stateless = Forward([course.without_states() for course in courses], nmm, reach)
     ranges = np.array([plausible_range(study.design, key).log for key in keys] + [LAWS.log] * 2).T
@@ -146,15 +144,15 @@ def _refuse_paths(unit: UnitFile, paths: frozenset[str]) -> None:
         )
 
 
-def _asked_nodes(measurement: Measurement, torque: Real) -> NDArray[np.int64] | slice:
+def _asked_nodes(measurement: Measurement, torque: Real) -> Whole | slice:
     """Nodes of backbones, at ``torque`` (n_nodes,) [N mm], that are asked for: all, or those of torques held."""
     if not isinstance(measurement, TurningMeasurement):
         return slice(None)
-    levels = assembly.NMM_PER_NM * measurement.motion.levels
+    levels = NMM_PER_NM * measurement.motion.levels
     return np.unique(np.argmin(np.abs(torque[:, None] - levels), axis=0))
 
 
-def _states(measurement: Measurement) -> tuple[list[NDArray[np.int64]], list[Conditions]]:
+def _states(measurement: Measurement) -> tuple[list[Whole], list[Conditions]]:
     """State of every leg of each position, and the conditions of each state: one per cycle."""
     rows, blocks, cells, turns = measurement.rows, measurement.branches, measurement.cells, measurement.history
     unit = measurement.unit
@@ -178,7 +176,7 @@ def _states(measurement: Measurement) -> tuple[list[NDArray[np.int64]], list[Con
     return states, conditions
 
 
-def _rise(cells: Cells, cycles: NDArray[np.int64], is_chosen: Truth, drawing_C: float) -> Real:
+def _rise(cells: Cells, cycles: Whole, is_chosen: Truth, drawing_C: float) -> Real:
     """Temperature over that of the drawing (n_cycles,) [K], mean of the chosen cells; 0 where it was not measured."""
     rise = np.zeros(len(cycles))
     for number, cycle in enumerate(cycles):
@@ -188,7 +186,7 @@ def _rise(cells: Cells, cycles: NDArray[np.int64], is_chosen: Truth, drawing_C: 
     return rise
 
 
-def _reach(courses: Sequence[Course], training_positions: NDArray[np.int64]) -> float:
+def _reach(courses: Sequence[Course], training_positions: Whole) -> float:
     """Largest torque [N m] that the curves are solved for: that of trained positions, unless others go far beyond."""
     tops = np.array([np.max(np.abs(course.torque)) for course in courses])
     top = float(np.max(tops[training_positions]))
@@ -196,7 +194,7 @@ def _reach(courses: Sequence[Course], training_positions: NDArray[np.int64]) -> 
 
 
 def _course(
-    measurement: Measurement, states: Sequence[NDArray[np.int64]], stations: Stations, position: int, visible: Truth
+    measurement: Measurement, states: Sequence[Whole], stations: Stations, position: int, visible: Truth
 ) -> Course:
     unit, cells, turns = measurement.unit, measurement.cells, measurement.history
     of_position = cells.position == position
@@ -241,16 +239,15 @@ def _indistinguishable_errors(errors: Errors, case: Case) -> Errors:
     A dimension that was not measured has its tolerance alone.
     """
     rng = np.random.default_rng(POPULATION)
-    unit = assembly.MM_PER_UM * MEASURED_UM
+    unit = MM_PER_UM * MEASURED_UM
     measured_names = {*case.model_fields_set, *("lobe" for name in LOBE_PROFILES if name in case.model_fields_set)}
 
     def spread(values: Real) -> Real:
         common = unit * rng.standard_normal((POPULATION,) + (1,) * (values.ndim - 1))
         return values + common + (unit * rng.standard_normal((POPULATION, *values.shape[1:])) * (values.ndim > 1))
 
-    return Errors(
-        **{name: spread(values) if name in measured_names else values for name, values in vars(errors).items()}
-    )
+    values_of = dict(vars(errors))
+    return Errors(**values_of | {name: spread(values_of[name]) for name in values_of if name in measured_names})
 
 
 def _population(study: Study, case: Case | None = None) -> SampledErrors:

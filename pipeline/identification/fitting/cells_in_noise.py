@@ -5,8 +5,6 @@ and where the angle jumps through the play within the cell. The mean angle of su
 play was crossed, as surely as its rows and its repeats do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -116,7 +114,8 @@ def _is_linked(cells: Cells) -> Truth:
 
 def _larger_beside(of_links: Real) -> Real:
     """Larger of what two links (n_cells - 1,) of each cell have (n_cells,)."""
-    return np.maximum(np.append(of_links, 0.0), np.append(0.0, of_links))
+    larger: Real = np.maximum(np.append(of_links, 0.0), np.append(0.0, of_links))
+    return larger
 
 
 def step_scatter(share: float) -> float:

@@ -1,15 +1,12 @@
 """The cells that a model is fitted to: of loops at standing cranks, or of a crank that turns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real, Whole
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.model.effects.effect import (
     CRANKS,
     CYCLES,
@@ -88,7 +85,7 @@ class Data:
         return np.zeros_like(self.position) if self.common_offset else self.position
 
     @cached_property
-    def groups(self) -> tuple[NDArray[np.bool_], ...]:
+    def groups(self) -> tuple[Truth, ...]:
         """Of each group that shares an offset, whether a cell belongs to it (n_cells,)."""
         return tuple(self.group == number for number in np.unique(self.group))
 
@@ -98,7 +95,7 @@ class Data:
         starts = np.flatnonzero(np.diff(self.group, prepend=-1)).tolist()
         return tuple(slice(start, end) for start, end in zip(starts, [*starts[1:], len(self)], strict=True))
 
-    def held_out_parts(self, cells: NDArray[np.bool_]) -> Whole:
+    def held_out_parts(self, cells: Truth) -> Whole:
         """What is left out at once (n_cells,): positions if some ``cells`` (n_cells,) have two, else cycles."""
         return self.position if len(np.unique(self.position[cells])) > 1 else self.cycle
 
@@ -116,7 +113,7 @@ class Data:
         """Why an effect cannot be tested, by what it needs and the data lack."""
         return SHORTFALLS
 
-    def offsets(self, angle: Real, is_fitted: NDArray[np.bool_], sigma: Real) -> Real:
+    def offsets(self, angle: Real, is_fitted: Truth, sigma: Real) -> Real:
         """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
         offsets, weight = np.zeros(len(self)), 1 / sigma**2
         for in_group in self.groups:
@@ -151,7 +148,7 @@ class TurningData(Data):
         """Turn of the crank (n_cells,) within one of the output."""
         return np.floor(self.crank / TURN_DEG).astype(np.int64)
 
-    def held_out_parts(self, cells: NDArray[np.bool_]) -> Whole:
+    def held_out_parts(self, cells: Truth) -> Whole:
         """What is left out at once (n_cells,): whole torques, cycles, revolutions or senses."""
         return self.part
 

@@ -6,8 +6,6 @@ they cannot. The influence of tolerances on the curve comes from the forces of t
 more for each parameter of friction and of the instrument.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

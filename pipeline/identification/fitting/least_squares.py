@@ -1,7 +1,5 @@
 """Levenberg and Marquardt's descent of one fit."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,7 +42,7 @@ class Descent:
     penalty, centre : (n_unknowns,) inverse standard deviations by which the unknowns are held, and where.
     """
 
-    def __init__(self, fitter: Fitter, model: Model, is_fitted: Truth, start: Vector, base_fit: Fit | None):
+    def __init__(self, fitter: "Fitter", model: Model, is_fitted: Truth, start: Vector, base_fit: Fit | None):
         self.fitter, self.model, self.is_fitted = fitter, model, is_fitted
         data = fitter.problem.data
         self.positions = np.unique(data.position[is_fitted]).tolist()
@@ -101,7 +99,8 @@ class Descent:
             return data.sigma
         largest_form = float(np.mean(square / spread))
         form = brentq(lambda form: np.mean(square / (noise + form * spread)) - 1.0, 0.0, largest_form, xtol=1e-300)
-        return np.sqrt(data.sigma**2 + form * self.repeats * np.mean(data.count) / data.count)
+        sigma: Real = np.sqrt(data.sigma**2 + form * self.repeats * np.mean(data.count) / data.count)
+        return sigma
 
     def _weigh(self, sigma: Real) -> None:
         """Give the cells their weights."""

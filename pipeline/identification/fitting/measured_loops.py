@@ -1,11 +1,8 @@
 """The loops that were measured: their torques by cells, and the path that the load took."""
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real, Whole
 from pipeline.errors import InputError
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.measurement.faults.shape_faults import REVOLUTION
@@ -15,7 +12,7 @@ PARTS = 5
 """Parts of a cell, of as many rows each, over which its angle is averaged: the curve is bent within it."""
 
 
-def within_cells(measurement: Measurement, numbers: NDArray[np.intp]) -> Real:
+def within_cells(measurement: Measurement, numbers: Index) -> Real:
     """Torques within cells (n, PARTS + 1) [N m], as many rows between any two.
 
     Each row stands for its surroundings, as far as the torque went: no further than where it turned or ended.
@@ -99,7 +96,7 @@ def crank_loops(measurement: Measurement, largest_torque: float = np.inf) -> Cra
     )
 
 
-def _times(time: Real, position: NDArray[np.int64], parts: int) -> Real:
+def _times(time: Real, position: Whole, parts: int) -> Real:
     """Times (n_cells, parts) [s] of the parts of cells, between the mean times (n_cells,) of a position's cells."""
     times = np.empty((len(time), parts))
     for number in np.unique(position):

@@ -1,7 +1,5 @@
 """What the data of a unit have of what effects need."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pipeline.arrays import Truth

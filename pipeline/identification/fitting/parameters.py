@@ -1,7 +1,5 @@
 """What a fit seeks, and what it found: unknowns within their bounds, a prediction at them, and a fitted model."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -35,7 +33,7 @@ class Vector:
     def flat(self) -> Real:
         return np.concatenate([self.scales, self.shares, self.modes])
 
-    def like(self, flat: Real) -> Vector:
+    def like(self, flat: Real) -> "Vector":
         """The flat vector (n_unknowns,), held to its bounds."""
         first_share, first_mode = len(self.scales), len(self.scales) + len(self.shares)
         scales, shares, modes = flat[:first_share], flat[first_share:first_mode], flat[first_mode:]
@@ -47,7 +45,8 @@ class Vector:
     def at_reach(self) -> Truth:
         """Scales (n_scales,) that stand at an end of their reach."""
         low, high = self.reach
-        return (self.scales <= low + AT_END * (high - low)) | (self.scales >= high - AT_END * (high - low))
+        at_reach: Truth = (self.scales <= low + AT_END * (high - low)) | (self.scales >= high - AT_END * (high - low))
+        return at_reach
 
     @property
     def room(self) -> tuple[Real, Real]:
@@ -58,7 +57,8 @@ class Vector:
     def is_free(self, gradient: Real) -> Truth:
         """Unknowns (n_unknowns,) that do not stand at a bound that the gradient of a descent pushes against."""
         reach = self.flat + np.sign(gradient) * 1e-9
-        return self.like(reach).flat != self.flat
+        moves: Truth = self.like(reach).flat != self.flat
+        return moves
 
 
 class Prediction(NamedTuple):

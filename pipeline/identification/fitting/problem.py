@@ -1,25 +1,23 @@
 """A measured unit against its model: cells, drives, what is not known of them, and what may be added."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import svd
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.identification.bench.instrument_effects import InstrumentEffect, instrument_effects
 from pipeline.identification.bench.load_path import Instrument
-from pipeline.identification.bench.simulator import SECONDS_AN_HOUR, Forward
+from pipeline.identification.bench.simulator import Forward
 from pipeline.identification.fitting.data import FEWEST_CRANKS, Data, TurningData
 from pipeline.model.effects import Conditions, Effect, library
 from pipeline.model.effects.effect import CRANKS, CYCLES, MOVES, TEMPERATURE, TIME
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.model.units import SECONDS_AN_HOUR
 from pipeline.sampling.errors import Errors as SampledErrors
 
 Candidate = Effect | InstrumentEffect
@@ -62,8 +60,8 @@ class Problem:
     """
 
     data: Data
-    training: NDArray[np.bool_]
-    trained_on: Callable[[NDArray[np.bool_]], Problem]
+    training: Truth
+    trained_on: "Callable[[Truth], Problem]"
     forward: Forward
     forward_by_state: Forward
     stations: tuple[range, ...]
@@ -119,7 +117,8 @@ class Problem:
     @property
     def scale_spread(self) -> Real:
         """Prior standard deviation (n_scales,) of the logarithm of each scale: its range holds two on either side."""
-        return np.ptp(self.scale_range, axis=0) / 4
+        spread: Real = np.ptp(self.scale_range, axis=0) / 4
+        return spread
 
     def bounds(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
         """(low, high) of every parameter of an effect; of a time constant within what the record resolves."""
@@ -146,7 +145,7 @@ class Problem:
         shortest = float(np.clip(self.interval[record], low, high))
         return shortest, max(float(np.clip(self.record[record], low, high)), LEAST_RECORD * shortest)
 
-    def within_tolerance(self, model: Model, values: Sequence[float]) -> bool:
+    def within_tolerance(self, model: "Model", values: Sequence[float]) -> bool:
         """Whether an effect of the model is a dimension that stays within what the tolerances allow.
 
         Tolerances within ``LIMIT`` of the usual unit then follow its change of the frictionless curves but for what
@@ -170,7 +169,7 @@ class Problem:
         sizes *= min(1.0, LIMIT / max(float(np.linalg.norm(sizes)), LIMIT))
         return float(np.sqrt(np.mean((change - sizes @ patterns) ** 2)))
 
-    def why_not(self, candidate: Candidate, cells: NDArray[np.bool_] | None = None) -> str:
+    def why_not(self, candidate: Candidate, cells: Truth | None = None) -> str:
         """Why the data, or some cells (n_cells,) of them, cannot test an effect; empty if they can."""
         offered_names = set(self.met_needs)
         if cells is not None and len(np.unique(self.data.position[cells])) < FEWEST_CRANKS:
@@ -190,7 +189,8 @@ def _curves(gaps: Sequence[Real], influences: Sequence[Real], one_zero: bool) ->
     curves = [ARCMIN * gap @ influence.T for gap, influence in zip(gaps, influences, strict=True)]
     if one_zero:
         curves_of_stations = np.concatenate(curves, axis=1)
-        return curves_of_stations - curves_of_stations.mean(axis=1, keepdims=True)
+        centred: Real = curves_of_stations - curves_of_stations.mean(axis=1, keepdims=True)
+        return centred
     return np.concatenate([curve - curve.mean(axis=1, keepdims=True) for curve in curves], axis=1)
 
 
@@ -283,7 +283,7 @@ class PriorModes:
     nodes: float
 
     @classmethod
-    def from_population(cls, gaps: Sequence[Real], influences: Sequence[Real]) -> PriorModes:
+    def from_population(cls, gaps: Sequence[Real], influences: Sequence[Real]) -> "PriorModes":
         """The components of a population.
 
         Parameters

@@ -3,8 +3,6 @@
 A part of a drive is made anew only where a number that it depends on has changed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache

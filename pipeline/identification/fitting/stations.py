@@ -1,7 +1,5 @@
 """Crank angles at which the model of a unit stands: one a position, or those that a crank goes through in its loops."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

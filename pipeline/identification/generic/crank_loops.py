@@ -1,7 +1,5 @@
 """Loops of a drive with a locked end, and the angle of its crank, which may turn within them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -46,7 +44,7 @@ class CrankLoops:
     time: Real | None = None
 
     @classmethod
-    def standing(cls, position: Whole, torque: Real, angle: Real, weight: Real, common_zero: bool) -> CrankLoops:
+    def standing(cls, position: Whole, torque: Real, angle: Real, weight: Real, common_zero: bool) -> "CrankLoops":
         """Loops of a crank that stands still."""
         none = np.zeros(len(angle))
         return cls(position, torque, angle, weight, none, none, common_zero=common_zero)
@@ -74,7 +72,7 @@ class CrankLoops:
         """Position of each part of a cell (n_cells n_parts,), in time order."""
         return np.repeat(self.position, self.torque.shape[1])
 
-    def some(self, cells: Truth) -> CrankLoops:
+    def some(self, cells: Truth) -> "CrankLoops":
         """The loops with no weight but that of some cells (n_cells,), if their group has any; histories stay whole."""
         return replace(self, weight=np.where(cells, self.weight, 0.0))
 
@@ -96,7 +94,7 @@ class CrankAngle:
     disk_rate: float
 
     @classmethod
-    def from_readings(cls, loops: CrankLoops, from_start: Real) -> CrankAngle:
+    def from_readings(cls, loops: "CrankLoops", from_start: Real) -> "CrankAngle":
         """At readings less that of the position's first row (n_cells n_parts,) [arcmin]."""
         start, turn = np.repeat(loops.crank, loops.torque.shape[1]), loops.crank_per_output * from_start
         rate = 1 - loops.behind_disk / loops.ratio

@@ -4,8 +4,6 @@ A term is declared here by its numbers; ``generic_drive`` makes elements of them
 bounds are shares of the loop's own largest torque and range of the angle, so that they hold for a drive of any size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -16,16 +16,13 @@ so that an angle error makes the factor 1 - i' te', and a compliance or a play t
 An error of the encoder is read and does no work. Where the torque is measured at the output, there is no such term.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.identification.generic.crank_loops import CrankAngle, CrankLoops
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, TERMS, CrankEffect
 from pipeline.model.effects.compliance import LinearSpring
@@ -61,7 +58,7 @@ class GenericDrive:
     torque_zero: float
 
     @classmethod
-    def from_values(cls, values: Mapping[str, float], top: float) -> GenericDrive:
+    def from_values(cls, values: Mapping[str, float], top: float) -> "GenericDrive":
         """The drive of numbers by the names of ``drive_terms``, none where not given; ``top``: largest torque [N m]."""
         amplitudes = {name: [values.get(number, 0.0) for number in TERMS[name]] for name in CRANK_EFFECTS}
         creep = values.get("creep_arcmin_per_Nm", 0.0)
@@ -164,5 +161,5 @@ class LoopModel:
         return twist
 
     @cached_property
-    def _runs(self) -> tuple[NDArray[np.intp], ...]:
+    def _runs(self) -> tuple[Index, ...]:
         return tuple(np.flatnonzero(self.loops.runs == run) for run in np.unique(self.loops.runs))

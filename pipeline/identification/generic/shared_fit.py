@@ -1,7 +1,5 @@
 """Least squares over several states of one drive: numbers that all share, and numbers that each has of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 

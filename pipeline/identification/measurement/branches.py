@@ -4,8 +4,6 @@ A block is a position, a cycle and one monotone branch of the torque (of the com
 motor that runs through the play shakes the measured one). A cycle may start anywhere and turn anywhere.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rows of a branch averaged over cells of torque: what is fitted."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How the columns of a unit's files are named, and in which units they are."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field

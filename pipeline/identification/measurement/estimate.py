@@ -1,7 +1,5 @@
 """Root mean squares with the interval of a block bootstrap."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,13 +1,10 @@
 """The torques at which each position turned, over all its cycles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real, Whole
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.measurement.branches import BranchBlocks, monotone
 from pipeline.identification.measurement.rows import Rows
 
@@ -70,7 +67,7 @@ def _end_torques(rows: Rows, blocks: BranchBlocks, block: int) -> tuple[float, f
     return _at_end(torque[::-1], (np.abs(fit - fit[0]) <= band)[::-1]), _at_end(torque, np.abs(fit - fit[-1]) <= band)
 
 
-def _at_end(torque: Real, close: NDArray[np.bool_]) -> float:
+def _at_end(torque: Real, close: Truth) -> float:
     """Torque [N m] at the last row of those ``close`` to it: their mean would fall short by half of the band."""
     rows = np.flatnonzero(close)
     if len(rows) < FEWEST_OF_LINE:

@@ -1,7 +1,5 @@
 """What follows from the rows of a measured unit: which may be fitted, their branches, cells and noise."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """All that is known of a measured unit before any model: what follows from its rows, and what is wrong with them."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +17,7 @@ class Measurement(MeasuredRows):
     """A unit's rows, what follows from them, and their faults."""
 
     @classmethod
-    def read(cls, unit: UnitFile) -> Measurement:
+    def read(cls, unit: UnitFile) -> "Measurement":
         """The measurement of a unit.
 
         Raises

@@ -3,16 +3,13 @@
 All numbers are of cells (averages over neighbouring torques), which are what is fitted.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc  # scipy.stats is slow to import
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.estimate import (
@@ -131,7 +128,7 @@ def measured_noise(blocks: BranchBlocks, cells: Cells, torque_noise: float, reso
 
 
 def restrict_to_training(
-    blocks: BranchBlocks, cells: Cells, is_training: NDArray[np.bool_]
+    blocks: BranchBlocks, cells: Cells, is_training: Truth
 ) -> tuple[BranchBlocks, Cells]:
     """Branches that have a cell ``trained`` (n_cells,), numbered anew, and these cells."""
     block_numbers = np.unique(cells.block[is_training])

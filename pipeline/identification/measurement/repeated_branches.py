@@ -1,13 +1,10 @@
 """Branches that repeat each other: their angles held against each other at equal torque."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
 
@@ -129,11 +126,12 @@ def angle_difference(branch: Branch, second: Branch) -> Difference:
     return Difference((second_angle - branch.angle)[is_comparable], 0.5 * (1 + variance[is_comparable]))
 
 
-def _is_even(branch: Branch, level: Real) -> NDArray[np.bool_]:
+def _is_even(branch: Branch, level: Real) -> Truth:
     """Torques that a branch reaches and where it is not steep."""
     torque = branch.torque
     steep = steep_places(branch)[np.clip(np.searchsorted(torque, level), 0, torque.size - 1)]
-    return (level >= torque[0]) & (level <= torque[-1]) & ~steep
+    is_even: Truth = (level >= torque[0]) & (level <= torque[-1]) & ~steep
+    return is_even
 
 
 def _interpolate(branch: Branch, level: Real) -> tuple[Real, Real]:
@@ -152,15 +150,16 @@ def on_nodes(branch: Branch, torque: Real) -> tuple[Real, Real]:
     return np.where(_is_even(branch, torque), angle, np.nan), variance
 
 
-def steep_places(branch: Branch) -> NDArray[np.bool_]:
+def steep_places(branch: Branch) -> Truth:
     """Whether the curve beside each cell is steeper than `STEEP` chords of the whole branch, and not by its noise."""
     torque, angle = branch.torque, branch.angle
     rise, run = np.abs(np.diff(angle)) - SURE * np.sqrt(2) * branch.blur, np.abs(np.diff(torque))
     steep = rise * np.ptp(torque) > STEEP * np.ptp(angle) * run
-    return np.concatenate([[False], steep]) | np.concatenate([steep, [False]])
+    is_steep: Truth = np.concatenate([[False], steep]) | np.concatenate([steep, [False]])
+    return is_steep
 
 
-def steep_cells(cells: Cells) -> NDArray[np.bool_]:
+def steep_cells(cells: Cells) -> Truth:
     """Cells (n_cells,) beside which the curve is steep: those that are not compared with their repeats."""
     steep = np.zeros(len(cells), bool)
     for block in np.unique(cells.block):

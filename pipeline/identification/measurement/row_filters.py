@@ -1,7 +1,5 @@
 """Which rows may be fitted: numbers, not saturated, no jumps of the encoder, not at rest before the first load."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pipeline.arrays import Real, Truth
@@ -134,7 +132,8 @@ def _flat_tail(command: Real, torque: Real, noise: float) -> Truth:
     level_drop = gain * top + zero - level
     if flat > FLAT_SHARE * gain or level_drop < max(LOST_SHARE * top, TURN_NOISE * noise):
         return nothing_flagged
-    return gain * command + zero >= level  # not by the torque itself, whose noise would be cut at the level
+    is_flat: Truth = gain * command + zero >= level  # not by the torque itself, whose noise would be cut at the level
+    return is_flat
 
 
 def _repeated_extreme(torque: Real, noise: float) -> Truth:

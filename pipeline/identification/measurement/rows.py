@@ -1,15 +1,12 @@
 """The rows of a measured unit: columns found by name, brought to standard units, in time order."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real, Truth, Whole
+from pipeline.arrays import Index, Real, Truth, Whole
 from pipeline.config.files.section import nearest_name
 from pipeline.config.files.table_file import LARGEST_VALUE, TableFile, read_table, shortened_list
 from pipeline.errors import InputError
@@ -66,7 +63,7 @@ class Rows:
         """The torque that the bench steers (n,) [N m]: commanded where known, else measured."""
         return self.torque if self.command is None else self.command
 
-    def where(self, selected_rows: NDArray) -> tuple[str, ...]:
+    def where(self, selected_rows: Index | Truth) -> tuple[str, ...]:
         """`file:line` of the selected rows (a mask or indices)."""
         row_numbers = np.arange(len(self))[selected_rows]
         return tuple(f"{self.files[self.file[row]]}:{self.line[row]}" for row in row_numbers)
@@ -204,7 +201,8 @@ def _selected_rows(table: TableFile, file: DataFile, number: int, unit: UnitFile
 
 
 def _column(unit: UnitFile, quantity: str) -> FileColumn:
-    return getattr(unit.settings.columns, quantity)
+    column: FileColumn = getattr(unit.settings.columns, quantity)
+    return column
 
 
 def _standard(table: TableFile, number: int, unit: UnitFile, missing: list[tuple[str, str, str]]) -> pd.DataFrame:

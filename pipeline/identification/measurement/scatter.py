@@ -1,7 +1,5 @@
 """High-frequency scatter of a signal: what neighbouring rows differ by beyond a straight line."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pipeline.arrays import Real

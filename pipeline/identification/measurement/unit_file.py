@@ -1,7 +1,5 @@
 """The file `unit.toml` of a measured unit: what was measured, with which instrument, and how its columns are named."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path

@@ -1,16 +1,13 @@
 """What a record says of a drive: verdict, lost motion and rigidity from both senses, and the orders of its error."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
-from threadpoolctl import threadpool_limits
 
-from pipeline.arrays import Real, Truth
+from pipeline.arrays import Real, Truth, Whole
+from pipeline.identification.identify import one_thread
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.evidence import Points, RecordEvidence, points_of
 from pipeline.identification.record.judging import TOLERATED_SHARE, Judgement, RecordJudge, Trial, parts_of
@@ -145,7 +142,7 @@ class RecordAnswer:
         return {effect.name: effect.title for effect in self.effects}
 
 
-@threadpool_limits.wrap(limits=1)  # matrices are small: threads would wait for each other
+@one_thread
 def record_answer(record: TurnRecord) -> RecordAnswer:
     """The answer on a record without a fatal fault."""
     points = points_of(record)
@@ -323,7 +320,8 @@ def _orders(record: TurnRecord, points: Points) -> list[OrderRow]:
     def amplitudes(order: float) -> Real:
         columns = np.column_stack([np.cos(order * place), np.sin(order * place), np.ones(len(place))])
         sizes, *_ = np.linalg.lstsq(columns, np.nan_to_num(np.column_stack(signals)), rcond=None)
-        return 60 * np.hypot(sizes[0], sizes[1]) / float(np.sinc(order * half / np.pi))
+        amplitude: Real = 60 * np.hypot(sizes[0], sizes[1]) / float(np.sinc(order * half / np.pi))
+        return amplitude
 
     amplitudes_found = {float(order): amplitudes(order) for order in {*named_orders, *grid}}
     separate_orders = [
@@ -358,20 +356,20 @@ def _mesh_orders(record: TurnRecord) -> dict[float, str]:
     return {times * turns: f"{times} times per turn of the crank" for times in (3, 4)} if turns else {}
 
 
-def _squares(x: Real, group: NDArray[np.int64]) -> Real:
+def _squares(x: Real, group: Whole) -> Real:
     """Sum of squares (n_groups,) of x about its mean in each group."""
     about = x - (np.bincount(group, x) / np.bincount(group))[group]
     return np.asarray(np.bincount(group, about**2), float)
 
 
-def _slopes(x: Real, y: Real, group: NDArray[np.int64]) -> Real:
+def _slopes(x: Real, y: Real, group: Whole) -> Real:
     """Slopes (n_groups,) of y over x in each group; zeros where x does not vary."""
     about = x - (np.bincount(group, x) / np.bincount(group))[group]
     return np.bincount(group, about * y) / np.maximum(np.bincount(group, about**2), 1e-12)
 
 
 def _held_out(
-    record: TurnRecord, evidence: RecordEvidence, held_out_by: str, parts: NDArray[np.int64], trial: Trial
+    record: TurnRecord, evidence: RecordEvidence, held_out_by: str, parts: Whole, trial: Trial
 ) -> list[HeldOut]:
     """Each part predicted from the others; nothing where none can be held out."""
     if not held_out_by:

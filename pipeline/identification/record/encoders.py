@@ -1,13 +1,11 @@
 """Angles of a record: both encoders counted on over their turns, and the error of the output."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pipeline.arrays import Real, Whole
 from pipeline.identification.measurement.rows import Recorded
-from pipeline.identification.measurement.turning.motion import TURN_DEG, unwrapped_crank
-from pipeline.model.units import ARCMIN_A_DEGREE
+from pipeline.identification.measurement.turning.motion import unwrapped_crank
+from pipeline.model.units import ARCMIN_A_DEGREE, TURN_DEG
 
 ROUNDED_DEG = 0.1
 """Angle by which an encoder of one turn may show more than 360 degrees by its rounding."""

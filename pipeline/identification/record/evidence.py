@@ -12,8 +12,6 @@ Source: evidence of a linear Gaussian model: MacKay, Neural Computation 4 (1992)
 Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -376,7 +374,7 @@ class RecordEvidence:
         columns = self.columns[:, self._own_columns(names)]
         zeros = np.column_stack([self.zeros(column, ~is_held_out) for column in columns.T])
         about_zeros = (columns - zeros)[is_held_out]
-        return np.einsum("nk,kl,nl->n", about_zeros, posterior.covariance, about_zeros)
+        return np.asarray(np.einsum("nk,kl,nl->n", about_zeros, posterior.covariance, about_zeros), float)
 
     def zero_variance(self, variance: Real, is_chosen: Truth) -> Real:
         """Variance (n,) of each point's zero by chosen points of these variances, of which one place counts once."""

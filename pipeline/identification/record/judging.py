@@ -1,7 +1,5 @@
 """The verdict on a record, by the rule of ``selection.criteria``."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product

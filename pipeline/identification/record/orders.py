@@ -1,7 +1,5 @@
 """Orders of a drive in waves per turn of its output: of the output, the crank and the input."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction

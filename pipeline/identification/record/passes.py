@@ -4,8 +4,6 @@ The error is the angle of the output less that of the ideal ratio. A pass is a s
 torque in one sense; its rows are averaged over intervals of the output angle that all passes share.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

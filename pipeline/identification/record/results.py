@@ -1,7 +1,5 @@
 """What the answer on a record leaves behind: its sentences, verdict.json and tables."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any

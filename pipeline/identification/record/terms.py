@@ -6,8 +6,6 @@ two columns over the cells; each column is scaled so that its size is an angle [
 sense or at either end of the temperatures.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -62,7 +60,7 @@ class Covariates:
     fast: Real
 
     @classmethod
-    def from_record(cls, record: TurnRecord) -> Covariates:
+    def from_record(cls, record: TurnRecord) -> "Covariates":
         """Those of a record."""
         cells, passes = record.cells, record.passes
         torque = cells.torque / max(record.largest_torque, 1e-12)
@@ -86,7 +84,8 @@ def _lags(record: TurnRecord) -> Real:
     if not np.all(np.isfinite(lags)) or not lags.max() > 0:
         return np.ones(len(level))
     is_loaded = np.abs(record.levels) >= LEVEL_SHARE * record.largest_torque
-    return (lags / lags[is_loaded].max() if is_loaded.any() else lags / lags.max())[level]
+    relative_lags: Real = (lags / lags[is_loaded].max() if is_loaded.any() else lags / lags.max())[level]
+    return relative_lags
 
 
 def _middle(values: Real) -> float:

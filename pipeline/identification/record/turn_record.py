@@ -1,7 +1,5 @@
 """A record of a turning drive, read and judged."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from functools import cached_property
@@ -131,7 +129,7 @@ class TurnRecord(RecordedPasses):
     """A record that was read, and its faults; passes and cells can be computed only of data without a fatal one."""
 
     @classmethod
-    def read(cls, unit: UnitFile) -> TurnRecord:
+    def read(cls, unit: UnitFile) -> "TurnRecord":
         """The record of a unit; raises as ``recorded_rows``."""
         table = recorded_rows(unit)
         cycle = np.maximum(table.cycle[0], 0)

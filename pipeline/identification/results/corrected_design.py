@@ -1,7 +1,5 @@
 """The design and the study of a unit with what was fitted, as files, and what that study leaves."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,19 +1,16 @@
 """Errors of predictions on held-out data of the metrics that are read off a loop."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.identification.identify import Identification
 from pipeline.model.metrics import LoopReadings, library, measurable_metrics
 
-Numbers = NDArray[np.intp]
+Numbers = Index
 
 BEYOND = 0.05
 """Share of the largest torque by which a branch may be continued along its last cells, whose means end before it."""

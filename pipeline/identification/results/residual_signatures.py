@@ -4,15 +4,12 @@ A signature is a coefficient of a least-squares line through the residual of the
 cycle, branch) are drawn with replacement, since neighbouring cells are not independent.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit  # scipy.stats is slow to import
 
-from pipeline.arrays import Real, Truth
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.measurement.estimate import SEED
 from pipeline.identification.measurement.measurement import Measurement
@@ -68,14 +65,16 @@ class SignatureCells:
     cycle: Real
     hours: Real
     warmer: Real
-    position: NDArray[np.int64]
-    block: NDArray[np.int64]
+    position: Whole
+    block: Whole
 
     def near_zero(self) -> Truth:
-        return np.abs(self.torque) <= LOW * np.max(np.abs(self.torque), initial=0.0)
+        is_small: Truth = np.abs(self.torque) <= LOW * np.max(np.abs(self.torque), initial=0.0)
+        return is_small
 
     def is_loaded(self) -> Truth:
-        return np.abs(self.torque) >= HIGH * np.max(np.abs(self.torque), initial=0.0)
+        is_large: Truth = np.abs(self.torque) >= HIGH * np.max(np.abs(self.torque), initial=0.0)
+        return is_large
 
 
 def signatures(measurement: Measurement, data: Data, predicted_angle: Real) -> tuple[Signature, ...]:

@@ -1,7 +1,5 @@
 """Tables of an identification: the residual cell by cell, its signatures, and every effect that was tried or not."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,13 +1,10 @@
 """Prediction errors and signatures of a unit whose crank turned."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import Identification
 from pipeline.identification.measurement.measurement import Measurement
@@ -54,7 +51,7 @@ def turn_errors(identification: Identification) -> dict[str, LoopError]:
     return errors
 
 
-def mean_turns(data: TurningData, curves: dict[str, Real], cells: NDArray[np.bool_]) -> list[dict[str, Real]]:
+def mean_turns(data: TurningData, curves: dict[str, Real], cells: Truth) -> list[dict[str, Real]]:
     """Mean angle over each whole turn of the crank (n_intervals,) [arcmin], of each curve, by torque and sense."""
     turns = []
     revolution = data.revolution

@@ -1,7 +1,5 @@
 """What an identification leaves behind: its tables, the verdict, the page, and the corrected design and study."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass

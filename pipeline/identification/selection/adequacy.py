@@ -1,7 +1,5 @@
 """The test that ``adequate`` and every name have to pass: unused cells are predicted as a right model would."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

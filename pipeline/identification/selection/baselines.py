@@ -1,7 +1,5 @@
 """Predictions without a model of the reducer: replay, polynomials, play and friction; replay and orders of a turn."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -12,12 +10,13 @@ from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.shared_fit import fitted_together
 from pipeline.model.units import TURN_DEG
+from pipeline.statistics.curve_scatter import dummies
 
 HARMONICS = 6
 """Orders of the crank that a description without a reducer has."""
 
 
-def replayed_turn(data: Data, cycles: Cycles, training: Truth) -> Real:
+def replayed_turn(data: Data, cycles: "Cycles", training: Truth) -> Real:
     """The mean training angle of each cell's kind at its crank angle (n_cells,) [arcmin]; NaN where there is none.
 
     At an angle over the turn of the output that was not trained, that at the same angle of a turn of the crank.
@@ -33,7 +32,7 @@ def replayed_turn(data: Data, cycles: Cycles, training: Truth) -> Real:
     return replay_angle
 
 
-def harmonics(data: Data, cycles: Cycles, training: Truth) -> Real:
+def harmonics(data: Data, cycles: "Cycles", training: Truth) -> Real:
     """Orders of the crank with play, a softening spring, Coulomb and load friction (n_cells,) [arcmin]."""
     crank, torque, sense = np.radians(_turning(data).crank), data.torque, data.senses
     places = len(np.unique(np.round(np.mod(_turning(data).crank[training], TURN_DEG), 6)))
@@ -51,7 +50,7 @@ def _turning(data: Data) -> TurningData:
     return data
 
 
-TURN_METHODS: Mapping[str, Callable[[Data, Cycles, Truth], Real]] = {
+TURN_METHODS: "Mapping[str, Callable[[Data, Cycles, Truth], Real]]" = {
     "replay of the training turns": replayed_turn,
     f"{HARMONICS} orders of the crank, play, softening spring, Coulomb and load friction": harmonics,
 }
@@ -140,7 +139,7 @@ def replay(data: Data, cycles: Cycles, training: Truth) -> Real:
 def polynomials(data: Data, cycles: Cycles, training: Truth) -> Real:
     """A polynomial of the torque for each kind of branch (n_cells,) [arcmin]; NaN of kinds that were not trained."""
     columns, kinds = _branch_columns(data, cycles, training)
-    design = np.column_stack([columns, _dummies(data)])
+    design = np.column_stack([columns, dummies(data.group)])
     coefficients, *_ = np.linalg.lstsq(
         design[training] * _root(data, training), _weighted_angle(data, training), rcond=None
     )
@@ -172,15 +171,10 @@ def _branch_columns(data: Data, cycles: Cycles, training: Truth) -> tuple[Real, 
 def _offsets_of(data: Data, cycles: Cycles, training: Truth) -> Real:
     """Offset of each training cell's position (n_cells,) [arcmin] beside a polynomial that all positions share."""
     columns, _ = _branch_columns(data, cycles, training)
-    dummies = _dummies(data)
-    design = np.column_stack([dummies, columns])
+    offsets = dummies(data.group)
+    design = np.column_stack([offsets, columns])
     amounts, *_ = np.linalg.lstsq(design[training] * _root(data, training), _weighted_angle(data, training), rcond=None)
-    return dummies @ amounts[: dummies.shape[1]]
-
-
-def _dummies(data: Data) -> Real:
-    """One column for each group of cells that shares an offset (n_cells, n_groups)."""
-    return (data.group[:, None] == np.unique(data.group)).astype(float)
+    return offsets @ amounts[: offsets.shape[1]]
 
 
 def _root(data: Data, training: Truth) -> Real:

@@ -14,20 +14,13 @@ Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425, sec. 4; best line
 Stat. Sci. 6 (1991) 15.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
-from pipeline.identification.selection.statements.discrepancy import (
-    REACHES,
-    SIZES,
-    averaged_cells,
-    kernels,
-    offset_columns,
-)
+from pipeline.identification.selection.statements.discrepancy import REACHES, SIZES, averaged_cells, kernels
+from pipeline.statistics.curve_scatter import dummies
 
 Places = tuple[Real, Real, Whole]
 
@@ -74,7 +67,7 @@ def expected_misfit(
         np.zeros((int(training.sum()), 0)),
     )
     places = places[0], places[1], np.unique(position[training])[places[2]]
-    observations = _Seen(places, means / noise, noise, offset_columns(places[2]) / noise[:, None])
+    observations = _Seen(places, means / noise, noise, dummies(places[2]) / noise[:, None])
     cells, top = (torque, np.sign(sense), position), float(np.max(np.abs(torque[training])))
     grid = [(share, reach * top) for share in SHARES for reach in np.geomspace(*REACHES, REACHES_TRIED)]
     likelihood = np.array([observations.process(*numbers).likelihood for numbers in grid])
@@ -99,7 +92,7 @@ class _Seen:
     noise: Real
     zeros: Real
 
-    def process(self, share: float, reach: float) -> _Process:
+    def process(self, share: float, reach: float) -> "_Process":
         """Processes of a share and a reach [N m], of every size."""
         common, by_position = kernels(self.places, self.places, reach)
         correlation = (share * common + (1 - share) * by_position) / np.outer(self.noise, self.noise)

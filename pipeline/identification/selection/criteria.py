@@ -19,8 +19,6 @@ two at most, of records as many as that holds for. Named together, as a class, a
 twentieth as probable as the best one.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -12,8 +12,6 @@ Computation 4 (1992) 415; variance of a random effect by its largest marginal li
 72 (1977) 320; autoregressive noise: Prais and Winsten (1954).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

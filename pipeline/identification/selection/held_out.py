@@ -6,8 +6,6 @@ the angle, where every position has its own; and which models were fitted over a
 the evidence of its training cells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -219,7 +217,8 @@ class _Open:
     @property
     def deviations(self) -> Real:
         """Standard deviations (n_cells,) [arcmin]."""
-        return np.sqrt(np.einsum("ij,jk,ik->i", self.jacobian, self.covariance, self.jacobian))
+        deviations: Real = np.sqrt(np.einsum("ij,jk,ik->i", self.jacobian, self.covariance, self.jacobian))
+        return deviations
 
     def squares(self, sigma: Real, cells: Truth) -> Real:
         """Mean and variance (2,) of the sum of squares, in noise, that a right model leaves of cells (n_cells,)."""
@@ -247,7 +246,8 @@ def precision_of(fitter: Fitter, fit: Fit, visible: Truth) -> Real:
     """Inverse covariance (n_unknowns, n_unknowns) of the unknowns of a fit, by the cells seen and the priors."""
     rows = fit.jacobian[visible] / fit.sigma[visible][:, None]
     precision = rows.T @ rows + np.diag(fitter.penalty(fit.unknowns) ** 2)
-    return precision + 1e-12 * np.trace(precision) * np.eye(len(precision))
+    regular: Real = precision + 1e-12 * np.trace(precision) * np.eye(len(precision))
+    return regular
 
 
 def angle_error(data: Data, cranks: Real, predicted_angle: Real, left_open: Real, cells: Truth) -> AngleError:

@@ -1,7 +1,5 @@
 """What is tried on a unit: every effect that the data can test, the most promising pairs, and further effects."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
@@ -61,7 +59,7 @@ class Selector:
             name: effect for name, effect in candidates().items() if not self.problem.why_not(effect, visible)
         }
 
-    def trained_on(self, training: Truth) -> Selector:
+    def trained_on(self, training: Truth) -> "Selector":
         """A selector that knows nothing of other cells than the training ones (n_cells,), not even their noise.
 
         It may refit what this one may test: with a position less an effect over the crank angle is still a model.

@@ -1,7 +1,5 @@
 """Which two effects together promise most: neither of them need be the best one alone."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Fitted parameters of effects with their intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

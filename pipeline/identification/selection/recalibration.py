@@ -1,7 +1,5 @@
 """What a refit of calibrated numbers says: within plausible ranges, with intervals, or by numbers not believed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """What each effect promises before it is fitted: secants of its parameters beside all that is fitted already."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product

@@ -1,7 +1,5 @@
 """What is said of a series, or of one state of a drive, from what its states share: verdict, sentence, advice."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,8 +9,8 @@ import numpy as np
 
 from pipeline.arrays import Real
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, TERMS
+from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.identification.selection.criteria import FEWEST_BLOCKS
 from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED, UNEXPLAINED
 from pipeline.identification.series.shared_effects import FEWEST_OF_A_WAVE, SharedEffects, TriedEffect, share_effects
 from pipeline.identification.series.states import Series, Trend, series_of, trends_of

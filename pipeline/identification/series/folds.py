@@ -5,8 +5,6 @@ least. With fewer positions in each state, several states hold the effect betwee
 positions were measured in the other states too; what is new is the state.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What a series leaves behind: verdict.json and tables."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any

@@ -6,8 +6,6 @@ what it has not seen. Where fewer than ``FEWEST_OF_A_WAVE`` positions leave too 
 fold leaves out a state: the effect comes from the other states, and must predict unused positions of that one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,7 +20,7 @@ from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, SOFT, TERMS, title
 from pipeline.identification.generic.generic_drive import LoopModel
 from pipeline.identification.generic.shared_fit import fitted_together
-from pipeline.identification.selection.criteria import FEWEST_BLOCKS
+from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.series.folds import Folds, StateFolds, held_numbers, reversed_numbers, state_folds
 from pipeline.identification.series.states import Series
 from pipeline.statistics.resampling import CONFIDENCE, max_t
@@ -230,7 +228,8 @@ def _loops_without(series: Series, group: Sequence[str]) -> list[CrankLoops]:
 
 def _cells(series: Series, state: int, group: Sequence[str]) -> Truth:
     """Cells (n_cells,) of a state at a group of positions."""
-    return np.any([series.cells_of(name)[state] for name in group], axis=0)
+    is_any: Truth = np.any([series.cells_of(name)[state] for name in group], axis=0)
+    return is_any
 
 
 def _add_losses(loss: Real, series: Series, group: Sequence[str], predicted_angles: Sequence[Real]) -> None:
@@ -349,7 +348,8 @@ def _tried_by_states(series: Series, names: Sequence[str]) -> tuple[StateFolds, 
 def _gains(base: Real, loss: Real) -> Real:
     """Mean gain (n_states,) over unused positions: logarithm of mean square errors without over with an effect."""
     gains = np.log(base + LEAST_LOSS) - np.log(loss + LEAST_LOSS)
-    return np.nanmean(gains[np.any(np.isfinite(gains), axis=1)], axis=1)
+    gains_of_states: Real = np.nanmean(gains[np.any(np.isfinite(gains), axis=1)], axis=1)
+    return gains_of_states
 
 
 def _reasons(series: Series, held_out: bool, at_bound: Sequence[str], p: float, p_left_out: float) -> Iterator[str]:

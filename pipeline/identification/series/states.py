@@ -1,7 +1,5 @@
 """States of one drive, and the trends of their numbers over a variable."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real, Truth
 
 SHARE_OF_LIMIT = 0.9
 """The tangent continues a law at this share of the force at which its slope would vanish."""
@@ -81,7 +81,7 @@ class ContactLaws:
     def __len__(self) -> int:
         return len(self.linear)
 
-    def __getitem__(self, index) -> "ContactLaws":
+    def __getitem__(self, index: int | slice | Index | Truth) -> "ContactLaws":
         return ContactLaws(*(np.atleast_1d(getattr(self, name)[index]) for name in NUMBERS))
 
     @property
@@ -95,12 +95,13 @@ class ContactLaws:
 
     def _proper_compliance(self, force: Real) -> Real:
         log = np.log(np.maximum(force, np.finfo(float).tiny))
-        power_part = np.where(
+        power_part: Real = np.where(
             self.power > 0,
             self.power * self.exponent * np.maximum(force, np.finfo(float).tiny) ** (self.exponent - 1),
             0.0,
         )
-        return self.linear - self.logarithmic * (1 + log) + power_part
+        compliance: Real = self.linear - self.logarithmic * (1 + log) + power_part
+        return compliance
 
     def deflection(self, force: ArrayLike) -> Real:
         """Local deflection [mm] at ``force`` (..., n) [N], zero at and below zero force."""
@@ -158,7 +159,8 @@ class ContactLaws:
 
     def peak_pressure(self, force: ArrayLike) -> Real:
         """Peak Hertz pressure [MPa] at ``force`` (..., n) [N]."""
-        return self.pressure * np.sqrt(np.maximum(np.asarray(force, float), 0.0))
+        pressure: Real = self.pressure * np.sqrt(np.maximum(np.asarray(force, float), 0.0))
+        return pressure
 
 
 NUMBERS = tuple(field.name for field in fields(ContactLaws))
@@ -247,7 +249,8 @@ class LineContact:
 
     def half_width(self, force: ArrayLike) -> Real:
         """Half width b = sqrt(4 p R'/(pi E*)) [mm] at ``force`` (..., n) [N]."""
-        return np.exp(self.log_half_width) * np.sqrt(np.asarray(force, float))
+        half_width: Real = np.exp(self.log_half_width) * np.sqrt(np.asarray(force, float))
+        return half_width
 
     @property
     def pressure_factor(self) -> Real:
@@ -290,6 +293,6 @@ def mesh_compliance(material: Material, length: float, depth: float, patch_half_
 
     (2/(pi E' L)) [ln(2d/w) - 1/4 - nu'/2], Johnson 1985, 5.6, averaged with the elliptical pressure.
     """
-    return (
+    return float(
         2 / (np.pi * material.modulus * length) * (np.log(2 * depth / patch_half_width) - 0.25 - 0.5 * material.lateral)
     )

@@ -98,7 +98,7 @@ class CubicSpring(Spring):
     def twist(self, torque: Real) -> Real:
         """Rotation [rad] by the real root of the cubic, with hyperbolic functions."""
         scaled = np.asarray(torque, float) / self.knee
-        root = 2 / np.sqrt(3) * np.sinh(np.arcsinh(1.5 * np.sqrt(3) * scaled) / 3)
+        root: Real = 2 / np.sqrt(3) * np.sinh(np.arcsinh(1.5 * np.sqrt(3) * scaled) / 3)
         return self.compliance * self.knee * root
 
 

@@ -11,7 +11,13 @@ from pipeline.model.units import ARCMIN
 
 
 def crank_compliance(
-    order: int, word: str, physics: str, signature: str, confused_with: tuple[str, ...], told_apart_by: str, needs: set
+    order: int,
+    word: str,
+    physics: str,
+    signature: str,
+    confused_with: tuple[str, ...],
+    told_apart_by: str,
+    needs: set[str],
 ) -> Effect:
     """The effect of a compliance with ``order`` waves in a turn of the crank, ``word`` for people."""
 

@@ -18,16 +18,27 @@ State = tuple[float, float, float]
 
 
 @part
-def _on(twist, interval, torque_before, torque_after, constant, compliance):
+def _on(
+    twist: float, interval: float, torque_before: float, torque_after: float, constant: float, compliance: float
+) -> float:
     """Delayed rotation after a time in which the torque went linearly from ``torque_before`` to ``torque_after``."""
     share = max(interval, 0.0) / constant
-    remaining = np.exp(-share)
-    mean = -np.expm1(-share) / share if share > 0.0 else 1.0
+    remaining: float = np.exp(-share)
+    mean: float = -np.expm1(-share) / share if share > 0.0 else 1.0
     return twist * remaining + compliance * (torque_after * (1.0 - mean) + torque_before * (mean - remaining))
 
 
 @entry
-def _crept(torque, time, twist, torque_before, time_before, constant, compliance, crept):
+def _crept(
+    torque: Real,
+    time: Real,
+    twist: float,
+    torque_before: float,
+    time_before: float,
+    constant: float,
+    compliance: float,
+    crept: Real,
+) -> float:
     """Delayed rotation at the points of a path, from a state; the last one is returned."""
     for k in range(torque.shape[0]):
         twist = _on(twist, time[k] - time_before, torque_before, torque[k], constant, compliance)

@@ -44,7 +44,16 @@ PRESLIDING = Effect(
 
 
 @entry
-def _followed(torque, turn_torque, turn_twist, count, torque_now, twist_now, sense, twist):
+def _followed(
+    torque: Real,
+    turn_torque: Real,
+    turn_twist: Real,
+    count: int,
+    torque_now: float,
+    twist_now: float,
+    sense: float,
+    twist: Real,
+) -> tuple[int, float, float, float]:
     """Twist over the coefficient along torques, from a state with ``count`` turning points, which are continued.
 
     Returns the number of turning points, torque, twist and sense at the end.
@@ -104,8 +113,9 @@ class Rayleigh(Hysteresis):
         n, known = len(path.torque), len(state[0])
         turn_torque, turn_twist, twist = np.empty(known + n + 1), np.empty(known + n + 1), np.empty(n)
         turn_torque[:known], turn_twist[:known] = state[:2]
-        count, *last = _followed(path.torque, turn_torque, turn_twist, known, *state[2:], twist)
-        return self.coefficient * twist, (turn_torque[:count].copy(), turn_twist[:count].copy(), *last)
+        count, torque, last_twist, sense = _followed(path.torque, turn_torque, turn_twist, known, *state[2:], twist)
+        turns = turn_torque[:count].copy(), turn_twist[:count].copy()
+        return self.coefficient * twist, (*turns, torque, last_twist, sense)
 
 
 def _apply_rayleigh(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:

@@ -22,9 +22,10 @@ def _flexibility(length: float, bending: float, shear: float) -> Real:
 
 def _cantilever_flexibility(load_distance: float, observed_distance: float, bending: float, shear: float) -> Real:
     """Deflection, slope (2,) of a cantilever at ``observed`` by a unit force and moment (2,) at ``load_distance``."""
-    near_part = _flexibility(min(load_distance, observed_distance), bending, shear)
+    near_part: Real = _flexibility(min(load_distance, observed_distance), bending, shear)
     if observed_distance <= load_distance:  # the load beyond is its force and its moment here
-        return near_part @ np.array([[1.0, 0.0], [load_distance - observed_distance, 1.0]])
+        flexibility: Real = near_part @ np.array([[1.0, 0.0], [load_distance - observed_distance, 1.0]])
+        return flexibility
     return np.array([[1.0, observed_distance - load_distance], [0.0, 1.0]]) @ near_part
 
 
@@ -51,7 +52,7 @@ def pin_flexibility(planes: Real, diameter: float, material: Material, span: flo
     )
     if span is None:
         return free_flexibility
-    end = np.array(
+    end: Real = np.array(
         [_cantilever_flexibility(b, span, bending, shear)[:, 0] for b in plane_positions]
     )  # what the clamp at the end takes back
     return free_flexibility - end @ np.linalg.solve(_flexibility(span, bending, shear), end.T)

@@ -17,6 +17,7 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity, plane_st
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.model.elastic.cyclic_symmetry import CyclicBody, SectorNodes
+from pipeline.model.elastic.polygon import points_of
 from pipeline.model.elastic.pressure_patches import Patches
 from pipeline.model.elastic.supported_factors import SupportedFactors
 
@@ -156,7 +157,7 @@ class ElasticBody:
         """Work of each load on the displacement by each other; the first column by a whole solve, for comparison."""
         reaction = np.vstack([np.eye(loads.shape[1]), -(loads.T @ self.rigid_motions).T])
         works = self._factors.works(csc_array(hstack([loads, csc_array(self.reference)])))
-        compliance = reaction.T @ works @ reaction
+        compliance: Real = reaction.T @ works @ reaction
         compliance[:, 0] = loads.T @ self.displacement(loads[:, [0]].toarray())[:, 0]
         return compliance
 
@@ -193,7 +194,7 @@ def elastic_body(
     """
     reference_basis = FacetBasis(mesh, ELEMENT, facets=mesh.boundaries[reference])
     freedoms = np.hstack([reference_basis.nodal_dofs, reference_basis.facet_dofs]).T
-    vertices = mesh.p[0] + 1j * mesh.p[1]
+    vertices = points_of(mesh.p)
     nodes = np.concatenate([vertices, vertices[mesh.facets].mean(axis=0)])
     rigid_motions = _rigid_motions(nodes, freedoms)
     return ElasticBody(
@@ -227,7 +228,7 @@ def _rigid_fit(boundary: FacetBasis, rigid_motions: Real) -> Real:
         LinearForm(lambda v, w: v[1]).assemble(boundary),
         LinearForm(lambda v, w: w.x[0] * v[1] - w.x[1] * v[0]).assemble(boundary),
     ]
-    tractions = np.stack(uniform, axis=-1)
+    tractions: Real = np.stack(uniform, axis=-1)
     return tractions @ np.linalg.inv(tractions.T @ rigid_motions)
 
 

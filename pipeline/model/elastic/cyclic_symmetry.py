@@ -142,7 +142,8 @@ class CyclicBody:
             np.stack([yielding[:, :n_cut], yielding[:, n_cut:]]),
         )
         bordered_stiffness = _bordered_stiffness(ends, yielding, reaction, held_force, _phases(len(sectors.nodes)))
-        return cls(sectors, freedoms, factors.solve, yielding, held_force, np.linalg.inv(bordered_stiffness))
+        flexibility = np.asarray(np.linalg.inv(bordered_stiffness), complex)
+        return cls(sectors, freedoms, factors.solve, yielding, held_force, flexibility)
 
     def compliance(self, loads: csc_array) -> Real:
         """Work of each load on the displacement by each other, the reference held (n_loads, n_loads) [mm/N].
@@ -161,9 +162,9 @@ class CyclicBody:
         n_sectors = len(self.sectors.nodes)
         forces[1 : (n_sectors + 1) // 2] *= 2  # these harmonics stand for their conjugates too
         forces, displacement = forces.reshape(-1, loads.shape[1]), displacement.reshape(-1, loads.shape[1])
-        return (forces.real.T @ displacement.real + forces.imag.T @ displacement.imag) / n_sectors + sums @ (
-            sums @ in_sector.T
-        ).T
+        of_cuts = (forces.real.T @ displacement.real + forces.imag.T @ displacement.imag) / n_sectors
+        compliance: Real = of_cuts + sums @ (sums @ in_sector.T).T
+        return compliance
 
     def turned_compliance(self, loads: csc_array, turning: Index) -> Real:
         """As ``compliance``, some loads turned back by every number of sectors (n_sectors, n_loads, n_loads) [mm/N].
@@ -228,12 +229,14 @@ class CyclicBody:
 
 def _phases(n_sectors: int) -> Complex:
     """Factor from one sector to the next (n_harmonics,) of the harmonics 0 .. n_sectors // 2."""
-    return np.exp(2j * np.pi * np.arange(n_sectors // 2 + 1) / n_sectors)
+    phases: Complex = np.exp(2j * np.pi * np.arange(n_sectors // 2 + 1) / n_sectors)
+    return phases
 
 
 def _frames(n_sectors: int) -> Complex:
     """Direction of the x axis of every sector's frame (n_sectors,)."""
-    return np.exp(2j * np.pi * np.arange(n_sectors) / n_sectors)
+    frames: Complex = np.exp(2j * np.pi * np.arange(n_sectors) / n_sectors)
+    return frames
 
 
 def _dense(matrix: Real | csc_array) -> Real:

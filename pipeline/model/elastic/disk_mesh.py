@@ -17,7 +17,7 @@ from skfem import MeshTri
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.errors import ModelError
-from pipeline.model.elastic.polygon import ClosedPolygon, arc_length, coordinates, cross
+from pipeline.model.elastic.polygon import ClosedPolygon, arc_length, coordinates, cross, points_of
 from pipeline.model.elastic.triangulation import cyclic_triangulation, patch_centroids
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
@@ -48,8 +48,10 @@ def triangle_quality(mesh: MeshTri) -> Real:
     ------
     Bank and Smith, SIAM J. Numer. Anal. 34 (1997) 979.
     """
-    a, b, c = (mesh.p[0] + 1j * mesh.p[1])[mesh.t]
-    return 2 * np.sqrt(3) * np.abs(cross(b - a, c - a)) / (abs(b - a) ** 2 + abs(c - b) ** 2 + abs(a - c) ** 2)
+    a, b, c = points_of(mesh.p)[mesh.t]
+    squares = abs(b - a) ** 2 + abs(c - b) ** 2 + abs(a - c) ** 2
+    quality: Real = 2 * np.sqrt(3) * np.abs(cross(b - a, c - a)) / squares
+    return quality
 
 
 def lobed_disk_mesh(flank: Complex, n_lobes: int, bore_radius: float, growth: float, largest_edge: float) -> MeshTri:
@@ -184,7 +186,8 @@ def _rings(outer_radius: float, size: _EdgeLength) -> list[Complex]:
 def _ring(radius: float, stagger: float, size: _EdgeLength) -> Complex:
     """One sector's evenly spaced nodes on a ring, from ``stagger`` edges on."""
     n_edges = int(size.edges_around(np.array([radius]))[0])
-    return radius * np.exp(1j * size.pitch * (np.arange(n_edges) + stagger) / n_edges)
+    ring: Complex = radius * np.exp(1j * size.pitch * (np.arange(n_edges) + stagger) / n_edges)
+    return ring
 
 
 def _levels(edge_at: Callable[[Real], Real], depth: float) -> Real:

@@ -14,7 +14,7 @@ from skfem import MeshTri
 from pipeline.arrays import Complex, Index, Real
 from pipeline.errors import ModelError
 from pipeline.model.elastic.disk_mesh import CLEARANCE, ROW_HEIGHT
-from pipeline.model.elastic.polygon import ClosedPolygon, coordinates
+from pipeline.model.elastic.polygon import ClosedPolygon, coordinates, points_of
 from pipeline.model.elastic.triangulation import patch_centroids, triangles_between
 
 SPACING = 0.75  # in edge lengths: of two nodes that come closer, one of the disk and one of a hole's rings, one goes
@@ -83,7 +83,7 @@ class _EdgeLength:
 
     @classmethod
     def from_disk(cls, disk: MeshTri, centres: Complex, radius: float, edge: float, growth: float) -> "_EdgeLength":
-        nodes = _vertices(disk)
+        nodes = points_of(disk.p)
         ends = disk.facets
         length = np.abs(nodes[ends[1]] - nodes[ends[0]])
         total, number = (np.bincount(ends.ravel(), weights=w) for w in (np.tile(length, 2), np.ones(ends.size)))
@@ -102,11 +102,12 @@ class _EdgeLength:
         )
 
     def of_disk(self, points: Complex) -> Real:
-        return self.of_nodes[self.nodes.query(coordinates(points))[1]]
+        lengths: Real = self.of_nodes[self.nodes.query(coordinates(points))[1]]
+        return lengths
 
     def hole_distance(self, points: Complex) -> Real:
         """Distance from the edge of the nearest hole, negative inside it."""
-        distance, _ = KDTree(coordinates(self.centres)).query(coordinates(points))
+        distance: Real = KDTree(coordinates(self.centres)).query(coordinates(points))[0]
         return distance - self.radius
 
     def of_holes(self, points: Complex) -> Real:
@@ -125,16 +126,12 @@ class _EdgeLength:
 
 def _disk_nodes(disk: MeshTri) -> tuple[Complex, Complex, Complex]:
     """Nodes of the flank in their order, those inside, and those of the bore."""
-    nodes = _vertices(disk)
+    nodes = points_of(disk.p)
     on_flank = np.unique(disk.facets[:, disk.boundaries["flank"]])
     bore = disk.boundaries.get("bore")
     on_bore = np.unique(disk.facets[:, bore]) if bore is not None else np.zeros(0, int)
     interior = np.setdiff1d(np.arange(len(nodes)), np.concatenate([on_flank, on_bore]))
     return nodes[on_flank], nodes[interior], nodes[on_bore]
-
-
-def _vertices(mesh: MeshTri) -> Complex:
-    return mesh.p[0] + 1j * mesh.p[1]
 
 
 def _rings(size: _EdgeLength, n_around: int) -> Complex:
@@ -174,7 +171,8 @@ def _kept_nodes(size: _EdgeLength, inner: Complex, of_holes: Complex) -> Complex
     edge = size(inner)
     distance = KDTree(coordinates(of_holes)).query(coordinates(inner))[0]
     of_disk = size.of_disk(inner) <= size.of_holes(inner)
-    return inner[of_disk & (size.hole_distance(inner) > CLEARANCE * edge) & (distance > SPACING * edge)]
+    kept: Complex = inner[of_disk & (size.hole_distance(inner) > CLEARANCE * edge) & (distance > SPACING * edge)]
+    return kept
 
 
 def _relaxed_nodes(free_nodes: Complex, fixed_nodes: Complex, rings: Complex, size: _EdgeLength) -> Complex:

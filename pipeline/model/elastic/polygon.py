@@ -11,6 +11,12 @@ from scipy.spatial import KDTree
 from pipeline.arrays import Complex, Index, Real
 
 
+def points_of(rows: Real) -> Complex:
+    """Points (n,) from rows (2, n) of their x and y, as a mesh has them."""
+    points: Complex = rows[0] + 1j * rows[1]
+    return points
+
+
 def coordinates(points: Complex) -> Real:
     """x and y of complex points (...), as (..., 2) [mm]."""
     return np.stack([points.real, points.imag], axis=-1)

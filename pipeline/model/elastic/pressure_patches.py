@@ -15,7 +15,7 @@ from skfem import MeshTri
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.errors import ModelError
-from pipeline.model.elastic.polygon import ClosedPolygon, coordinates, cross
+from pipeline.model.elastic.polygon import ClosedPolygon, coordinates, cross, points_of
 
 QUADRATURE_POINTS = 128  # per patch: compliances within 1e-4 of 2/(pi E' t), wherever the nodes lie under the patch
 SPREADING_STEPS = 100  # each leaves 1 - cos(slope) of the error: enough up to a slope of 75 degrees
@@ -152,7 +152,7 @@ def _boundary_loop(mesh: MeshTri, boundary: str) -> tuple[ClosedPolygon, Index]:
     facets = mesh.boundaries[boundary]
     triangle = mesh.f2t[0, facets]
     start, end = mesh.facets[:, facets]
-    vertices = _vertices(mesh)
+    vertices = points_of(mesh.p)
     centroid = vertices[mesh.t[:, triangle]].mean(axis=0)
     on_right = cross(vertices[end] - vertices[start], centroid - vertices[start]) < 0
     start, end = np.where(on_right, end, start), np.where(on_right, start, end)
@@ -167,7 +167,7 @@ def _boundary_loop(mesh: MeshTri, boundary: str) -> tuple[ClosedPolygon, Index]:
 
 def _locate_points(mesh: MeshTri, points: Complex) -> tuple[Index, Real]:
     """Triangle that holds each point, and the barycentric coordinates there; ``points`` of any shape."""
-    vertices = _vertices(mesh)
+    vertices = points_of(mesh.p)
     neighbours = min(NEAR_TRIANGLES, mesh.t.shape[1])
     candidates = KDTree(coordinates(vertices[mesh.t].mean(axis=0))).query(coordinates(points), k=neighbours)[1]
     barycentric = _barycentric(mesh, candidates, points[..., None])
@@ -182,14 +182,10 @@ def _locate_points(mesh: MeshTri, points: Complex) -> tuple[Index, Real]:
 
 def _barycentric(mesh: MeshTri, triangles: Index, points: Complex) -> Real:
     """Barycentric coordinates of ``points`` in ``triangles`` (shapes broadcast): (..., 3)."""
-    a, b, c = _vertices(mesh)[mesh.t[:, triangles]]
+    a, b, c = points_of(mesh.p)[mesh.t[:, triangles]]
     area = cross(b - a, c - a)
     beta, gamma = cross(points - a, c - a) / area, cross(b - a, points - a) / area
     return np.stack([1 - beta - gamma, beta, gamma], axis=-1)
-
-
-def _vertices(mesh: MeshTri) -> Complex:
-    return mesh.p[0] + 1j * mesh.p[1]
 
 
 def _vector(values: ArrayLike) -> Complex:

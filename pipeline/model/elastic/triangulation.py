@@ -39,9 +39,10 @@ def triangles_between(points: Complex, n_flank: int, cuts: Sequence[Index]) -> I
     cut = np.full(len(points), -1)
     for number, corners in enumerate(cuts):
         cut[corners] = number
-    of_corner = cut[triangles]
+    of_corner: Index = cut[triangles]
     is_outside |= (of_corner[:, 0] >= 0) & (of_corner == of_corner[:, :1]).all(axis=1)
-    return triangles[~is_outside]
+    inside: Index = triangles[~is_outside]
+    return inside
 
 
 def patch_centroids(points: Complex, n_moving: int, edge_length: Callable[[Complex], Real]) -> Complex:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.arrays import Index, Real
+from pipeline.arrays import Index, Real, Truth
 from pipeline.model.compiled import algebraic_part
 
 
@@ -68,7 +68,7 @@ def _first_coupled(is_coupled: np.ndarray) -> Index:
 
 
 class Part(NamedTuple):
-    """What a sample's solve has of one block; see ``residual.Workspace``."""
+    """What a sample's solve has of one block; see ``Workspace``."""
 
     active: Index
     miss: Real
@@ -88,16 +88,123 @@ class Deflections(NamedTuple):
     depth: Real
 
 
+class Friction(NamedTuple):
+    """The sliders, see ``contact.friction_elements.Sliders``, and their states in one sample's solve.
+
+    None takes its place without sliders, and is compiled away.
+    """
+
+    direction: Real  # (n_sliders, n_motions)
+    stiffness: Real  # (n_sliders,)
+    limit: Real
+    coefficient: Real
+    contact: np.ndarray
+    anchor: Real  # (n_sliders,) slip of every slider without resistance [mm, rad]
+    resistance: Real  # (n_sliders,) [N, N mm]; where a slider does not resist, what it did before
+    stick: Real  # its slope against the slip
+    grip: Real  # its slope against what presses on the slider
+    trial: Real  # its resistance if it stuck
+    pressing_force: Real  # what presses on it
+    slip_step: Real  # changes of its slip and of what presses on it within the step
+    press_step: Real
+    resisting: np.ndarray  # sliders that resist
+    position: np.ndarray  # (n_contacts,) of the active contacts in the list of their block
+    row: Real  # (n_motions,)
+
+
+class System(NamedTuple):
+    """What every sample shares: arms, compliance, force laws and the bearing of one crank angle."""
+
+    contact_jacobian: Real  # (n_motions, n_contacts)
+    compliance: Real  # (n_contacts, longest block) [mm/N] between a contact and each of its block
+    self_compliance: Real  # (n_contacts,) [mm/N] of a contact under its own force
+    blocks: Index  # (n_blocks, 2) first contact of a block, and the first beyond
+    block: np.ndarray  # (n_contacts,) to which a contact belongs
+    moving: np.ndarray  # (n_blocks, n_motions) whether a motion moves any contact of a block
+    linear: Real  # the laws' numbers (n_contacts,), see contact.ContactLaws
+    logarithmic: Real
+    power: Real
+    exponent: Real
+    limit: Real
+    arm: Real  # (n_motions,) largest entry of contact_jacobian of a motion
+    output: int  # motion on which the torque acts
+    planar: bool  # whether bearings hold the disks' translations, which are the first motions
+    bearings: int  # input bearings, one a disk
+    stiffness: float  # a bearing's, and its exponent
+    bearing_exponent: float
+
+
+class Workspace(NamedTuple):
+    """Room for one sample's solve. Active contacts of a block and the first of them are in the order of ``active``."""
+
+    counts: np.ndarray  # solved steps with the same active contacts, sliders that resist
+    sizes: Index  # (n_blocks, 3) active contacts of a block, coupled ones of them, those in the inverse
+    active: Index  # (n_blocks, longest block), here and below without the first axis where there is one block
+    motion: Real  # (n_motions,) [mm, rad]
+    force: Real  # (n_contacts,) [N]
+    elastic: Real  # (n_contacts,) deflection of the elastic bodies [mm]
+    depth: Real  # (n_contacts,) local deflection that is left [mm]
+    miss: Real  # (n_blocks, longest block) of the active contacts' deflection [mm], then the step of their forces [N]
+    slope: Real  # (n_blocks, longest block) compliance of the active contacts' laws [mm/N]
+    balance: Real  # (n_motions,) what is unbalanced
+    step: Real  # (n_motions,)
+    tangent: Real  # (n_motions, n_motions)
+    schur: Real  # (n_motions, n_motions) jacobian^T H^-1 jacobian of the contacts in the inverse
+    inverse: Real  # (n_blocks, longest, longest block) of H = law' + C over the first active contacts
+    projection: Real  # (n_blocks, n_motions, longest block) H^-1 jacobian of them
+    column: Real  # (n_contacts,)
+    inside: Real  # (n_blocks, longest block) active forces, held to the laws' range, and their logarithms
+    logarithm: Real
+    bits: np.ndarray  # the memory of ``logarithm`` as integers
+    slack: Real  # (n_blocks, longest block) of the active contacts, in the interior-point iteration [mm]
+    thrust: Real  # (n_disks,) force of each input bearing
+    spring: Real  # (n_disks, 8) see bearing_springs
+
+
+def workspace(system: System) -> Workspace:
+    """Arrays for solves of a system."""
+    (n_motions, n_contacts), longest = system.contact_jacobian.shape, system.compliance.shape[1]
+    motions, contacts = (n_motions,), (n_contacts,)
+    blocks = (len(system.blocks),) if len(system.blocks) > 1 else ()
+    lists = (*blocks, longest)
+    logarithm = np.zeros(lists)
+    return Workspace(
+        counts=np.zeros(2, np.int64),
+        sizes=np.zeros((len(system.blocks), 3), np.int64),
+        active=np.zeros(lists, np.int64),
+        motion=np.zeros(motions),
+        force=np.zeros(contacts),
+        elastic=np.zeros(contacts),
+        depth=np.zeros(contacts),
+        miss=np.zeros(lists),
+        slope=np.zeros(lists),
+        balance=np.zeros(motions),
+        step=np.zeros(motions),
+        tangent=np.zeros(motions * 2),
+        schur=np.zeros(motions * 2),
+        inverse=np.zeros((*lists, longest)),
+        projection=np.zeros((*blocks, n_motions, longest)),
+        column=np.zeros(contacts),
+        inside=np.zeros(lists),
+        logarithm=logarithm,
+        bits=logarithm.view(np.int64),
+        slack=np.zeros(lists),
+        thrust=np.zeros(system.bearings),
+        spring=np.zeros((system.bearings, 8)),
+    )
+
+
 @algebraic_part
-def count(active):
+def count(active: Index) -> int:
     """Number of blocks, of which ``active`` (n_blocks, longest block), or without the first axis of one, has lists."""
     if active.ndim == 1:
         return 1
-    return active.shape[0]
+    n_blocks: int = active.shape[0]
+    return n_blocks
 
 
 @algebraic_part
-def part_of(active, work, b):
+def part_of(active: Index, work: Workspace, b: int) -> Part:
     """The room for block b; ``active`` as ``count``."""
     if active.ndim == 1:
         return Part(
@@ -125,7 +232,7 @@ def part_of(active, work, b):
 
 
 @algebraic_part
-def deflections_of(active, work, block):
+def deflections_of(active: Index, work: Workspace, block: Index) -> Deflections:
     """Deflections of the contacts of a block, from its first one to the first beyond."""
     if active.ndim == 1:
         return Deflections(work.elastic, work.depth)
@@ -133,16 +240,18 @@ def deflections_of(active, work, block):
 
 
 @algebraic_part
-def first_of(active, block):
+def first_of(active: Index, block: Index) -> int:
     """The first contact of a block."""
     if active.ndim == 1:
         return 0
-    return block[0]
+    first: int = block[0]
+    return first
 
 
 @algebraic_part
-def moves(active, moving, d):
+def moves(active: Index, moving: Truth, d: int) -> bool:
     """Whether motion d moves any contact of a block, of which ``moving`` (n_motions,) says so."""
     if active.ndim == 1:
         return True
-    return moving[d]
+    is_moving: bool = moving[d]
+    return is_moving

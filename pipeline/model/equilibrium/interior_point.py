@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.compiled import algebraic_part
-from pipeline.model.equilibrium.blocks import count, part_of
+from pipeline.model.equilibrium.blocks import Friction, System, Workspace, count, part_of
 from pipeline.model.equilibrium.newton import activate, include_all, move, newton_step, renew, reset, share_of_a_turn
 from pipeline.model.equilibrium.residual import deflect, force_at_penetration, law, residuals
 from pipeline.model.equilibrium.return_mapping import share_of_braking
@@ -19,7 +20,7 @@ INTERIOR_SHARE = 0.95
 
 
 @algebraic_part
-def _loads(system, torque, gap):
+def _loads(system: System, torque: float, gap: Real) -> tuple[float, float]:
     """Force of a contact that carries the torque at the longest arm, and that or the largest of an interference [N]."""
     longest = 0.0
     for i in range(gap.shape[0]):
@@ -33,7 +34,7 @@ def _loads(system, torque, gap):
 
 
 @algebraic_part
-def _stride(system, torque, load, gap):
+def _stride(system: System, torque: float, load: float, gap: Real) -> float:
     """Largest sensible move of a contact [mm]: the widest gap and the deflection of one that carries all the load.
 
     A law that has no limit bears the ``load`` of the longest arm: at the arm's rounding it would have no bounds.
@@ -51,7 +52,7 @@ def _stride(system, torque, load, gap):
 
 
 @algebraic_part
-def _length(system, work):
+def _length(system: System, work: Workspace) -> float:
     """Share of the step that keeps forces and slacks positive; their steps stand in ``miss`` and ``slope``."""
     length = 1.0
     for b in range(count(work.active)):
@@ -66,7 +67,7 @@ def _length(system, work):
 
 
 @algebraic_part
-def _aim(system, complementarity, work):
+def _aim(system: System, complementarity: float, work: Workspace) -> None:
     """Let the contacts' tangents and misfits aim at a share of the complementarity."""
     for b in range(count(work.active)):
         part = part_of(work.active, work, b)
@@ -77,7 +78,7 @@ def _aim(system, complementarity, work):
 
 
 @algebraic_part
-def _step_of_slacks(system, complementarity, work):
+def _step_of_slacks(system: System, complementarity: float, work: Workspace) -> None:
     """Steps of the slacks into ``slope`` from those of the forces in ``miss``."""
     for b in range(count(work.active)):
         part = part_of(work.active, work, b)
@@ -87,7 +88,7 @@ def _step_of_slacks(system, complementarity, work):
 
 
 @algebraic_part
-def _go(system, length, work):
+def _go(system: System, length: float, work: Workspace) -> None:
     """Add a share of the step to forces and slacks."""
     for b in range(count(work.active)):
         part = part_of(work.active, work, b)
@@ -97,7 +98,7 @@ def _go(system, length, work):
 
 
 @algebraic_part
-def _complementarity(system, work):
+def _complementarity(system: System, work: Workspace) -> float:
     """Mean of force times slack [N mm]."""
     total = 0.0
     for b in range(count(work.active)):
@@ -108,7 +109,7 @@ def _complementarity(system, work):
 
 
 @algebraic_part
-def _keep_closed(system, load, stride, work):
+def _keep_closed(system: System, load: float, stride: float, work: Workspace) -> None:
     """Leave those contacts active whose force, over the load, is larger than their slack over the stride."""
     slack = work.depth
     for b in range(count(work.active)):
@@ -124,7 +125,9 @@ def _keep_closed(system, load, stride, work):
 
 
 @algebraic_part
-def start_within(system, friction, torque, gap, clearance, work):
+def start_within(
+    system: System, friction: Friction | None, torque: float, gap: Real, clearance: Real, work: Workspace
+) -> None:
     """Near-solution from no start at all: its motions, forces and closed contacts in ``work``.
 
     Force times slack tends to zero along the central path of the convex problem, which has no active set to guess.

@@ -7,12 +7,13 @@ Newton down: the residual is formed without it.
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.compiled import algebraic_part
-from pipeline.model.equilibrium.blocks import first_of, moves, part_of
+from pipeline.model.equilibrium.blocks import System, Workspace, first_of, moves, part_of
 
 
 @algebraic_part
-def product(inverse, n, x, y):
+def product(inverse: Real, n: int, x: Real, y: Real) -> None:
     """y = inverse x over the first n."""
     for r in range(n):
         row = inverse[r]
@@ -23,7 +24,7 @@ def product(inverse, n, x, y):
 
 
 @algebraic_part
-def include(system, b, work):
+def include(system: System, b: int, work: Workspace) -> bool:
     """Grow the inverse of a block by the first of its active contacts that is not in it; false if not positive."""
     part = part_of(work.active, work, b)
     block_start, p = first_of(work.active, system.blocks[b]), work.sizes[b, 2]
@@ -67,7 +68,7 @@ def include(system, b, work):
 
 
 @algebraic_part
-def exclude(system, b, p, work):
+def exclude(system: System, b: int, p: int, work: Workspace) -> None:
     """Shrink the inverse of a block by the contact at position p of those in it; the last one takes its place."""
     part = part_of(work.active, work, b)
     inverse, projection, held_rows, column = part.inverse, part.projection, work.schur, work.column
@@ -97,7 +98,7 @@ def exclude(system, b, p, work):
 
 
 @algebraic_part
-def solve_positive_tangent(tangent, x):
+def solve_positive_tangent(tangent: Real, x: Real) -> bool:
     """Solve tangent x = x in place by Cholesky's factor of its lower triangle; false if not positive definite."""
     n = x.shape[0]
     for i in range(n):
@@ -123,7 +124,7 @@ def solve_positive_tangent(tangent, x):
 
 
 @algebraic_part
-def solve_tangent(tangent, x):
+def solve_tangent(tangent: Real, x: Real) -> bool:
     """Solve tangent x = x in place by elimination with row pivots; false if singular."""
     n = x.shape[0]
     for k in range(n):

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.compiled import algebraic_part, merged_part
-from pipeline.model.equilibrium.blocks import count, moves, part_of
+from pipeline.model.equilibrium.blocks import Friction, System, Workspace, count, moves, part_of
 from pipeline.model.equilibrium.inverse_update import exclude, include, product, solve_positive_tangent, solve_tangent
 from pipeline.model.equilibrium.residual import add_deflection, deflect, force_at_penetration, residuals
 from pipeline.model.equilibrium.return_mapping import add_friction, share_of_braking
@@ -32,14 +33,14 @@ LEAST_PULL = -1e-300
 
 
 @algebraic_part
-def reset(work):
+def reset(work: Workspace) -> None:
     """Leave no contact active."""
     work.counts[:] = 0
     work.sizes[:] = 0
 
 
 @algebraic_part
-def activate(system, i, work):
+def activate(system: System, i: int, work: Workspace) -> None:
     """Make contact i active: the last of those of its block that elastic bodies couple, or the last of all of them."""
     b = system.block[i]
     sizes, active = work.sizes[b], part_of(work.active, work, b).active
@@ -53,7 +54,7 @@ def activate(system, i, work):
 
 
 @algebraic_part
-def _deactivate(system, b, p, work):
+def _deactivate(system: System, b: int, p: int, work: Workspace) -> None:
     """Take the active contact at position p of a block out; the last one of its kind takes its place."""
     sizes, active = work.sizes[b], part_of(work.active, work, b).active
     if p < sizes[2]:
@@ -69,13 +70,13 @@ def _deactivate(system, b, p, work):
 
 
 @algebraic_part
-def renew(work):
+def renew(work: Workspace) -> None:
     """Leave no contact in the inverse."""
     work.sizes[:, 2] = 0
 
 
 @algebraic_part
-def _close_penetrated(system, work):
+def _close_penetrated(system: System, work: Workspace) -> int:
     """Make every penetrated open contact active, with the force that closes it alone; returns their number.
 
     Penetrations are those at the end of the step, forces that pull included. Released first, these would unload the
@@ -100,7 +101,7 @@ def _close_penetrated(system, work):
 
 
 @algebraic_part
-def release(system, work):
+def release(system: System, work: Workspace) -> int:
     """Open the active contacts that pull, and take back what they deflect; returns their number."""
     force, n_opened = work.force, 0
     for b in range(count(work.active)):
@@ -119,7 +120,7 @@ def release(system, work):
 
 
 @algebraic_part
-def advance(length, work):
+def advance(length: float, work: Workspace) -> None:
     """Add a share of the step to the active forces, which may pull until they are released; none is 0."""
     force = work.force
     for b in range(count(work.active)):
@@ -131,7 +132,7 @@ def advance(length, work):
 
 
 @algebraic_part
-def _condense(system, b, work):
+def _condense(system: System, b: int, work: Workspace) -> None:
     """Add what the active contacts of a block push on the motions to ``step``, and hold of them to ``tangent``.
 
     H^-1 miss of the coupled ones into ``inside``.
@@ -159,7 +160,7 @@ def _condense(system, b, work):
 
 
 @algebraic_part
-def _expand(system, b, work):
+def _expand(system: System, b: int, work: Workspace) -> None:
     """Steps of the active forces of a block into ``miss``, once those of the motions are known."""
     part = part_of(work.active, work, b)
     active, miss, slope = part.active, part.miss, part.slope
@@ -179,7 +180,7 @@ def _expand(system, b, work):
 
 
 @algebraic_part
-def newton_step(system, friction, work):
+def newton_step(system: System, friction: Friction | None, work: Workspace) -> bool:
     """Newton step: of the motions in ``step``, of the active forces in ``miss``; false if singular.
 
     (jacobian^T H^-1 jacobian + bearing) dq = jacobian^T H^-1 miss - balance;  H dF = jacobian dq - miss. Friction adds
@@ -212,7 +213,7 @@ def newton_step(system, friction, work):
 
 
 @algebraic_part
-def _move_around_edge(length, k, work):
+def _move_around_edge(length: float, k: int, work: Workspace) -> None:
     """Move a disk's centre by a share of the step, around the edge of its bearing's clearance where it leans on it.
 
     A straight step along the edge would press the disk into the bearing by the square of the step.
@@ -232,7 +233,7 @@ def _move_around_edge(length, k, work):
 
 
 @algebraic_part
-def share_of_a_turn(system, work):
+def share_of_a_turn(system: System, work: Workspace) -> float:
     """Share of the step, at most 1, that takes no disk more than ``LARGEST_TURN`` around its bearing."""
     share = 1.0
     if not system.planar:
@@ -247,7 +248,7 @@ def share_of_a_turn(system, work):
 
 
 @algebraic_part
-def move(system, length, work):
+def move(system: System, length: float, work: Workspace) -> None:
     """Add a share of the step to the motions and to the bearings' thrusts, which end where they would pull."""
     thrust, step, motion = work.thrust, work.step, work.motion
     straight = 0
@@ -267,7 +268,7 @@ def move(system, length, work):
 
 
 @algebraic_part
-def include_all(system, work):
+def include_all(system: System, work: Workspace) -> bool:
     """Bring every coupled active contact into the inverse; false if nothing holds the bodies, or not positive."""
     sizes, holding, n_included = work.sizes, work.counts[1], 0
     for b in range(sizes.shape[0]):
@@ -285,13 +286,15 @@ def include_all(system, work):
 
 
 @algebraic_part
-def _worth_renewing(residual, previous):
+def _worth_renewing(residual: float, previous: float) -> bool:
     """Whether the old inverse would need more than ``PATIENCE`` further steps, at the rate of the last one."""
     return residual >= previous or (residual / FORCE_TOLERANCE) > (previous / residual) ** PATIENCE
 
 
 @merged_part
-def converge(system, friction, torque, gap, clearance, work):
+def converge(
+    system: System, friction: Friction | None, torque: float, gap: Real, clearance: Real, work: Workspace
+) -> tuple[int, float]:
     """Active-set Newton from the state in ``work``, which is changed; returns the iterations and the residual."""
     previous, residual = np.inf, np.inf
     for iteration in range(STEP_LIMIT):

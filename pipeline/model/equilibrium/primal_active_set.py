@@ -12,8 +12,9 @@ time, so it wants a start near the solution.
 
 import numpy as np
 
+from pipeline.arrays import Real
 from pipeline.model.compiled import algebraic_part, borrowing_entry
-from pipeline.model.equilibrium.blocks import count, part_of
+from pipeline.model.equilibrium.blocks import Friction, System, Workspace, count, part_of
 from pipeline.model.equilibrium.interior_point import INTERIOR_STEPS, start_within
 from pipeline.model.equilibrium.newton import (
     ACCEPTED_RESIDUAL,
@@ -42,7 +43,7 @@ STALLED = 0.5
 
 
 @algebraic_part
-def _most_penetrated(work):
+def _most_penetrated(work: Workspace) -> int:
     """Open contact with the largest penetration, -1 if there is none."""
     depth, force = work.depth, work.force
     deepest, contact = OPEN_DEPTH, -1
@@ -53,7 +54,7 @@ def _most_penetrated(work):
 
 
 @algebraic_part
-def _step_to_the_first_zero(system, longest, work):
+def _step_to_the_first_zero(system: System, longest: float, work: Workspace) -> float:
     """Share of the step, at most ``longest``, at which the first active force vanishes; it becomes exactly 0."""
     force, length = work.force, longest
     for b in range(count(work.active)):
@@ -72,7 +73,7 @@ def _step_to_the_first_zero(system, longest, work):
 
 
 @algebraic_part
-def _close_first_on_the_way(system, work):
+def _close_first_on_the_way(system: System, work: Workspace) -> bool:
     """Go on along the step of the motions until an open contact touches, and close it; false if none would."""
     step, shortest, contact = work.step, np.inf, -1
     for i in range(work.force.shape[0]):
@@ -92,7 +93,9 @@ def _close_first_on_the_way(system, work):
 
 
 @algebraic_part
-def settle(system, friction, torque, gap, clearance, work):
+def settle(
+    system: System, friction: Friction | None, torque: float, gap: Real, clearance: Real, work: Workspace
+) -> tuple[int, float]:
     """Primal active set from the state in ``work``, which is changed; returns the iterations and the residual."""
     residual, steps_since, before = 1.0, 0, np.inf
     for iteration in range(SETTLING_STEPS):
@@ -132,7 +135,9 @@ def settle(system, friction, torque, gap, clearance, work):
 
 
 @borrowing_entry
-def solved_afresh(system, friction, torque, gap, clearance, work):
+def solved_afresh(
+    system: System, friction: Friction | None, torque: float, gap: Real, clearance: Real, work: Workspace
+) -> tuple[int, float]:
     """Solve a load step that Newton does not solve, from an interior point, into ``work``; iterations and residual.
 
     It is an entry point of its own: the loop over load steps is compiled without it, and faster for that.

@@ -4,13 +4,11 @@ Active contacts are those that may carry force. Contacts that elastic bodies cou
 its own range of the contacts, and in ``Workspace.active`` its own list of them, the coupled ones first.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from pipeline.arrays import Index, Real
+from pipeline.arrays import Real, Whole
 from pipeline.model.compiled import algebraic_part, merged_part
-from pipeline.model.equilibrium.blocks import count, deflections_of, moves, part_of
+from pipeline.model.equilibrium.blocks import Friction, System, Workspace, count, deflections_of, moves, part_of
 from pipeline.model.equilibrium.return_mapping import resist
 
 EXPONENT_BITS, EXPONENT_BIAS = 52, 1023
@@ -23,114 +21,8 @@ body is told as a share of that: ``newton.BALANCE_TOLERANCE`` of it is the round
 others leave without load has a force of rounding alone, all of which is unbalanced."""
 
 
-class Friction(NamedTuple):
-    """The sliders, see ``contact.friction_elements.Sliders``, and their states in one sample's solve.
-
-    None takes its place without sliders, and is compiled away.
-    """
-
-    direction: Real  # (n_sliders, n_motions)
-    stiffness: Real  # (n_sliders,)
-    limit: Real
-    coefficient: Real
-    contact: np.ndarray
-    anchor: Real  # (n_sliders,) slip of every slider without resistance [mm, rad]
-    resistance: Real  # (n_sliders,) [N, N mm]; where a slider does not resist, what it did before
-    stick: Real  # its slope against the slip
-    grip: Real  # its slope against what presses on the slider
-    trial: Real  # its resistance if it stuck
-    pressing_force: Real  # what presses on it
-    slip_step: Real  # changes of its slip and of what presses on it within the step
-    press_step: Real
-    resisting: np.ndarray  # sliders that resist
-    position: np.ndarray  # (n_contacts,) of the active contacts in the list of their block
-    row: Real  # (n_motions,)
-
-
-class System(NamedTuple):
-    """What every sample shares: arms, compliance, force laws and the bearing of one crank angle."""
-
-    contact_jacobian: Real  # (n_motions, n_contacts)
-    compliance: Real  # (n_contacts, longest block) [mm/N] between a contact and each of its block
-    self_compliance: Real  # (n_contacts,) [mm/N] of a contact under its own force
-    blocks: Index  # (n_blocks, 2) first contact of a block, and the first beyond
-    block: np.ndarray  # (n_contacts,) to which a contact belongs
-    moving: np.ndarray  # (n_blocks, n_motions) whether a motion moves any contact of a block
-    linear: Real  # the laws' numbers (n_contacts,), see contact.ContactLaws
-    logarithmic: Real
-    power: Real
-    exponent: Real
-    limit: Real
-    arm: Real  # (n_motions,) largest entry of contact_jacobian of a motion
-    output: int  # motion on which the torque acts
-    planar: bool  # whether bearings hold the disks' translations, which are the first motions
-    bearings: int  # input bearings, one a disk
-    stiffness: float  # a bearing's, and its exponent
-    bearing_exponent: float
-
-
-class Workspace(NamedTuple):
-    """Room for one sample's solve. Active contacts of a block and the first of them are in the order of ``active``."""
-
-    counts: np.ndarray  # solved steps with the same active contacts, sliders that resist
-    sizes: Index  # (n_blocks, 3) active contacts of a block, coupled ones of them, those in the inverse
-    active: Index  # (n_blocks, longest block), here and below without the first axis where there is one block
-    motion: Real  # (n_motions,) [mm, rad]
-    force: Real  # (n_contacts,) [N]
-    elastic: Real  # (n_contacts,) deflection of the elastic bodies [mm]
-    depth: Real  # (n_contacts,) local deflection that is left [mm]
-    miss: Real  # (n_blocks, longest block) of the active contacts' deflection [mm], then the step of their forces [N]
-    slope: Real  # (n_blocks, longest block) compliance of the active contacts' laws [mm/N]
-    balance: Real  # (n_motions,) what is unbalanced
-    step: Real  # (n_motions,)
-    tangent: Real  # (n_motions, n_motions)
-    schur: Real  # (n_motions, n_motions) jacobian^T H^-1 jacobian of the contacts in the inverse
-    inverse: Real  # (n_blocks, longest, longest block) of H = law' + C over the first active contacts
-    projection: Real  # (n_blocks, n_motions, longest block) H^-1 jacobian of them
-    column: Real  # (n_contacts,)
-    inside: Real  # (n_blocks, longest block) active forces, held to the laws' range, and their logarithms
-    logarithm: Real
-    bits: np.ndarray  # the memory of ``logarithm`` as integers
-    slack: Real  # (n_blocks, longest block) of the active contacts, in the interior-point iteration [mm]
-    thrust: Real  # (n_disks,) force of each input bearing
-    spring: Real  # (n_disks, 8) see bearing_springs
-
-
-def workspace(system: System) -> Workspace:
-    """Arrays for solves of a system."""
-    (n_motions, n_contacts), longest = system.contact_jacobian.shape, system.compliance.shape[1]
-    motions, contacts = (n_motions,), (n_contacts,)
-    blocks = (len(system.blocks),) if len(system.blocks) > 1 else ()
-    lists = (*blocks, longest)
-    logarithm = np.zeros(lists)
-    return Workspace(
-        counts=np.zeros(2, np.int64),
-        sizes=np.zeros((len(system.blocks), 3), np.int64),
-        active=np.zeros(lists, np.int64),
-        motion=np.zeros(motions),
-        force=np.zeros(contacts),
-        elastic=np.zeros(contacts),
-        depth=np.zeros(contacts),
-        miss=np.zeros(lists),
-        slope=np.zeros(lists),
-        balance=np.zeros(motions),
-        step=np.zeros(motions),
-        tangent=np.zeros(motions * 2),
-        schur=np.zeros(motions * 2),
-        inverse=np.zeros((*lists, longest)),
-        projection=np.zeros((*blocks, n_motions, longest)),
-        column=np.zeros(contacts),
-        inside=np.zeros(lists),
-        logarithm=logarithm,
-        bits=logarithm.view(np.int64),
-        slack=np.zeros(lists),
-        thrust=np.zeros(system.bearings),
-        spring=np.zeros((system.bearings, 8)),
-    )
-
-
 @algebraic_part
-def law(system, i, force):
+def law(system: System, i: int, force: float) -> tuple[float, float]:
     """Local deflection and compliance of the closed contact i."""
     inner_force = min(force, system.limit[i])
     log = np.log(inner_force)
@@ -144,10 +36,10 @@ def law(system, i, force):
 
 
 @algebraic_part
-def force_at_penetration(system, i, penetration):
+def force_at_penetration(system: System, i: int, penetration: float) -> float:
     """Force of contact i alone, with law(F) + C_ii F = penetration, to a few per cent: a start for Newton."""
     self_compliance = system.self_compliance[i]
-    force = penetration / (self_compliance + abs(system.linear[i]) + system.logarithmic[i] + system.power[i])
+    force: float = penetration / (self_compliance + abs(system.linear[i]) + system.logarithmic[i] + system.power[i])
     for _ in range(6):
         deflection, slope = law(system, i, force)
         force = max(
@@ -157,7 +49,7 @@ def force_at_penetration(system, i, penetration):
 
 
 @merged_part
-def bearing_springs(system, clearance, work):
+def bearing_springs(system: System, clearance: Real, work: Workspace) -> None:
     """Force and tangent of each bearing into ``spring``: fx, fy, kxx, kxy, kyy, and how the thrust follows the motion.
 
     A bearing pushes with the unknown ``thrust`` along the displacement u of its disk, like a contact:
@@ -170,7 +62,7 @@ def bearing_springs(system, clearance, work):
 
 
 @merged_part
-def _bearing_spring(system, clearance, k, work):
+def _bearing_spring(system: System, clearance: float, k: int, work: Workspace) -> None:
     thrust, spring = work.thrust, work.spring[k]
     x, y = work.motion[2 * k], work.motion[2 * k + 1]
     if clearance == 0.0 and system.bearing_exponent == 1.0:
@@ -197,7 +89,7 @@ def _bearing_spring(system, clearance, k, work):
 
 
 @algebraic_part
-def add_deflection(system, i, work):
+def add_deflection(system: System, i: int, work: Workspace) -> None:
     """Add the elastic deflection by contact i alone to that of every contact of its block."""
     b = system.block[i]
     row, f = system.compliance[i], work.force[i]
@@ -209,7 +101,7 @@ def add_deflection(system, i, work):
 
 
 @algebraic_part
-def _bend(system, b, work):
+def _bend(system: System, b: int, work: Workspace) -> None:
     """Elastic deflection of the contacts of a block by its active ones."""
     part = part_of(work.active, work, b)
     compliance, force, active, n_coupled = system.compliance, work.force, part.active, work.sizes[b, 1]
@@ -228,7 +120,7 @@ def _bend(system, b, work):
 
 
 @algebraic_part
-def deflect(system, gap, work):
+def deflect(system: System, gap: Real, work: Workspace) -> None:
     """Elastic deflection of every contact, and the local one that is left: approach - gap - elastic."""
     jacobian, motion, elastic, depth = system.contact_jacobian, work.motion, work.elastic, work.depth
     for b in range(count(work.active)):
@@ -242,7 +134,7 @@ def deflect(system, gap, work):
 
 
 @merged_part
-def _logarithms(n, inner_force, bits, logarithm, exponent):
+def _logarithms(n: int, inner_force: Real, bits: Whole, logarithm: Real, exponent: Real) -> None:
     """Natural logarithms of the first n of ``inner_force`` to the last digits, several at once."""
     for j in range(n):
         logarithm[j] = inner_force[j]
@@ -262,7 +154,7 @@ def _logarithms(n, inner_force, bits, logarithm, exponent):
 
 
 @merged_part
-def _misfit_of_block(system, b, work):
+def _misfit_of_block(system: System, b: int, work: Workspace) -> tuple[float, float]:
     """Misfits and tangents of the active contacts of a block; returns the largest misfit and deflection."""
     part = part_of(work.active, work, b)
     n, active, force, elastic, depth = work.sizes[b, 0], part.active, work.force, work.elastic, work.depth
@@ -292,7 +184,7 @@ def _misfit_of_block(system, b, work):
 
 
 @algebraic_part
-def misfit(system, work):
+def misfit(system: System, work: Workspace) -> float:
     """Misfit of the deflection of every active contact, and the laws' tangents; returns the relative misfit."""
     deviation, largest_deflection = 0.0, 1e-300
     for b in range(count(work.active)):
@@ -302,7 +194,7 @@ def misfit(system, work):
 
 
 @algebraic_part
-def largest_force(load, work):
+def largest_force(load: float, work: Workspace) -> float:
     """Largest force of an active contact, or the ``load`` where that is larger [N]."""
     force, largest = work.force, load
     for b in range(count(work.active)):
@@ -313,7 +205,7 @@ def largest_force(load, work):
 
 
 @algebraic_part
-def imbalance(system, friction, torque, work):
+def imbalance(system: System, friction: Friction | None, torque: float, work: Workspace) -> float:
     """What is unbalanced of every rigid motion; returns the largest share of the sum of its terms, or of ``IDLE``."""
     force, balance, relative = work.force, work.balance, 0.0
     idle = IDLE * largest_force(abs(torque) / system.arm[system.output], work)
@@ -343,7 +235,9 @@ def imbalance(system, friction, torque, work):
 
 
 @algebraic_part
-def residuals(system, friction, torque, clearance, work):
+def residuals(
+    system: System, friction: Friction | None, torque: float, clearance: Real, work: Workspace
+) -> tuple[float, float]:
     """Relative misfit of the active contacts and relative imbalance of the motions, and their tangents."""
     if system.planar:
         bearing_springs(system, clearance, work)

@@ -7,7 +7,7 @@ Source: Simo, Hughes, Computational Inelasticity (1998), ch. 1.
 """
 
 from pipeline.model.compiled import algebraic_part
-from pipeline.model.equilibrium.blocks import count, part_of
+from pipeline.model.equilibrium.blocks import Friction, System, Workspace, count, part_of
 
 BRAKING_SHARE = 0.1
 """A step ends where the power along it has fallen to this share of the one at its start."""
@@ -16,7 +16,7 @@ BRAKING_STEPS = 12
 
 
 @algebraic_part
-def _output_torque(system, work):
+def _output_torque(system: System, work: Workspace) -> float:
     """Torque that the contacts carry to the output."""
     arm, total = system.contact_jacobian[system.output], 0.0
     for b in range(count(work.active)):
@@ -27,7 +27,7 @@ def _output_torque(system, work):
 
 
 @algebraic_part
-def resist(system, friction, work):
+def resist(system: System, friction: Friction, work: Workspace) -> None:
     """Resistance of every slider, its slope against the slip (0 where it slips) and against what presses on it.
 
     ``resisting`` lists those that resist at all.
@@ -55,7 +55,7 @@ def resist(system, friction, work):
 
 
 @algebraic_part
-def add_friction(system, friction, work):
+def add_friction(system: System, friction: Friction, work: Workspace) -> None:
     """Add the sliders' tangent to that of the contacts, a lower triangle before and a full matrix after.
 
     ``step`` holds jacobian^T H^-1 miss - balance, ``inside`` H^-1 miss of the coupled contacts: where the resistance
@@ -102,7 +102,7 @@ def add_friction(system, friction, work):
 
 
 @algebraic_part
-def _work_rate(friction, length, work):
+def _work_rate(friction: Friction, length: float, work: Workspace) -> float:
     """Power of the sliders along a share of the step, less that at its start."""
     rate = 0.0
     for k in range(work.counts[1]):
@@ -116,7 +116,7 @@ def _work_rate(friction, length, work):
 
 
 @algebraic_part
-def share_of_braking(system, friction, work):
+def share_of_braking(system: System, friction: Friction, work: Workspace) -> float:
     """Share of the step at which the sliders have stopped it: beyond, they would push it back.
 
     Along the step everything but the sliders is taken for linear. Sticking sliders that slip at its end, or slip back,
@@ -164,7 +164,7 @@ def share_of_braking(system, friction, work):
 
 
 @algebraic_part
-def follow(system, friction, work):
+def follow(system: System, friction: Friction, work: Workspace) -> None:
     """Let the anchors follow where the resistance is at its limit."""
     motion, anchor = work.motion, friction.anchor
     carried_torque = _output_torque(system, work)

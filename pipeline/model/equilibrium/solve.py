@@ -25,16 +25,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numba import typeof
 
-from pipeline.arrays import Index, Real
-from pipeline.model.compiled import algebraic_part, borrowing_entry, compiled_before
+from pipeline.arrays import Index, Real, Whole
+from pipeline.model.compiled import algebraic_part, borrowing_entry, compile_for, compiled_before
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.equilibrium.blocks import count, coupled_blocks, part_of
+from pipeline.model.equilibrium.blocks import Friction, System, Workspace, count, coupled_blocks, part_of, workspace
 from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL, activate, converge, reset
 from pipeline.model.equilibrium.primal_active_set import solved_afresh
-from pipeline.model.equilibrium.residual import Friction, System, workspace
 from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
 
 ROUNDING = 1e-15
@@ -101,7 +99,7 @@ class Equilibria:
 
 
 @algebraic_part
-def _extrapolate(system, torques, t, motions, forces, work):
+def _extrapolate(system: System, torques: Real, t: int, motions: Real, forces: Real, work: Workspace) -> None:
     """Start of step t: the two or three steps before with the same contacts, continued to its torque.
 
     ``motions``, ``forces`` hold the solved steps; ``counts[0]`` of them, up to the last, have the contacts of that one.
@@ -132,7 +130,7 @@ def _extrapolate(system, torques, t, motions, forces, work):
 
 
 @algebraic_part
-def _begin(system, start, force, work):
+def _begin(system: System, start: Real, force: Real, work: Workspace) -> None:
     """A sample's motions and forces to start from."""
     for d in range(start.shape[0]):
         work.motion[d] = start[d]
@@ -145,7 +143,7 @@ def _begin(system, start, force, work):
 
 
 @algebraic_part
-def _keep(work, t, rounding, motion, force):
+def _keep(work: Workspace, t: int, rounding: float, motion: Real, force: Real) -> None:
     """Keep the solved step of a sample, forces of ``rounding`` as zero; count the steps that have had its contacts."""
     for d in range(motion.shape[1]):
         motion[t, d] = work.motion[d]
@@ -158,7 +156,19 @@ def _keep(work, t, rounding, motion, force):
 
 
 @borrowing_entry
-def _solve_batch(system, work, torques, gap, clearance, start, progress, motion, force, iterations, residual):
+def _solve_batch(
+    system: System,
+    work: Workspace,
+    torques: Real,
+    gap: Real,
+    clearance: Real,
+    start: tuple[Real, Real],
+    progress: Whole,
+    motion: Real,
+    force: Real,
+    iterations: Whole,
+    residual: Real,
+) -> bool:
     """Samples through their torques in order, from a ``start`` (motions, forces); the last four arrays are filled.
 
     It continues from ``progress`` (the sample, its step, and whether that was solved otherwise), up to a step that
@@ -206,7 +216,7 @@ def compile_solver() -> None:
     progress, rows = np.zeros(3, np.int64), (states, states, np.zeros((0, 1), np.int64), samples)
     work = workspace(system)
     _solve_batch(system, work, row, samples, samples, (samples, samples), progress, *rows)
-    solved_afresh.compile(tuple(typeof(value) for value in (system, None, 1.0, row, row, work)))
+    compile_for(solved_afresh, system, None, 1.0, row, row, work)
 
 
 def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, Index]:

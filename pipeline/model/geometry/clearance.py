@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.arrays import Complex, Real
+from pipeline.arrays import Complex, Index, Real
 from pipeline.model.compiled import entry
 from pipeline.model.geometry.contacts import Contacts, DiskPose
 from pipeline.model.geometry.cycloid_profile import NOMINAL, CycloidProfile, pin_lobes
@@ -163,8 +163,19 @@ def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, error
 
 @entry
 def _first_order_gaps(
-    factor, lobe, lobe_before, lobe_other, lobe_error, radial, cosine, tangential, sine, radius, eccentricity, eccentric
-):
+    factor: float,
+    lobe: Real,
+    lobe_before: Index,
+    lobe_other: Index,
+    lobe_error: Real,
+    radial: Real,
+    cosine: Real,
+    tangential: Real,
+    sine: Real,
+    radius: Real,
+    eccentricity: Real,
+    eccentric: Real,
+) -> Real:
     """See ``first_order_gaps``; lobes ``lobe_before`` and ``lobe_other`` of every pin: the nearer flank counts."""
     n, n_pins = radial.shape
     gap = np.empty((n, n_pins))
@@ -248,13 +259,14 @@ def hole_gaps(contacts: Contacts, disk: DiskPose, errors: Errors, method: str) -
     are linear in v.
     """
     hole = contacts.hole
-    travel = errors.pin_off_hole[:, hole] * np.exp(1j * disk.rotation) * np.conj(contacts.normal)
+    travel: Complex = errors.pin_off_hole[:, hole] * np.exp(1j * disk.rotation) * np.conj(contacts.normal)
     if method == "exact" and np.any(contacts.per_eccentricity):
         radius = np.hypot(disk.eccentricity + errors.eccentricity, errors.eccentric_phase)[:, None]
         farther_travel = radius - np.abs(radius - travel)
     else:
         farther_travel = travel.real
-    return farther_travel + 0.5 * errors.hole_diameter[:, hole]
+    gap: Real = farther_travel + 0.5 * errors.hole_diameter[:, hole]
+    return gap
 
 
 def _with_pins_turned(disk: DiskPose, errors: Errors) -> Errors:

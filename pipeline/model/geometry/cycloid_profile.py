@@ -127,16 +127,20 @@ class CycloidProfile:
         """Angle theta_i of every pin (n_pins,) [rad], clockwise from the eccentric at crank angle 0."""
         return -2 * np.pi * np.arange(self.pins) / self.pins
 
+    def _directions(self, psi: ArrayLike) -> tuple[Complex, Complex]:
+        """Directions of the slow and the fast term of the locus."""
+        turn = 1j * np.asarray(psi, float)
+        return np.exp(turn), np.exp(self.pins * turn)
+
     def locus(self, psi: ArrayLike) -> Complex:
         """Pin centre in the disk frame at the flank parameter ``psi`` [rad], in mm."""
-        turn: Complex = 1j * np.asarray(psi, float)
-        return self.pin_circle_radius * np.exp(turn) - self.eccentricity * np.exp(self.pins * turn)
+        slow, fast = self._directions(psi)
+        return self.pin_circle_radius * slow - self.eccentricity * fast
 
     def normal(self, psi: ArrayLike) -> Complex:
         """Unit normal at ``psi`` [rad], from the pin centre to the pitch point, hence into the disk."""
-        turn: Complex = 1j * np.asarray(psi, float)
-        arm = self.eccentricity * self.pins
-        to_pitch_point: Complex = arm * np.exp(self.pins * turn) - self.pin_circle_radius * np.exp(turn)
+        slow, fast = self._directions(psi)
+        to_pitch_point = self.eccentricity * self.pins * fast - self.pin_circle_radius * slow
         return to_pitch_point / np.abs(to_pitch_point)
 
     def flank(self, psi: ArrayLike) -> Complex:
@@ -154,7 +158,8 @@ class CycloidProfile:
         s_squared = 1 + k * k - 2 * k * cos_beta
         bend = k * (n + 1) * cos_beta - 1 - n * k * k
         with np.errstate(divide="ignore"):  # a point of inflection has an infinite radius
-            return self.pin_circle_radius * s_squared**1.5 / bend
+            radius: Real = self.pin_circle_radius * s_squared**1.5 / bend
+        return radius
 
     def flank_curvature(self, beta: ArrayLike) -> Real:
         """Curvature of the flank at phase ``beta`` [rad], in 1/mm; positive = convex."""

@@ -38,7 +38,9 @@ def _scan_points(profile: CycloidProfile) -> Real:
 
 
 @part
-def _half_slope(psi, gear, offset, cubics, sense, cx, cy):
+def _half_slope(
+    psi: float, gear: tuple[float, float, float], offset: float, cubics: Real, sense: float, cx: float, cy: float
+) -> tuple[float, float]:
     """Half of the derivative of the squared distance of c from the flank by psi, and the distance.
 
     ``gear``: pins, circle, eccentricity; ``cubics`` of the lobe, which begins at the root for ``sense`` 1, and ends
@@ -65,7 +67,16 @@ def _half_slope(psi, gear, offset, cubics, sense, cx, cy):
 
 
 @part
-def _least_distance(low, high, gear, offset, cubics, sense, cx, cy):
+def _least_distance(
+    low: float,
+    high: float,
+    gear: tuple[float, float, float],
+    offset: float,
+    cubics: Real,
+    sense: float,
+    cx: float,
+    cy: float,
+) -> float:
     """Least distance of c from the flank between psi = low and high, about a single minimum."""
     falling, near_low = _half_slope(low, gear, offset, cubics, sense, cx, cy)
     rising, near_high = _half_slope(high, gear, offset, cubics, sense, cx, cy)
@@ -86,7 +97,19 @@ def _least_distance(low, high, gear, offset, cubics, sense, cx, cy):
 
 
 @part
-def _scan_distances(first_point, last_point, stride, points, circle, offset, cubics, sense, cx, cy, distances):
+def _scan_distances(
+    first_point: int,
+    last_point: int,
+    stride: int,
+    points: Real,
+    circle: float,
+    offset: float,
+    cubics: Real,
+    sense: float,
+    cx: float,
+    cy: float,
+    distances: Real,
+) -> float:
     """Fill ``distances`` with the distance of c from points ``first_point`` to ``last_point`` of a scan; the least."""
     steps, smallest_distance = cubics.shape[0], np.inf
     for k in range(first_point, last_point + 1, stride):
@@ -106,7 +129,17 @@ def _scan_distances(first_point, last_point, stride, points, circle, offset, cub
 
 
 @part
-def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, distances):
+def _least_of_side(
+    points: Real,
+    chords: Real,
+    gear: tuple[float, float, float],
+    offset: float,
+    cubics: Real,
+    sense: float,
+    cx: float,
+    cy: float,
+    distances: Real,
+) -> float:
     """Least distance of c from one side of a valley."""
     last_point, circle = points.shape[1] - 1, gear[1]
     smallest_distance = _scan_distances(
@@ -138,8 +171,19 @@ def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, distance
 
 @entry
 def _distances(
-    table, points, chords, eccentric, gear, radius, deviation, shares, lobe, lobe_before, lobe_behind, displacements
-):
+    table: Real,
+    points: Real,
+    chords: Real,
+    eccentric: complex,
+    gear: tuple[float, float, float],
+    radius: float,
+    deviation: Real,
+    shares: tuple[float, float],
+    lobe: Real,
+    lobe_before: Index,
+    lobe_behind: Index,
+    displacements: tuple[Real, Real, Real, Real],
+) -> Real:
     pins, circle, nominal = gear
     radial, tangential, eccentricity, rotation = displacements
     n, n_pins = radial.shape

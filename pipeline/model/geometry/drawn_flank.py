@@ -23,7 +23,9 @@ NEIGHBOURS = 4
 def arm_of_phase(profile: CycloidProfile, beta: ArrayLike) -> Real:
     """Arm |a| of the contact normal about the disk's centre at the phase ``beta`` [rad], in mm."""
     k, angle = profile.shortening, np.asarray(beta, float)
-    return profile.eccentricity * profile.lobes * np.abs(np.sin(angle)) / np.sqrt(1 + k * k - 2 * k * np.cos(angle))
+    length = np.sqrt(1 + k * k - 2 * k * np.cos(angle))
+    arm: Real = profile.eccentricity * profile.lobes * np.abs(np.sin(angle)) / length
+    return arm
 
 
 def _arm_slope(profile: CycloidProfile, beta: Real, side: int) -> Real:
@@ -87,7 +89,8 @@ def material_off(profile: CycloidProfile, lobe: ArrayLike, beta: ArrayLike) -> R
     station = np.where(beta < 0, beta + TURN, beta) / TURN * STEPS
     step = np.minimum(station.astype(np.int64), STEPS - 1)
     cubic = table[np.asarray(lobe) % len(table), step]
-    return np.sum(cubic * (station - step)[..., None] ** np.arange(4), axis=-1)
+    material: Real = np.sum(cubic * (station - step)[..., None] ** np.arange(4), axis=-1)
+    return material
 
 
 def drawn_flank(profile: CycloidProfile, lobe: ArrayLike, beta: ArrayLike) -> Complex:

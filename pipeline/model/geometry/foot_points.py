@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.model.compiled import entry, part
 from pipeline.model.geometry.cycloid_profile import KEPT_ANGLES, CycloidProfile, disk_rotation, pin_contacts
 
@@ -105,7 +105,7 @@ def _rooms(profile: CycloidProfile, phase: Real) -> tuple[Real, Real]:
 
 
 @part
-def _rotate(x, y, angle):
+def _rotate(x: float, y: float, angle: float) -> tuple[float, float]:
     """The vector (x, y) turned by an angle up to ``SMALL_TURN``, to the last bit."""
     square = angle * angle
     cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0 - square * (1.0 / 40320.0))))
@@ -115,7 +115,9 @@ def _rotate(x, y, angle):
 
 
 @part
-def _foot_terms(sx, sy, fx, fy, cx, cy, pins):
+def _foot_terms(
+    sx: float, sy: float, fx: float, fy: float, cx: float, cy: float, pins: int
+) -> tuple[float, float, float, float, float, float, float]:
     """Slope and bend of half the squared distance of c from a point of the locus with slow term s and fast term f.
 
     Also the derivative of the locus with its square; x, y from the centre to the point.
@@ -128,7 +130,19 @@ def _foot_terms(sx, sy, fx, fy, cx, cy, pins):
 
 
 @part
-def _single_distances(sx, sy, fx, fy, cx, cy, offset, limit, pins, turn, distance):
+def _single_distances(
+    sx: Real,
+    sy: Real,
+    fx: Real,
+    fy: Real,
+    cx: Real,
+    cy: Real,
+    offset: Real,
+    limit: Real,
+    pins: int,
+    turn: Real,
+    distance: Real,
+) -> None:
     """Distances from the flank of the pins that moved no farther than ``limit``; -1 for the others.
 
     A loop writes one array and reads few: only then does the compiler prove that none overlaps, and solves several
@@ -152,7 +166,18 @@ def _single_distances(sx, sy, fx, fy, cx, cy, offset, limit, pins, turn, distanc
 
 
 @part
-def _refined_distance(k, first_point, last_point, points, circle, offset, cx, cy, pins, squares):
+def _refined_distance(
+    k: int,
+    first_point: int,
+    last_point: int,
+    points: Real,
+    circle: float,
+    offset: float,
+    cx: float,
+    cy: float,
+    pins: int,
+    squares: Real,
+) -> float:
     """Distance of c from the flank at the minimum next to point ``k``, which lies nearer than its neighbours."""
     base = points[0, k]
     low = points[0, max(first_point, k - 1)] - base
@@ -182,19 +207,30 @@ def _refined_distance(k, first_point, last_point, points, circle, offset, cx, cy
         turn -= slope / bend
         if not (bend > 0.0 and low < turn < high):
             turn = 0.5 * (low + high)
-    root = np.sqrt(length)
+    root: float = np.sqrt(length)
     x, y = x - offset * dy / root, y + offset * dx / root
-    return np.sqrt(x * x + y * y)
+    distance: float = np.sqrt(x * x + y * y)
+    return distance
 
 
 @part
-def _nearest_distance(first_point, last_point, points, circle, offset, cx, cy, pins, squares):
+def _nearest_distance(
+    first_point: int,
+    last_point: int,
+    points: Real,
+    circle: float,
+    offset: float,
+    cx: float,
+    cy: float,
+    pins: int,
+    squares: Real,
+) -> float:
     """Smallest distance of c from a flank, points ``first_point`` to ``last_point``; every minimum refined."""
     for k in range(first_point, last_point + 1):
         x = cx - circle * points[3, k] + points[1, k] - offset * points[5, k]
         y = cy - circle * points[4, k] + points[2, k] - offset * points[6, k]
         squares[k] = x * x + y * y
-    smallest_distance = np.sqrt(min(squares[first_point], squares[last_point]))
+    smallest_distance: float = np.sqrt(min(squares[first_point], squares[last_point]))
     for k in range(first_point, last_point + 1):
         if (k == first_point or squares[k] <= squares[k - 1]) and (k == last_point or squares[k] <= squares[k + 1]):
             smallest_distance = min(
@@ -208,8 +244,18 @@ def _nearest_distance(first_point, last_point, points, circle, offset, cx, cy, p
 
 @entry
 def pin_distances(
-    table, points, eccentric, profile, shares, lobe, lobe_numbers, radial, tangential, eccentricity, rotation
-):
+    table: Real,
+    points: Real,
+    eccentric: complex,
+    profile: tuple[int, float, float],
+    shares: tuple[float, float],
+    lobe: Real,
+    lobe_numbers: tuple[Index, Index, Index],
+    radial: Real,
+    tangential: Real,
+    eccentricity: Real,
+    rotation: Real,
+) -> Real:
     """Distances (n, n_pins) of the pins' centres from the flanks [mm]; see ``clearance.exact_gaps``.
 
     ``profile``: pins, radius of their circle, radius of a pin; ``shares``: what a lobe's error takes off the circle and

@@ -29,7 +29,8 @@ def first_order_closing(pose: DiskPose | Reducer, waves: Complex) -> Real:
     waves : ``Errors.pin_roundness`` (n, n_pins, 2) [mm].
     """
     turns = np.stack([pose.pins.normal**order for order in ORDERS], axis=-1)
-    return np.sum(np.real(waves * turns), axis=-1)
+    closing: Real = np.sum(np.real(waves * turns), axis=-1)
+    return closing
 
 
 def exact_closing(
@@ -61,7 +62,16 @@ def exact_closing(
 
 
 @part
-def _least_gap(psi, flank_x, flank_y, axis_x, axis_y, wave_2, wave_3, values):
+def _least_gap(
+    psi: Real,
+    flank_x: Real,
+    flank_y: Real,
+    axis_x: float,
+    axis_y: float,
+    wave_2: complex,
+    wave_3: complex,
+    values: Real,
+) -> float:
     """Least of |q - A| - rho over the points q of a valley (n_points,); ``values`` is room for all of them."""
     last_point = len(psi) - 1
     smallest_gap, best_point = np.inf, 0
@@ -90,7 +100,7 @@ def _least_gap(psi, flank_x, flank_y, axis_x, axis_y, wave_2, wave_3, values):
 
 
 @entry
-def _closing(psi, flank_x, flank_y, axis_x, axis_y, waves):
+def _closing(psi: Real, flank_x: Real, flank_y: Real, axis_x: Real, axis_y: Real, waves: Complex) -> Real:
     """See ``exact_closing``; flank (n_pins, n_points), axis (n, n_pins), waves (n, n_pins, 2) in the disk's frame."""
     n, n_pins = axis_x.shape
     closing, values = np.zeros((n, n_pins)), np.empty(len(psi))

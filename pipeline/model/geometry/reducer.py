@@ -140,7 +140,8 @@ class Reducer:
     def thrust(self, force: Real) -> Real:
         """Force (..., n_disks) [N] on the input bearing of each disk under contact forces (..., n_contacts) [N]."""
         resultant = force @ self.planar
-        return np.linalg.norm(resultant.reshape(*resultant.shape[:-1], self.n_disks, 2), axis=-1)
+        thrust: Real = np.linalg.norm(resultant.reshape(*resultant.shape[:-1], self.n_disks, 2), axis=-1)
+        return thrust
 
 
 class OutputContacts(Protocol):

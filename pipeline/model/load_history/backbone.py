@@ -73,15 +73,14 @@ class Backbone:
         closings = [of_drive.gap[:, None] + force @ of_drive.compliance for of_drive in (neighbour, drive)]
         for of_drive, closing in zip((neighbour, drive), closings, strict=True):
             closing[is_loaded] += of_drive.laws[is_loaded[-1]].deflection(force[is_loaded])
-        change = np.sum(self.influence * (closings[0] - closings[1]), axis=2)
+        change: Real = np.sum(self.influence * (closings[0] - closings[1]), axis=2)
         thrust = drive.reducer.thrust(force)
         bearing_depths = [
             of_drive.bearing.depth(thrust) + of_drive.clearance_of_disks[:, None] for of_drive in (neighbour, drive)
         ]
         twist_change = neighbour.twist(self.torque) - drive.twist(self.torque)
-        return (
-            change + np.sum(self._over_torque(thrust) * (bearing_depths[0] - bearing_depths[1]), axis=2) + twist_change
-        )
+        change += np.sum(self._over_torque(thrust) * (bearing_depths[0] - bearing_depths[1]), axis=2)
+        return change + twist_change
 
 
 @lru_cache(maxsize=8)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.arrays import Index, Real
+from pipeline.arrays import Index, Real, Truth
 from pipeline.model.compiled import entry, part
 
 SMALLEST_SPACING = 1e-6
@@ -10,7 +10,7 @@ SMALLEST_SPACING = 1e-6
 
 
 @part
-def _corner(x, position):
+def _corner(x: Real, position: float) -> int:
     """Number of the segment (the end ones continued) in which a place lies."""
     low, high = 0, x.shape[0] - 1
     while high - low > 1:
@@ -23,7 +23,7 @@ def _corner(x, position):
 
 
 @part
-def _integrate(x, y, area, rise):
+def _integrate(x: Real, y: Real, area: Real, rise: Real) -> None:
     """Area below the polyline up to each corner, and the rise of each segment."""
     area[0] = 0.0
     for j in range(x.shape[0] - 1):
@@ -33,7 +33,7 @@ def _integrate(x, y, area, rise):
 
 
 @part
-def _of_cell(edges, x, y, area, rise, smallest_step):
+def _of_cell(edges: Real, x: Real, y: Real, area: Real, rise: Real, smallest_step: float) -> tuple[float, float]:
     """Mean and slope over one cell."""
     total, value, area_before, first_value, first_rise = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(edges.shape[0]):
@@ -53,7 +53,7 @@ def _of_cell(edges, x, y, area, rise, smallest_step):
 
 
 @entry
-def _means(edges, x, y, mean, slope):
+def _means(edges: Real, x: Real, y: Real, mean: Real, slope: Real) -> None:
     """See ``means``."""
     area, rise = np.empty(x.shape[0]), np.empty(x.shape[0] - 1)
     _integrate(x, y, area, rise)
@@ -63,7 +63,9 @@ def _means(edges, x, y, mean, slope):
 
 
 @entry
-def _means_along(edges, leg, corners, ends, is_wanted, mean, slope):
+def _means_along(
+    edges: Real, leg: Index, corners: Real, ends: Index, is_wanted: Truth, mean: Real, slope: Real
+) -> None:
     """See ``means_along``."""
     longest = 1 + np.max(ends[:, 1] - ends[:, 0])
     abscissa, ordinate, area, rise = np.empty(longest), np.empty(longest), np.empty(longest), np.empty(longest)
@@ -101,7 +103,7 @@ def means(edges: Real, x: Real, y: Real) -> tuple[Real, Real]:
     return mean, slope
 
 
-def means_along(edges: Real, leg: Index, corners: Real, ends: Index, is_wanted: Index, mean: Real, slope: Real) -> None:
+def means_along(edges: Real, leg: Index, corners: Real, ends: Index, is_wanted: Truth, mean: Real, slope: Real) -> None:
     """Means and slopes, as ``means``, over the cells of a path that turns back: each on its own leg of it.
 
     Parameters

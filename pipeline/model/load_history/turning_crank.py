@@ -122,7 +122,7 @@ class CurvesOverCrank:
     def _slopes(self, crank: Real) -> Real:
         """Derivatives (n, n_nodes) of the curves at crank angles (n,), none beyond those known."""
         placed_crank = self._crank_in_range(crank)
-        slopes = self.spline(placed_crank, 1)
+        slopes: Real = self.spline(placed_crank, 1)
         if not self.period:
             slopes[placed_crank != crank] = 0.0
         return slopes
@@ -133,7 +133,8 @@ class CurvesOverCrank:
             return np.zeros(len(crank))
         side = np.repeat([0, 1], len(crank) // 2)
         by_side = replace(self, angle=np.broadcast_to(self.elastic_energy, (len(self.crank), 2)))
-        return by_side._slopes(crank)[np.arange(len(crank)), side]
+        slopes: Real = by_side._slopes(crank)[np.arange(len(crank)), side]
+        return slopes
 
     def _integrals(self, values: Real) -> Real:
         """Integral (n_nodes,) from no torque to each node of its row of values (n_nodes, n_nodes)."""
@@ -160,7 +161,8 @@ class CurvesOverCrank:
         ValueError : they are not.
         """
         if self.period:
-            return self.crank[0] + np.mod(crank - self.crank[0], self.period)
+            placed: Real = self.crank[0] + np.mod(crank - self.crank[0], self.period)
+            return placed
         if self.held_beyond:
             return np.clip(crank, self.crank[0], self.crank[-1])
         if np.min(crank) < self.crank[0] or np.max(crank) > self.crank[-1]:

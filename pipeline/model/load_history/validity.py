@@ -44,7 +44,8 @@ def _rotation(drive: Drive, response: CycleResponse, largest_torque: float) -> R
     """Largest rotation (n,) of any body at torques up to the largest [rad]."""
     turning = [i for i, motion in enumerate(drive.reducer.motions) if motion.endswith("_phi")]
     states_within = response.state[np.abs(response.torque) <= largest_torque * (1 + 1e-9)]
-    return np.max(np.abs(response.equilibria.motion[:, states_within][:, :, turning]), axis=(1, 2))
+    rotation: Real = np.max(np.abs(response.equilibria.motion[:, states_within][:, :, turning]), axis=(1, 2))
+    return rotation
 
 
 def _clearance(drive: Drive, response: CycleResponse, torque: float) -> Real:
@@ -52,19 +53,21 @@ def _clearance(drive: Drive, response: CycleResponse, torque: float) -> Real:
     of_pins = drive.reducer.contacts.kind == PIN
     steps = [_steps_of(response, "loading+", torque), _steps_of(response, "loading-", -torque)]
     carries = np.any(response.equilibria.force[:, response.state[steps]][:, :, of_pins] > 0, axis=1)
-    largest_closing = np.max(np.abs(drive.gap[:, of_pins]), axis=1, where=carries, initial=0.0)
+    largest_closing: Real = np.max(np.abs(drive.gap[:, of_pins]), axis=1, where=carries, initial=0.0)
     if not drive.reducer.is_centred:
         return largest_closing
-    return np.maximum(largest_closing, np.max(drive.clearance_of_disks, axis=1))
+    larger: Real = np.maximum(largest_closing, np.max(drive.clearance_of_disks, axis=1))
+    return larger
 
 
 def _stuck(drive: Drive, response: CycleResponse, torque: float) -> np.ndarray:
     """Whether (n,) the reducer carries nothing of ``torque`` on a loading branch in its sense: friction takes it."""
     angle = response.equilibria.motion[:, :, drive.reducer.output_motion]
-    rising = angle[:, response.state[_steps_of(response, "reloading+", torque)]]
+    rising: Real = angle[:, response.state[_steps_of(response, "reloading+", torque)]]
     falling = angle[:, response.state[_steps_of(response, "loading-", -torque)]]
     end_minus, end_plus = (response.play - drive.twist(NO_TORQUE)).T
-    return (rising <= end_plus) | (falling >= end_minus)
+    stuck: np.ndarray = (rising <= end_plus) | (falling >= end_minus)
+    return stuck
 
 
 def _reason(
@@ -114,5 +117,6 @@ def beyond_limit_share(drive: Drive, states: Equilibria) -> np.ndarray:
     force = states.force[..., of_pins]
     moment = np.abs(contacts.arm[of_pins]) * force
     beyond_law = np.sum(moment, axis=2, where=force > drive.laws_of_states.force_limit[..., of_pins])
-    total = np.sum(moment, axis=2)
-    return np.divide(beyond_law, total, out=np.zeros_like(total), where=total > 0)
+    total: Real = np.sum(moment, axis=2)
+    share: np.ndarray = np.divide(beyond_law, total, out=np.zeros_like(total), where=total > 0)
+    return share

@@ -43,7 +43,7 @@ def secant_compliance(drive: Drive, force: Real) -> Real:
 
 
 @entry
-def _turn(gap, arm, compliance, pressure, torques, angle, peak):
+def _turn(gap: Real, arm: Real, compliance: Real, pressure: Real, torques: Real, angle: Real, peak: Real) -> None:
     """Add the rotation to ``angle`` (n, n_torques), raise ``peak`` (n,); torques ascend.
 
     The moment of the springs grows with the rotation, linearly between the rotations at which a contact closes (arm

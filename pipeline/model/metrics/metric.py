@@ -6,9 +6,8 @@ from dataclasses import dataclass, fields
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.registry import METRICS
 
 
@@ -116,7 +115,7 @@ class Limited(Quantity):
     rank: int
     smaller_is_worse: bool = False
 
-    def keeps(self, value: Real, limit: float) -> NDArray[np.bool_]:
+    def keeps(self, value: Real, limit: float) -> Truth:
         """Whether values (n,) keep a limit; a missing value keeps none."""
         return value >= limit if self.smaller_is_worse else value <= limit
 

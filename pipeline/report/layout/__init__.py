@@ -5,8 +5,6 @@ Templates to pages that need nothing beside them, and figures as pictures in the
 Numbers as the report writes them: their digits, their intervals, and what the samples do not determine.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 import re
@@ -116,7 +114,7 @@ def with_pictures(page: str, pictures: Iterable[LinkedPicture], folder: Path) ->
     return page
 
 
-def drawn_picture(figure: Figure, title: str, caption: str, stem: Path) -> Picture:
+def drawn_picture(figure: "Figure", title: str, caption: str, stem: Path) -> Picture:
     """The figure for a page, written as ``stem``.png and ``stem``.svg too."""
     from pipeline.figures.style import save  # what only shows pictures does not wait for a plotting library
 
@@ -131,7 +129,7 @@ def written_picture(title: str, caption: str, stem: Path) -> Picture:
 
 
 def drawn_pictures(
-    figures: Mapping[str, Figure], captions: Mapping[str, tuple[str, str]], folder: Path
+    figures: "Mapping[str, Figure]", captions: Mapping[str, tuple[str, str]], folder: Path
 ) -> dict[str, Picture]:
     """Each figure by its name, with its title and caption, written into the folder's ``figures`` too."""
     return {name: drawn_picture(figure, *captions[name], folder / "figures" / name) for name, figure in figures.items()}

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pipeline import assembly
+from pipeline.arrays import Real
 from pipeline.figures.distributions import published_figure
 from pipeline.figures.labels import LIMITED_METRICS, METRICS
 from pipeline.report.frames import Drawing, Frames
@@ -47,7 +47,7 @@ class Published:
         return [unit.label for unit in self.frames.study.published]
 
     @cached_property
-    def predicted_values(self) -> dict[str, NDArray[np.float64]]:
+    def predicted_values(self) -> dict[str, Real]:
         """Values (n_units,) of the random units by each metric that was measured of some published unit."""
         names = [
             name for name in LIMITED_METRICS if any(name in unit.of_metrics for unit in self.frames.study.published)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import assembly
+from pipeline.arrays import Complex
 from pipeline.config.designs.design import Design
 from pipeline.figures.labels import PARAMETERS
 from pipeline.figures.reducer import nominal_gap_figure, reducer_figure
@@ -40,7 +41,7 @@ def _drawings(frames: Frames) -> Iterator[Drawing]:
         yield _flank(frames)
 
 
-def flank_outline(design: Design, crank_deg: float) -> np.ndarray:
+def flank_outline(design: Design, crank_deg: float) -> Complex:
     """Closed outline of the disk in the housing frame (n_points,) [mm], x + iy; its points are equally far apart."""
     cycloid = design.cycloid
     profile = CycloidProfile(cycloid.pins, cycloid.pin_circle_radius_mm, cycloid.pin_radius_mm, cycloid.eccentricity_mm)
@@ -49,7 +50,9 @@ def flank_outline(design: Design, crank_deg: float) -> np.ndarray:
     length = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(profile.flank(fine))))])
     lobe = np.interp(np.linspace(0, length[-1], FLANK_POINTS_PER_LOBE, endpoint=False), length, fine)
     psi = np.append((lobe + profile.lobe_pitch * np.arange(profile.lobes)[:, None]).ravel(), 2 * np.pi)
-    return profile.flank(psi) * np.exp(1j * disk_rotation(profile, crank)) + profile.eccentricity * np.exp(1j * crank)
+    turned = profile.flank(psi) * np.exp(1j * disk_rotation(profile, crank))
+    outline: Complex = turned + profile.eccentricity * np.exp(1j * crank)
+    return outline
 
 
 def _reducer(frames: Frames) -> Drawing:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pipeline.arrays import Truth
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.labels import LIMITED_METRICS
 from pipeline.figures.yields import failures_figure
@@ -74,7 +74,7 @@ class Verdict:
         return next(filter(None, (share_note(self.frames, card.name) for card in self.cards)), "")
 
     @cached_property
-    def breaks(self) -> Mapping[str, NDArray[np.bool_]]:
+    def breaks(self) -> Mapping[str, Truth]:
         """Whether each unit (n,) breaks each limit, of the units for which every limited metric holds."""
         turn = self.frames.units.set_index("sample")[list(turn_library())]
         values: pd.DataFrame = self.frames.over_turn.join(turn)[list(self.frames.limits)].dropna()

@@ -11,8 +11,8 @@ from solved_reducers import BEARINGS, EACH_BEARING, PLATES, TORQUES, Model, asse
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.elastic.pressure_patches import boundary_patches
+from pipeline.model.equilibrium.blocks import workspace
 from pipeline.model.equilibrium.primal_active_set import solved_afresh
-from pipeline.model.equilibrium.residual import workspace
 from pipeline.model.equilibrium.solve import (
     ACCEPTED_RESIDUAL,
     ElasticReducer,

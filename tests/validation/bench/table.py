@@ -54,8 +54,7 @@ def bench_figure(results: Sequence[Result]) -> Figure:
     for (name, note), style in zip(RATES, line_styles(dict.fromkeys(RATES.values())), strict=True):
         rows = [row for row in results if row.name == name and note in row.note]
         rates.loglog([row.samples for row in rows], [row.value for row in rows], **style)
-    rates.set_title("Rates per second and core")
-    rates.set_xlabel("samples")
+    rates.set(title="Rates per second and core", xlabel="samples")
     rates.legend(loc="center right", bbox_to_anchor=(1.0, 0.32))
     _stages(stages, [row for row in results if row.name.startswith(STAGE) and row.samples > 1])
     return figure
@@ -72,7 +71,5 @@ def _stages(axes: Axes, rows: Sequence[Result]) -> None:
         style: dict[str, Any] = {"color": colour, "label": name[len(STAGE) :]}
         axes.barh([f"{size:,}" for size in sizes], width, left=list(durations.values()), **style)
         durations = {size: durations[size] + seconds.get(size, 0.0) for size in sizes}
-    axes.set_title("Seconds of the stages")
-    axes.set_xlabel("s")
-    axes.set_ylabel("samples")
+    axes.set(title="Seconds of the stages", xlabel="s", ylabel="samples")
     axes.legend(loc="lower right")

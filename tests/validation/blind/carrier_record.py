@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from pipeline.arrays import Real
+from pipeline.arrays import Complex, Real
 from tests.validation.blind.rigid_drive.carrier import CarrierDrive, Gears
 from tests.validation.blind.rigid_drive.drive import Bearing
 from tests.validation.blind.rigid_drive.flank import Flank, LineContact
@@ -88,7 +87,7 @@ def reducer(rng: np.random.Generator, truth: Truth, perfect: bool = False) -> Ca
     clockwise = np.exp(-2j * np.pi * np.arange(pins) / pins)
     on_circle = 42.0 * np.exp(-2j * np.pi * np.arange(cranks) / cranks)
 
-    def scattered(sigma: float, *shape: int) -> NDArray[np.complex128]:
+    def scattered(sigma: float, *shape: int) -> Complex:
         return drawn(sigma, *shape) + 1j * drawn(sigma, *shape)
 
     eccentrics = np.exp(2j * np.pi * np.arange(disks) / disks)[:, None]

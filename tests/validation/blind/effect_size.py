@@ -1,7 +1,5 @@
 """How large an effect is over these data: what offset, recalibration and tolerances leave of it, in noise floors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +56,7 @@ class Yardstick:
     reach: tuple[Real, Real]
 
     @classmethod
-    def of(cls, folder: Path, root: Path, condensed: Compliances) -> Yardstick:
+    def of(cls, folder: Path, root: Path, condensed: Compliances) -> "Yardstick":
         """The yardstick of a unit's folder."""
         problem, over_cells = problem_of(load_measured_unit(folder, root), condensed)
         fitter = Fitter(problem)

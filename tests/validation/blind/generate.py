@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from tests.validation.blind.bench import draw_bench, rows_a_cell
 from tests.validation.blind.catalogue import OFF, CataloguedCompliances, CatalogueReducer, no_compliance
 from tests.validation.blind.effect_size import Yardstick, amplitude_of, at_amplitude, draw_shape
 from tests.validation.blind.files import rounded, write_truth, write_unit
-from tests.validation.blind.outside_effects import OUTSIDE
+from tests.validation.blind.outside_effects import OUTSIDE, OutsideEffect
 from tests.validation.blind.rigid_drive.readings import readings
 from tests.validation.blind.rigid_unit import RigidUnit, machined, rigid_unit
 from tests.validation.blind.true_unit import TrueUnit, UnsoundError, true_unit
@@ -253,9 +254,12 @@ class _Draw:
             if any(p.record and value > record[p.record] for p, value in constants):  # nothing may be claimed of it
                 continue
 
-            def size(amplitude: float, name=name, bounds=bounds, direction=direction, shape=shape) -> float:
-                values = at_amplitude(bounds, amplitude, direction, shape)
-                return yardstick.size(self._change(self.unit.angles([library[name]], values)))
+            values_at = partial(at_amplitude, bounds, direction=direction, shape=shape)
+
+            def size(
+                amplitude: float, name: str = name, values_at: Callable[[float], tuple[float, ...]] = values_at
+            ) -> float:
+                return yardstick.size(self._change(self.unit.angles([library[name]], values_at(amplitude))))
 
             trial_amplitude = self._sought(size, target)
             if trial_amplitude and trial_amplitude[0] <= LARGEST:
@@ -276,7 +280,7 @@ class _Draw:
             effect = OUTSIDE[int(self.rng.integers(len(OUTSIDE)))]
             shape, target = effect.shape(self.rng), self._target()
 
-            def size(amplitude: float, effect=effect, shape=shape) -> float:
+            def size(amplitude: float, effect: OutsideEffect = effect, shape: Mapping[str, float] = shape) -> float:
                 return yardstick.size(self._change(self.unit.angles_outside(effect.at(amplitude, shape))))
 
             trial_amplitude = self._sought(size, target)

@@ -94,7 +94,7 @@ def _look(fitter: Fitter, base: Fit, candidate: Candidate) -> tuple[float, Real]
     basis = np.linalg.qr(rows)[0] if rows.shape[1] else rows
 
     def free(values: Real) -> Real:
-        padded = np.concatenate([values, np.zeros((len(basis) - len(values), *values.shape[1:]))])
+        padded: Real = np.concatenate([values, np.zeros((len(basis) - len(values), *values.shape[1:]))])
         return padded - basis @ (basis.T @ padded)
 
     def secant(shares: Real) -> Real:

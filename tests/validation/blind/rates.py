@@ -218,7 +218,6 @@ def confusion_figure(rows: Sequence[Row]) -> Figure:
         axes.text(j, i, f"{counts[i, j]:.2g}", ha="center", va="center", color=INK, fontsize=7.5)
     axes.set_xticks(range(len(answers)), answers, rotation=60, ha="right")
     axes.set_yticks(range(len(truths)), truths)
-    axes.set_xlabel("named, or the verdict where nothing was")
-    axes.set_ylabel("truth")
+    axes.set(xlabel="named, or the verdict where nothing was", ylabel="truth")
     axes.set_title("What was there and what was named, cases")
     return figure

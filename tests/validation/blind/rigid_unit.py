@@ -12,7 +12,7 @@ from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.problem import Candidate
 from pipeline.sampling.errors import Errors
 from tests.validation.blind.bench import Bench, Ramp
-from tests.validation.blind.rigid_drive.drive import Bearing, NoBalanceError, RigidDrive
+from tests.validation.blind.rigid_drive.drive import Bearing, Curve, NoBalanceError, RigidDrive
 from tests.validation.blind.rigid_drive.effects import EFFECTS, MM_PER_UM, NMM_PER_NM, RAD_PER_ARCMIN
 from tests.validation.blind.rigid_drive.flank import CrossedSlides, Flank, LineContact, Output, PinsInHoles
 from tests.validation.blind.rigid_drive.readings import Loading, Position
@@ -63,7 +63,7 @@ class RigidUnit:
         for position, ramp, crank in zip(self.positions, self.bench.ramps, self.bench.cranks, strict=True):
             curve = position.curve({}, 0, NMM_PER_NM * float(np.max(np.abs(ramp.turns))))
 
-            def angle_at(torque: Real, curve=curve) -> Real:
+            def angle_at(torque: Real, curve: Curve = curve) -> Real:
                 return curve.at(NMM_PER_NM * np.asarray(torque)) / RAD_PER_ARCMIN
 
             span = float(np.ptp(angle_at(ramp.torque)))

@@ -4,10 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth, Whole
 from pipeline.config.studies.study import Study
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.fitting.problem import Candidate, Model
@@ -182,10 +181,10 @@ def _plays(element: Rayleigh, torque: Real, time: Real) -> Real:
     for k, load in enumerate(torque):
         play_torque = np.clip(play_torque, load - half, load + half)
         twist[k] = play_torque.sum()
-    return 2 * element.coefficient * (half[1] - half[0]) * twist
+    return 2 * element.coefficient * float(half[1] - half[0]) * twist
 
 
-def _every_row(turns: Real, row_torque: Real, leg: NDArray[np.int64]) -> tuple[Real, NDArray[np.bool_]]:
+def _every_row(turns: Real, row_torque: Real, leg: Whole) -> tuple[Real, Truth]:
     """Torques of all rows with the turns between them, and which of them are rows."""
     parts = [turns[:1], *(np.append(row_torque[leg == k], end) for k, end in enumerate(turns[1:]))]
     is_row = [np.append(np.ones(len(part) - 1, bool), False) for part in parts]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from pipeline.statistics import differences
 from pipeline.statistics.differences import mean_difference, order_differences, replicated_difference, share_difference
 
 CONFIDENCE = 0.95
@@ -57,6 +58,15 @@ def test_the_bootstrap_is_as_wide_as_large_samples_have_it(paired, factor):
         low, high = order_differences(a, 2 * (a if paired else rng.normal(size=n)), CONFIDENCE, paired, seed)["std"]
         widths.append(high - low)
     assert np.mean(widths) == pytest.approx(2 * 1.96 * factor / np.sqrt(2 * n), rel=0.08)
+
+
+def test_resamples_that_are_drawn_in_parts_are_those_of_one_draw(monkeypatch):
+    """Parts of 7 of the resamples, the last one shorter."""
+    a, b = np.random.default_rng(8).normal(size=(2, 50))
+    whole = order_differences(a, b, CONFIDENCE, False, seed=9)
+    monkeypatch.setattr(differences, "RESAMPLED_VALUES", 7 * 50)
+    assert differences.RESAMPLES % 7
+    assert order_differences(a, b, CONFIDENCE, False, seed=9) == whole
 
 
 def test_a_quantile_without_samples_beyond_has_no_interval():

@@ -55,6 +55,13 @@ def test_std_interval_is_that_of_normal_values_where_they_are_normal():
     np.testing.assert_allclose(std_interval(values, 0.95), exact, rtol=2e-3)
 
 
+def test_std_interval_is_that_of_bonetts_example():
+    """Comput. Stat. Data Anal. 50 (2006) 775: eight values, to the four digits that are printed."""
+    values = np.array([15.83, 16.01, 16.24, 16.42, 15.33, 15.44, 16.88, 16.31])
+    np.testing.assert_allclose(std_interval(values, 0.90), (0.3592, 0.9359), atol=5e-5)
+    np.testing.assert_allclose(std_interval(values, 0.95), (0.3263, 1.0841), atol=5e-5)
+
+
 @pytest.mark.parametrize("n", [20, 200, 2000])
 @pytest.mark.parametrize("level", QUANTILES.values())
 @pytest.mark.parametrize("confidence", [0.8, 0.95])

@@ -1,7 +1,5 @@
 """Faults of cycles and branches: what is missing of them, told once a kind."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

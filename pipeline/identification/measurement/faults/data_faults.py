@@ -1,13 +1,10 @@
 """What is wrong with the data of a measured unit, before any model is asked."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Truth
+from pipeline.arrays import Index, Truth
 from pipeline.config.files.table_file import LARGEST_VALUE
 from pipeline.identification.measurement.cells import FEWEST_ROWS
 from pipeline.identification.measurement.faults.branch_faults import branch_faults
@@ -254,7 +251,7 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
         )
 
 
-def _angle_falls(rows: Rows, file_rows: NDArray[np.intp]) -> bool:
+def _angle_falls(rows: Rows, file_rows: Index) -> bool:
     """Whether the mean angle at high torque is below that at low torque by more than a tenth of the angle's range."""
     torque, angle = rows.torque[file_rows], rows.angle[file_rows]
     if file_rows.size < 4:

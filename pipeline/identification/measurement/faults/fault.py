@@ -1,15 +1,13 @@
 """One thing that is wrong with the data of a measured unit."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Index, Truth
 from pipeline.errors import InputError
 from pipeline.identification.measurement.rows import Rows
 
@@ -65,7 +63,7 @@ class Fault:
         return f"{'fault' if self.severity == 'fatal' else 'note'}: {self.kind}: {self.message}{rows}"
 
 
-def fault_of_rows(rows: Rows, selected_rows: NDArray, kind: str, severity: Severity, message: str) -> Fault:
+def fault_of_rows(rows: Rows, selected_rows: Index | Truth, kind: str, severity: Severity, message: str) -> Fault:
     """A fault of some rows, a mask (n,) or their indices."""
     row_numbers = np.flatnonzero(selected_rows) if selected_rows.dtype == bool else selected_rows
     return Fault(kind, message, severity, rows.where(row_numbers[:SHOWN_ROWS]), len(row_numbers))

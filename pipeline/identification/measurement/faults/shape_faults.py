@@ -1,7 +1,5 @@
 """Faults in the shape of the loops: exchanged columns, wrong signs, numbers that no drive of this torque has."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

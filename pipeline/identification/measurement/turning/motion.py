@@ -5,8 +5,6 @@ averaged out and the middles of all of them stand alike in it: the model, which 
 of it either.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

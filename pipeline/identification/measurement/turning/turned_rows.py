@@ -1,7 +1,5 @@
 """A unit whose crank turned while a torque was held: its rows, turns, cells and noise."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Self
@@ -284,7 +282,8 @@ class TurnedRows(Measurement):
             raise InputError(f"{key} = {', '.join(unknown_values)}; measured are {measured_values}")
         if np.all(matches.any(axis=1)):
             raise InputError(f"{key} = {measured_values}; leaves nothing to judge the model with; leave one out")
-        return matches.any(axis=1)
+        is_trained: Truth = matches.any(axis=1)
+        return is_trained
 
     @staticmethod
     def _means(values: Real | None, parts: list[Whole]) -> Real:

@@ -1,7 +1,5 @@
 """What is wrong with the record of a turning drive, before any model is asked."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How well turns of the crank repeat."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

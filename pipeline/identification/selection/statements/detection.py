@@ -1,7 +1,5 @@
 """What could hide: for each effect the size that would be noticed, and the size that would be named."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

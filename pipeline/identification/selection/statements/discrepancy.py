@@ -7,8 +7,6 @@ Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; sizes and reach b
 and Thompson, Biometrika 58 (1971) 545.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +18,7 @@ from scipy.optimize import minimize
 from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.fitting.fitter import STEP, Fitter
 from pipeline.identification.fitting.parameters import Fit, values_at_shares
+from pipeline.statistics.curve_scatter import dummies
 
 TORQUE_BINS = 24
 """Intervals of the range of the torque, for each sense and position, over which cells are averaged."""
@@ -85,7 +84,7 @@ def discrepancy(
     states, means, noise, columns = averaged_cells(
         torque, sense, position, residual, sigma, np.hstack([jacobian, random_columns])
     )
-    design = np.hstack([columns[:, :n], offset_columns(states[2])])
+    design = np.hstack([columns[:, :n], dummies(states[2])])
     base = columns[:, n:] @ columns[:, n:].T + np.diag(noise**2 * (1 + JITTER))
     top, unit = float(np.max(np.abs(torque))), float(np.median(noise))
     scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
@@ -107,7 +106,7 @@ def discrepancy(
     weights = cho_solve(factor, means - design @ amounts)
     common, predicted_means = shared_part @ weights, (shared_part + position_kernel) @ weights
     largest_row = int(np.argmax(np.abs(common)))
-    centred_means = means - offset_columns(states[2]) @ np.linalg.lstsq(offset_columns(states[2]), means, rcond=None)[0]
+    centred_means = means - dummies(states[2]) @ np.linalg.lstsq(dummies(states[2]), means, rcond=None)[0]
     share_left = np.mean((means - design @ amounts - predicted_means) ** 2) / np.mean(centred_means**2)
     sizes = unit * np.exp(most_likely[:2])
     single_position = len(np.unique(states[2])) == 1
@@ -129,7 +128,8 @@ def _most_likely(misfit: Callable[[Real], float]) -> Real:
     bounds = [tuple(np.log(SIZES)), tuple(np.log(SIZES)), tuple(np.log(REACHES))]
     starts = [np.log([size, size, reach]) for size in (0.3, 10.0) for reach in (0.1, 0.4)]
     fits = [minimize(misfit, start, bounds=bounds, method="L-BFGS-B") for start in starts]
-    return min(fits, key=lambda fit: fit.fun).x
+    most_likely: Real = min(fits, key=lambda fit: fit.fun).x
+    return most_likely
 
 
 def discrepancy_of(fitter: Fitter, fit: Fit, direction: Whole, cells: Truth) -> Discrepancy:
@@ -200,11 +200,6 @@ def averaged_cells(
     mean_state = mean(torque), np.sign(mean(sense)), np.rint(mean(number.astype(float))).astype(np.int64)
     columns = np.column_stack([mean(column) for column in jacobian.T]) if jacobian.size else np.zeros((len(total), 0))
     return mean_state, mean(residual), 1 / np.sqrt(total), columns
-
-
-def offset_columns(position: Whole) -> Real:
-    """One column for the zero of each position (n, n_positions)."""
-    return (position[:, None] == np.unique(position)).astype(float)
 
 
 def kernels(places: tuple[Real, Real, Whole], cells: tuple[Real, Real, Whole], reach: float) -> tuple[Real, Real]:

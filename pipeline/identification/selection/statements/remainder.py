@@ -1,7 +1,5 @@
 """What a fitted model leaves of a unit: how much, what of it all positions share, and how far they scatter."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The verdict in a sentence that an engineer would sign, what to measure next, and the answer at a glance."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,8 +8,9 @@ import numpy as np
 from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.fitting.problem import candidates
+from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.faults.fault import Fault
-from pipeline.identification.selection.criteria import FEWEST_BLOCKS, LARGEST_CLASS, Selection
+from pipeline.identification.selection.criteria import LARGEST_CLASS, Selection
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.parameter_intervals import FittedParameter
 from pipeline.identification.selection.statements.remainder import TORQUE_BINS, Remainder

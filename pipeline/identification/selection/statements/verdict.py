@@ -1,7 +1,5 @@
 """The verdict on a unit: what the rule (``criteria``) says, in one of seven terms, with parameters."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -41,9 +41,10 @@ def _motion(reducer: Reducer, body: str, pose: Real) -> tuple[Complex, Real]:
 
 def _round_holes(reducer: Reducer, disk: int) -> Index:
     """Numbers of the contacts of output pins in round holes of a disk."""
-    rows = reducer.output_rows[disk]
+    rows: Index = reducer.output_rows[disk]
     contacts = reducer.contacts.some(rows)
-    return rows[(contacts.hole >= 0) & (contacts.per_eccentricity != 0)]
+    round_holes: Index = rows[(contacts.hole >= 0) & (contacts.per_eccentricity != 0)]
+    return round_holes
 
 
 def _hole_changes(

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.arrays import Index, Real
+from pipeline.arrays import Index, Real, Truth
 from pipeline.model.compiled import entry
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.reducer import Reducer, of_each_disk
@@ -63,7 +63,7 @@ class RigidPlay:
 
 
 @entry
-def _rotation_ends(gap, contact, arm, arms_below, arms_up_to):
+def _rotation_ends(gap: Real, contact: Index, arm: Real, arms_below: int, arms_up_to: int) -> tuple[Real, Real, Truth]:
     """Ends plus, minus (n,) of the rotation that keeps gap[:, contact] + arm phi >= 0, and whether there is none.
 
     The contacts stand in the order of their arms, of which so many are below zero, and up to it.
@@ -105,7 +105,7 @@ def rotation_play(gap: Real, contact: Index, arm: Real) -> tuple[Real, Real, Rea
 
 
 @entry
-def _least_penetration(gap, arm, one_end, other_end):
+def _least_penetration(gap: Real, arm: Real, one_end: Real, other_end: Real) -> tuple[Real, Real]:
     """Rotation (n,) and value (n,) of the least largest penetration max(-gap - arm phi), convex in phi.
 
     The gaps (n, n_contacts) stand in the order of the arms.
@@ -144,9 +144,10 @@ def _floating_play(gap: Real, side: np.ndarray, arm: Real) -> tuple[Real, Real, 
 def _centring_shift(gap: Real, side: np.ndarray, arm: Real, phi: Real) -> Real:
     """Shift y across the slide that leaves both faces equal room at the rotation phi."""
     room = gap + arm * phi[:, None]
-    room_above = np.min(room, axis=1, where=side > 0, initial=np.inf)
+    room_above: Real = np.min(room, axis=1, where=side > 0, initial=np.inf)
     room_below = np.min(room, axis=1, where=side < 0, initial=np.inf)
-    return 0.5 * (room_below - room_above)
+    shift: Real = 0.5 * (room_below - room_above)
+    return shift
 
 
 def _of_output(reducer: Reducer, play: RigidPlay) -> RigidPlay:

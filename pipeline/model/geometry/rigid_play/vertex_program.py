@@ -29,7 +29,16 @@ MOST_PIVOTS = 200
 
 
 @algebraic_part
-def _exchange(row, entering, violation, basis, inverse, duals, share, x):
+def _exchange(
+    row: Real,
+    entering: int,
+    violation: float,
+    basis: Index,
+    inverse: Real,
+    duals: Real,
+    share: Real,
+    x: Real,
+) -> bool:
     """Let a violated ``row`` into the basis, and ``x`` onto it, for the one whose dual falls to zero first.
 
     ``inverse`` has the columns of the basis' inverse as rows. False if no row can leave: the program is infeasible.
@@ -60,7 +69,9 @@ def _exchange(row, entering, violation, basis, inverse, duals, share, x):
 
 
 @algebraic_part
-def _violated_rows(columns, limit, x, n_rows, violations, candidates, first_only):
+def _violated_rows(
+    columns: Real, limit: Real, x: Real, n_rows: int, violations: Real, candidates: Index, first_only: bool
+) -> tuple[int, float]:
     """Write the rows that are violated the most, or the first one, into ``candidates``; how many, and the violation."""
     for i in range(n_rows):
         violations[i] = -limit[i]
@@ -83,7 +94,7 @@ def _violated_rows(columns, limit, x, n_rows, violations, candidates, first_only
 
 
 @algebraic_part
-def _most_violated(rows, limit, x, candidates, count):
+def _most_violated(rows: Real, limit: Real, x: Real, candidates: Index, count: int) -> tuple[int, float]:
     """The most violated of the ``candidates``, -1 if none, and by how much."""
     entering, worst = -1, FEASIBLE
     for j in range(count):
@@ -97,7 +108,17 @@ def _most_violated(rows, limit, x, candidates, count):
 
 
 @entry
-def _solve(columns, limits, radii, basis, inverse, duals, points, state, last_basis):
+def _solve(
+    columns: Real,
+    limits: Real,
+    radii: Real,
+    basis: Index,
+    inverse: Real,
+    duals: Real,
+    points: Real,
+    state: Index,
+    last_basis: Index,
+) -> None:
     """Fill ``points`` (n, n_unknowns) and ``state`` (n,): 0 solved, 1 infeasible, 2 given up.
 
     ``columns`` (n_unknowns, n_rows) are those of the rows: the violations of all are found several at once. The last

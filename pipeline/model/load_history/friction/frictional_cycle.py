@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.arrays import Real
-from pipeline.model.equilibrium.solve import ACCEPTED_RESIDUAL, Equilibria
+from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL
+from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.load_history.backbone import NO_LOAD, torque_levels
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.incremental import solve_path

@@ -9,9 +9,9 @@ import numpy as np
 
 from pipeline.arrays import Real
 from pipeline.model.compiled import algebraic_part, borrowing_entry
+from pipeline.model.equilibrium.blocks import Friction, System, Workspace, workspace
 from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL, activate, converge, reset
 from pipeline.model.equilibrium.primal_active_set import solved_afresh
-from pipeline.model.equilibrium.residual import workspace
 from pipeline.model.equilibrium.return_mapping import follow
 from pipeline.model.equilibrium.solve import friction_of, system_of
 from pipeline.model.load_history.drive import Drive
@@ -34,7 +34,7 @@ class States(NamedTuple):
 
 
 @algebraic_part
-def _restore(system, states, s, work):
+def _restore(system: System, states: States, s: int, work: Workspace) -> None:
     """Make one of the states the start of the next solve."""
     reset(work)
     for k in range(work.thrust.shape[0]):
@@ -48,7 +48,7 @@ def _restore(system, states, s, work):
 
 
 @algebraic_part
-def _save(work, states, s, torque):
+def _save(work: Workspace, states: States, s: int, torque: float) -> None:
     """Make the solved step one of the states."""
     states.torque[s] = torque
     for k in range(work.thrust.shape[0]):
@@ -60,7 +60,7 @@ def _save(work, states, s, torque):
 
 
 @algebraic_part
-def _nearest_state(states, torque):
+def _nearest_state(states: States, torque: float) -> int:
     """The state whose torque is nearest."""
     nearest_index = 0
     for s in range(1, states.torque.shape[0]):
@@ -70,7 +70,16 @@ def _nearest_state(states, torque):
 
 
 @algebraic_part
-def _attempt(system, friction, goal, gap, clearance, seeds, solution_reached, work):
+def _attempt(
+    system: System,
+    friction: Friction,
+    goal: float,
+    gap: Real,
+    clearance: Real,
+    seeds: States,
+    solution_reached: States,
+    work: Workspace,
+) -> float:
     """Residual of the step to a torque, from the state before or from a seed: across the play that leads nowhere."""
     crosses_zero = goal * solution_reached.torque[0] <= 0.0
     residual = np.inf
@@ -96,7 +105,18 @@ class Progress(NamedTuple):
 
 
 @borrowing_entry
-def _follow(system, friction, work, torques, gap, clearance, seeds, solution_reached, path, progress):
+def _follow(
+    system: System,
+    friction: Friction,
+    work: Workspace,
+    torques: Real,
+    gap: Real,
+    clearance: Real,
+    seeds: States,
+    solution_reached: States,
+    path: States,
+    progress: Progress,
+) -> float | None:
     """States of one sample along its history into ``path``.
 
     It goes on from ``progress`` up to a step that Newton does not solve, at the last halving: returns the torque of
@@ -106,7 +126,7 @@ def _follow(system, friction, work, torques, gap, clearance, seeds, solution_rea
         _restore(system, solution_reached, 0, work)
     while progress.step[0] < torques.shape[0]:
         t = progress.step[0]
-        goal = solution_reached.torque[0] + progress.share[0] * (torques[t] - solution_reached.torque[0])
+        goal: float = solution_reached.torque[0] + progress.share[0] * (torques[t] - solution_reached.torque[0])
         residual = progress.afresh[0]
         if np.isnan(residual):
             residual = _attempt(system, friction, goal, gap, clearance, seeds, solution_reached, work=work)

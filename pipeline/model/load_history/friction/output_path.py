@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Whole
 from pipeline.model.compiled import entry, part
 from pipeline.model.contact.friction_elements import Sliders
 
@@ -70,14 +70,16 @@ class OutputPath(NamedTuple):
 
 
 @part
-def _sine(angle, ripple):
+def _sine(angle: float, ripple: tuple[float, float, float]) -> float:
     """The ripple's torque over its amplitude; 0 without one."""
     amplitude, waves, phase = ripple
     return np.sin(waves * angle + phase) if amplitude != 0.0 else 0.0
 
 
 @part
-def _resistance(angle, carried_torque, slides, ripple_torque, anchor):
+def _resistance(
+    angle: float, carried_torque: float, slides: tuple[Real, Real, Real], ripple_torque: float, anchor: Real
+) -> float:
     """Torque of the sliders, and of the ripple as it is ``ripple_torque`` there."""
     stiffness, limit, coefficient = slides
     resistance = ripple_torque
@@ -88,7 +90,7 @@ def _resistance(angle, carried_torque, slides, ripple_torque, anchor):
 
 
 @part
-def _drag(angle, carried_torque, slides, anchor):
+def _drag(angle: float, carried_torque: float, slides: tuple[Real, Real, Real], anchor: Real) -> None:
     """Let the anchors follow where the resistance is at its limit."""
     stiffness, limit, coefficient = slides
     for s in range(stiffness.shape[0]):
@@ -97,7 +99,16 @@ def _drag(angle, carried_torque, slides, anchor):
 
 
 @part
-def _to_bend(sense, angle, carried_torque, width, height, slides, stride, anchor):
+def _to_bend(
+    sense: float,
+    angle: float,
+    carried_torque: float,
+    width: float,
+    height: float,
+    slides: tuple[Real, Real, Real],
+    stride: float,
+    anchor: Real,
+) -> float:
     """Angle up to the next bend of the resistance on a segment of the backbone of some width and height."""
     stiffness, limit, coefficient = slides
     bend = stride
@@ -116,7 +127,17 @@ def _to_bend(sense, angle, carried_torque, width, height, slides, stride, anchor
 
 
 @part
-def _stretch(sense, j, x, angle, carried_torque, curve, slides, stride, anchor):
+def _stretch(
+    sense: float,
+    j: int,
+    x: float,
+    angle: float,
+    carried_torque: float,
+    curve: tuple[Real, Real],
+    slides: tuple[Real, Real, Real],
+    stride: float,
+    anchor: Real,
+) -> tuple[int, float, float]:
     """Segment of the backbone and place on it from where the path goes on, and the place up to which it has no bend."""
     nodes, angles = curve
     if sense > 0.0 and x >= 1.0 and j < nodes.shape[0] - 2:
@@ -139,7 +160,9 @@ def _stretch(sense, j, x, angle, carried_torque, curve, slides, stride, anchor):
 
 
 @part
-def _share_to_peak(sense, angle, turn, gain, rise, ripple):
+def _share_to_peak(
+    sense: float, angle: float, turn: float, gain: float, rise: float, ripple: tuple[float, float, float]
+) -> float:
     """Share of a piece at which a ripple, its sine rising by ``rise``, throws the output back; 1 if it does not."""
     amplitude, waves, phase = ripple
     steepest, phase_turned = amplitude * waves * abs(turn), waves * abs(turn)
@@ -154,7 +177,16 @@ def _share_to_peak(sense, angle, turn, gain, rise, ripple):
 
 
 @part
-def _share_to_goal(goal, low, high, sense, angle, turn, rise, ripple):
+def _share_to_goal(
+    goal: float,
+    low: float,
+    high: float,
+    sense: float,
+    angle: float,
+    turn: float,
+    rise: float,
+    ripple: tuple[float, float, float],
+) -> float:
     """Share of a piece, from ``low`` below to ``high`` above the goal, at which the torque is the goal's.
 
     The ripple's sine rises by ``rise`` on it.
@@ -183,7 +215,14 @@ def _share_to_goal(goal, low, high, sense, angle, turn, rise, ripple):
 
 
 @entry
-def _trace_path(turns, curve, slides, ripple, corners, corner_of_turn):
+def _trace_path(
+    turns: Real,
+    curve: tuple[Real, Real],
+    slides: tuple[Real, Real, Real],
+    ripple: tuple[float, float, float],
+    corners: Real,
+    corner_of_turn: Whole,
+) -> int:
     """Corners (torque, angle, carried) of the path from turn to turn, and that of each turn; -1 if there is no room."""
     nodes, angles = curve
     anchor, wave = np.empty(slides[0].shape[0]), 2.0 * np.pi / ripple[1] if ripple[0] != 0.0 else np.inf

@@ -16,7 +16,8 @@ def equivalent_load(force: Real, exponent: float) -> Real:
     ------
     Palmgren and Miner's sum with the life formula of ISO 281: the mean of the load's power ``exponent``.
     """
-    return np.mean(force**exponent, axis=-1) ** (1 / exponent)
+    load: Real = np.mean(force**exponent, axis=-1) ** (1 / exponent)
+    return load
 
 
 def rating_life(load: Real, rating: float, exponent: float, speed_rpm: float) -> Real:
@@ -33,7 +34,8 @@ def rating_life(load: Real, rating: float, exponent: float, speed_rpm: float) ->
 def _life(turn: TurnReadings) -> Real:
     run = turn.conditions
     load = equivalent_load(np.moveaxis(np.abs(turn.bearing_force), 2, 3), run.life_exponent)
-    return np.min(rating_life(load, run.load_rating_N, run.life_exponent, run.bearing_speed_rpm), axis=(1, 2))
+    life: Real = np.min(rating_life(load, run.load_rating_N, run.life_exponent, run.bearing_speed_rpm), axis=(1, 2))
+    return life
 
 
 LIFE = TurnMetric(

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Real
+from pipeline.arrays import Complex, Real, Truth
 from pipeline.model.metrics.metric import Limited
 from pipeline.registry import TURN_METRICS
 
@@ -71,20 +70,21 @@ class TurnReadings:
 
     loaded_angle: Real
     free_angle: Real
-    bearing_force: NDArray[np.complex128]
+    bearing_force: Complex
     input_share: Real
     pressure_speed: Real
     shear: Real
     shear_depth: Real
     friction_power: Real
     conditions: RunningConditions
-    loaded_even: NDArray[np.bool_]
-    free_even: NDArray[np.bool_]
+    loaded_even: Truth
+    free_even: Truth
 
     @property
-    def is_balanced(self) -> NDArray[np.bool_]:
+    def is_balanced(self) -> Truth:
         """(n,) whether the forces on the bearings balance the torque on the output."""
-        return np.all(np.abs(np.mean(self.input_share, axis=2) - 1) <= LARGEST_IMBALANCE, axis=1)
+        balanced: Truth = np.all(np.abs(np.mean(self.input_share, axis=2) - 1) <= LARGEST_IMBALANCE, axis=1)
+        return balanced
 
     def with_stride(self, stride: int) -> "TurnReadings":
         """The readings at every so many of the even angles."""
@@ -132,7 +132,8 @@ class TurnMetric(Limited):
 
 def peak_to_peak(angle: Real) -> Real:
     """The larger of both senses' peak to peak (n,) [arcsec] of angles (n, 2, n_angles) [arcmin]."""
-    return 60.0 * np.max(np.max(angle, axis=2) - np.min(angle, axis=2), axis=1)
+    range_of_angle: Real = 60.0 * np.max(np.max(angle, axis=2) - np.min(angle, axis=2), axis=1)
+    return range_of_angle
 
 
 @cache

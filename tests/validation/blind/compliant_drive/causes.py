@@ -1,7 +1,5 @@
 """What is put into a drive: effects of the library of the model, by their descriptions alone, and drawn laws."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -53,7 +51,7 @@ class Cause:
 
     sizes: Callable[[Disk, Course, np.random.Generator], Sequence[float]]
     drive: Callable[[Disk, Sequence[float], int, float], Disk] | None = None
-    read: Callable[[Position, Sequence[float]], Real] | None = None
+    read: "Callable[[Position, Sequence[float]], Real] | None" = None
     needs: str = ""
 
 

@@ -143,7 +143,7 @@ def _proportions(design: dict[str, Any], rng: np.random.Generator) -> float:
     """Draw the proportions of a design; its radius in that of the design at hand."""
     pins, old = int(rng.choice([12, 16, 20, 24, 30, 40])), design["cycloid"]["pin_circle_radius_mm"]
     radius = round(float(rng.uniform(35, 80)), 1)
-    size = radius / old
+    size: float = radius / old
     throw = round(float(rng.uniform(0.5, 0.72)) * radius / pins, 2)
     pin = round(0.5 * 2 * np.pi * radius / pins * float(rng.uniform(0.4, 0.52)), 2)
     pin = min(pin, round(0.085 * radius, 2))

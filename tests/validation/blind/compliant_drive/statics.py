@@ -8,8 +8,6 @@ adds a compliance that couples its pins: the elastic half-plane under line loads
 What lies between the elastic drive and the bench: friction, twists with and without memory, row by row.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -200,7 +198,7 @@ class Disk:
             radius *= 0.1
         raise UnbalancedError(f"forces do not balance at {torque:.3g} N mm")
 
-    def curve(self, largest: float) -> Curve:
+    def curve(self, largest: float) -> "Curve":
         """Rotation of the output over torques to +- the ``largest`` [N mm]."""
         shares = np.linspace(1.0, 0.0, NODES) ** 2 * (1 - SMALLEST) + SMALLEST
         torque, angle = [], []
@@ -229,7 +227,8 @@ class Curve:
         middle = np.interp(torque, [self.below[-1], self.above[0]], [self.angle_below[-1], self.angle_above[0]])
         low = PchipInterpolator(self.below, self.angle_below)(np.minimum(torque, self.below[-1]))
         high = PchipInterpolator(self.above, self.angle_above)(np.maximum(torque, self.above[0]))
-        return np.where(torque < self.below[-1], low, np.where(torque > self.above[0], high, middle))
+        angle: Real = np.where(torque < self.below[-1], low, np.where(torque > self.above[0], high, middle))
+        return angle
 
 
 def coupled_compliance(

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.arrays import Complex, Real
+from pipeline.arrays import Complex, Index, Real
 
 FIRST_STARTS = (-0.12, 0.0, 0.12)
 """Starts of the nearest point about the nominal one, in pitches of the lobes: a pin above a root has two of them."""
@@ -54,7 +53,7 @@ class Flank:
         """Number of lobes, the ratio of the drive."""
         return self.pins - 1
 
-    def lobe_at(self, parameter: Real) -> NDArray[np.intp]:
+    def lobe_at(self, parameter: Real) -> Index:
         """Lobe of a place on the flank; they are counted clockwise from the root at angle 0."""
         return np.floor(-parameter * self.lobes / (2 * np.pi)).astype(int) % self.lobes
 
@@ -68,7 +67,8 @@ class Flank:
         pitch = 2 * np.pi / self.lobes
         feet = [self.refined(point, nominal + share * pitch) for share in FIRST_STARTS]
         distances = np.array([np.abs(self._in_lobe(point, foot)[0] - self._curve(foot)[0]) for foot in feet])
-        return np.array(feet)[np.argmin(distances, axis=0), np.arange(len(point))]
+        nearest: Real = np.array(feet)[np.argmin(distances, axis=0), np.arange(len(point))]
+        return nearest
 
     def refined(self, pin_position: Complex, start: Real) -> Real:
         """Parameters of the nearest points, from those of a neighbouring pose."""
@@ -133,7 +133,7 @@ class LineContact:
 
     @property
     def _scale(self) -> float:
-        return self.interfaces * APPROACH_MM / self.length**BY_LENGTH
+        return float(self.interfaces * APPROACH_MM / self.length**BY_LENGTH)
 
     def force(self, approach: Real) -> Real:
         """Forces (n,) [N] at approaches [mm]; none where bodies are apart."""

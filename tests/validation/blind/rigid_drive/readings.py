@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from pipeline.arrays import Real, Whole
+from pipeline.arrays import Real, Truth, Whole
 from tests.validation.blind.rigid_drive.drive import Curve, RigidDrive
 from tests.validation.blind.rigid_drive.effects import EFFECTS, NMM_PER_NM, RAD_PER_ARCMIN, Sensors
 from tests.validation.blind.rigid_drive.train import Train
@@ -53,7 +53,7 @@ class Position:
     loading: Loading
     encoder_turns: float
     encoder_angle: float
-    _curves: dict[tuple, Curve] = field(default_factory=dict)
+    _curves: dict[tuple[Any, ...], Curve] = field(default_factory=dict)
 
     def angle(self, effects: Mapping[str, Sequence[float]]) -> Real:
         """Angle (n_rows,) [arcmin] as read, without noise, with effects by their names and values."""
@@ -97,7 +97,7 @@ def _numbers(part: str, effects: Mapping[str, Sequence[float]]) -> dict[str, flo
     }
 
 
-def _with_turns(torque: Real, turns: Real, leg: Whole) -> tuple[Real, NDArray[np.bool_]]:
+def _with_turns(torque: Real, turns: Real, leg: Whole) -> tuple[Real, Truth]:
     """Torques of the rows with the turns among them, and which of them are rows."""
     steps, is_row = [turns[0]], [False]
     for number, end in enumerate(turns[1:]):
