@@ -142,6 +142,7 @@ def test_torque_at_the_input_is_that_of_the_output_by_the_mean_of_the_senses(tmp
     rippling["torque_Nm"] = (rippling["torque_Nm"] + 30.0 * sense) / RATIO
     named = record_answer(record_of(unit_of(tmp_path / "rippling", rippling, CARRIER.replace("\n", side, 1))))
     assert named.judgement.members == ("compliance_crank_twice",)
+    assert 60 * effect_values(named)[0].value == pytest.approx(4.0, rel=0.01)  # at the torque held, not at its peaks
     one_sense = table[~((sense < 0) & (table["torque_Nm"] * RATIO > 400))]
     record = record_of(unit_of(tmp_path / "one", one_sense, CARRIER.replace("\n", side, 1)))
     assert [fault.kind for fault in record.fatal] == ["one sense"]

@@ -299,11 +299,10 @@ class Carrier(OutputMechanism):
         disks, push = int(disk.max()) + 1, self._push(contacts)
         plane = np.where(contacts.interface == RING, disk, disks)
         full = np.zeros((len(contacts), len(contacts)))
-        factors = self.bearing_factors.tolist()
-        flexibility = {factor: self.crankshaft.flexibility(disks, materials, factor) for factor in set(factors)}
-        for crank, factor in enumerate(factors):
+        material = materials[self.crankshaft.material]
+        for crank, factor in enumerate(self.bearing_factors.tolist()):
             rows = np.flatnonzero((contacts.end == crank) & (contacts.interface != SUPPORT))
-            shaft = flexibility[factor][np.ix_(plane[rows], plane[rows])]
+            shaft = _flexibility(self.crankshaft, disks, material, factor)[np.ix_(plane[rows], plane[rows])]
             full[np.ix_(rows, rows)] = shaft * np.real(np.conj(push[rows])[:, None] * push[rows])
         return full
 
@@ -387,6 +386,12 @@ def _turned(contacts: Contacts, disk: DiskPose, shift: complex) -> Contacts:
     """Contacts that turn with a disk and the carrier from rotation 0, and are shifted [mm]."""
     turn = np.exp(1j * disk.rotation)
     return replace(contacts, point=shift + contacts.point * turn, normal=contacts.normal * turn)
+
+
+@lru_cache
+def _flexibility(shaft: Crankshaft, disks: int, material: Material, factor: float) -> Real:
+    """`Crankshaft.flexibility`, kept."""
+    return shaft.flexibility(disks, {shaft.material: material}, factor)
 
 
 @lru_cache
