@@ -149,5 +149,5 @@ def _say(study: Study, curves: dict[float, OutputTurn]) -> None:
         )
         harmonics = orders(turn.error, turns=study.design.cycloid.lobes)
         strongest = np.argsort(-harmonics.amplitude[0], kind="stable")[:MOST_ROWS]
-        orders_text = ", ".join(f"{harmonics.order[k]:.4g}: {harmonics.amplitude[0, k]:.3g}" for k in strongest)
-        print(f"  strongest waves per turn of the crank, sense + (arcsec): {orders_text}")
+        waves = (f"{k + 1} ({harmonics.order[k]:.4g}): {harmonics.amplitude[0, k]:.3g} arcsec" for k in strongest)
+        print(f"  strongest waves per turn of the output (of the crank), sense +: {', '.join(waves)}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import lru_cache
 from math import gamma, pi, radians, sin, sqrt, tan
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -158,15 +159,19 @@ class Carrier(OutputMechanism):
         roller in the direction n carries what is left of their difference. What an error of the eccentricity shifts,
         the disk follows.
         """
-        return joined_contacts([self._bearing(j, disk) for j in range(self.cranks)])
+        return _turned(_on_eccentrics(self, disk.body), disk, disk.eccentric)
 
-    def _bearing(self, crank: int, disk: DiskPose) -> Contacts:
+    def contacts_behind(self, disk: DiskPose) -> Contacts:
+        """Both flanks of each planet with the sun, then the rollers of loose supports: the cranks turn all disks."""
+        return _turned(_behind_disks(self), disk, 0.0)
+
+    def bearing(self, crank: int, body: str) -> Contacts:
+        """Rollers between an eccentric of a crank and the disk named ``body``, on the axis at rotation 0."""
         n = self.bearing_rollers
-        centre = self.centres()[crank] * np.exp(1j * disk.rotation)
-        outwards = np.exp(1j * (disk.rotation + 2 * np.pi * np.arange(n) / n))
+        centre, outwards = self.centres()[crank], np.exp(2j * np.pi * np.arange(n) / n)
         return Contacts(
             kind=np.full(n, OUTPUT),
-            body_a=np.full(n, disk.body),
+            body_a=np.full(n, body),
             body_b=np.full(n, "output"),
             interface=np.full(n, RING),
             face=np.zeros(n, int),
@@ -178,28 +183,18 @@ class Carrier(OutputMechanism):
             two_sided=np.zeros(n, bool),
             per_eccentricity=np.zeros(n),
             curvature=np.full(n, -1 / self.bearing_radius_mm),
-            point=disk.eccentric + centre + self.bearing_radius_mm * outwards,
+            point=centre + self.bearing_radius_mm * outwards,
             normal=-outwards,
             arm=np.imag(np.conj(centre) * -outwards),
         )
 
-    def contacts_behind(self, disk: DiskPose) -> Contacts:
-        """Both flanks of each planet with the sun, then the rollers of loose supports: the cranks turn all disks."""
-        if not self.has_loose_supports:
-            return self._meshes(disk)
-        places = [(crank, support) for crank in range(self.cranks) for support in (0, 1)]
-        return joined_contacts(
-            [self._meshes(disk), *(self._support(crank, support, disk) for crank, support in places)]
-        )
-
-    def _support(self, crank: int, support: int, disk: DiskPose) -> Contacts:
-        """Rollers between the carrier and a crank's shaft; of their own radius nothing depends."""
-        ring, shaft = self._bearing(crank, disk), self.crankshaft
+    def support(self, crank: int, support: int) -> Contacts:
+        """Rollers between the carrier at rotation 0 and a crank's shaft; of their own radius nothing depends."""
+        ring, shaft = self.bearing(crank, "output"), self.crankshaft
         clearance = 1e-3 * (shaft.support_clearance_um or 0.0) if shaft else 0.0
         n = len(ring)
         return replace(
             ring,
-            body_a=np.full(n, "output"),
             body_b=np.full(n, f"crank {crank}"),
             interface=np.full(n, SUPPORT),
             face=np.full(n, support),
@@ -207,12 +202,11 @@ class Carrier(OutputMechanism):
             label=np.array([f"crank {crank} support {support} roller {k}" for k in range(n)]),
             gap=np.full(n, clearance),
             curvature=np.zeros(n),
-            point=self.centres()[crank] * np.exp(1j * disk.rotation) - self.bearing_radius_mm * ring.normal,
             arm=np.zeros(n),
         )
 
-    def _meshes(self, disk: DiskPose) -> Contacts:
-        """Both flanks of each planet with the sun.
+    def meshes(self) -> Contacts:
+        """Both flanks of each planet with the sun, the carrier at rotation 0.
 
         Notes
         -----
@@ -221,7 +215,7 @@ class Carrier(OutputMechanism):
         """
         n = 2 * self.cranks
         crank, flank = np.repeat(np.arange(self.cranks), 2), np.tile([0, 1], self.cranks)
-        direction = self.centres()[crank] / self.crank_circle_radius_mm * np.exp(1j * disk.rotation)
+        direction = self.centres()[crank] / self.crank_circle_radius_mm
         side = 1 - 2 * flank
         return Contacts(
             kind=np.full(n, OUTPUT),
@@ -305,9 +299,10 @@ class Carrier(OutputMechanism):
         disks, push = int(disk.max()) + 1, self._push(contacts)
         plane = np.where(contacts.interface == RING, disk, disks)
         full = np.zeros((len(contacts), len(contacts)))
-        for crank, factor in enumerate(self.bearing_factors):
+        material = materials[self.crankshaft.material]
+        for crank, factor in enumerate(self.bearing_factors.tolist()):
             rows = np.flatnonzero((contacts.end == crank) & (contacts.interface != SUPPORT))
-            shaft = self.crankshaft.flexibility(disks, materials, factor)[np.ix_(plane[rows], plane[rows])]
+            shaft = _flexibility(self.crankshaft, disks, material, factor)[np.ix_(plane[rows], plane[rows])]
             full[np.ix_(rows, rows)] = shaft * np.real(np.conj(push[rows])[:, None] * push[rows])
         return full
 
@@ -385,6 +380,32 @@ class Carrier(OutputMechanism):
 def _law(linear: Real, power: Real, exponent: float) -> ContactLaws:
     zero = np.zeros(len(linear))
     return ContactLaws(linear, zero, power, zero + exponent, zero + np.inf, zero)
+
+
+def _turned(contacts: Contacts, disk: DiskPose, shift: complex) -> Contacts:
+    """Contacts that turn with a disk and the carrier from rotation 0, and are shifted [mm]."""
+    turn = np.exp(1j * disk.rotation)
+    return replace(contacts, point=shift + contacts.point * turn, normal=contacts.normal * turn)
+
+
+@lru_cache
+def _flexibility(shaft: Crankshaft, disks: int, material: Material, factor: float) -> Real:
+    """`Crankshaft.flexibility`, kept."""
+    return shaft.flexibility(disks, {shaft.material: material}, factor)
+
+
+@lru_cache
+def _on_eccentrics(output: Carrier, body: str) -> Contacts:
+    """Rollers of the cranks' bearings in the disk named ``body``, which stands at rotation 0 on the axis."""
+    return joined_contacts([output.bearing(j, body) for j in range(output.cranks)])
+
+
+@lru_cache
+def _behind_disks(output: Carrier) -> Contacts:
+    """Flanks of the planets, and rollers of loose supports, the carrier at rotation 0."""
+    places = [(crank, support) for crank in range(output.cranks) for support in (0, 1)]
+    supports = [output.support(*place) for place in places] if output.has_loose_supports else []
+    return joined_contacts([output.meshes(), *supports])
 
 
 MECHANISM = Carrier

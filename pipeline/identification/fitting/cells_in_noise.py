@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Unit
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
@@ -25,7 +26,7 @@ line of slope 6 d takes of it."""
 PLAY_SHARE = 0.1
 """Height of a jump, over the range of the angle at its position, from which it is a way through the play: a knee of the
 curve scatters too."""
-PLACE = 24**-0.5
+PLACE: Unit = 24**-0.5
 """Rms of what half a row reaches beyond a place that is anywhere between two rows [rows]."""
 CELL_WIDTH = 0.02
 """Error of a cell's torque as a share of the distance to its neighbours."""

@@ -5,15 +5,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.arrays import Real
+from pipeline.constant_kinds import Fineness, Seed, Unit
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.unit_sections import InstrumentSection
 from pipeline.statistics.resampling import resampled_counts, resampled_means
 
-MAD_TO_STD = 1.4826
+MAD_TO_STD: Unit = 1.4826
 """Standard deviation over median absolute deviation of normal values."""
-RESAMPLES = 1000
+RESAMPLES: Fineness = 1000
 """Of the block bootstrap of the noise."""
-SEED = 79
+SEED: Seed = 79
 """Of the bootstrap: equal data give an equal page."""
 
 

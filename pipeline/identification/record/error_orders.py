@@ -6,14 +6,15 @@ import numpy as np
 from scipy.special import ndtri
 
 from pipeline.arrays import Real, Whole
+from pipeline.constant_kinds import ShownCount
 from pipeline.identification.record.evidence import Points
 from pipeline.identification.record.terms import LEAST_WAVES, POINTS_A_WAVE, Covariates
 from pipeline.identification.record.turn_record import TurnRecord
-from pipeline.statistics.resampling import CONFIDENCE
+from pipeline.statistics.resampling import CONFIDENCE, LEVEL
 
 WIDTH = float(ndtri(0.5 + 0.5 * CONFIDENCE))
 """Half of an interval, in standard deviations."""
-SHOWN_ORDERS = 12
+SHOWN_ORDERS: ShownCount = 12
 """Orders that the page lists beside those of the shafts: the largest."""
 
 
@@ -61,7 +62,7 @@ def error_orders(record: TurnRecord, points: Points) -> list[OrderRow]:
     of_signals = [np.bincount(interval_of_point), *(_squares(column, interval_of_point) for column in (torque, sense))]
     noise = 60 * float(np.median(points.noise)) * np.sqrt(2 / len(intervals))
     errors = np.array([noise / np.sqrt(max(float(np.median(square)), 1e-12)) for square in of_signals])
-    threshold = np.sqrt(-2 * np.log((1 - CONFIDENCE) / max(len(signals) * len(grid), 1)))
+    threshold = np.sqrt(-2 * np.log(LEVEL / max(len(signals) * len(grid), 1)))
     half = 0.5 * 2 * np.pi * turns / record.n_intervals
 
     def amplitudes(order: float) -> Real:

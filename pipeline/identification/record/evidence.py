@@ -15,6 +15,7 @@ Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -22,6 +23,7 @@ from scipy.sparse import csr_array, dia_array
 from scipy.special import gammaincinv
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Fineness
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.passes import RecordCells
 from pipeline.identification.record.terms import Term
@@ -30,7 +32,7 @@ from pipeline.statistics.resampling import CONFIDENCE
 
 SIZES = (0.0, 0.15, 0.3, 0.6, 1.2, 2.4, 5.0, 10.0)
 """Standard deviations of a structure that are tried, in those of the median point's noise."""
-ROUNDS = 4
+ROUNDS: Fineness = 4
 """Times that the sizes are found one after the other, at most."""
 REACH = 0.15
 """Share of the angle that was turned over which the drift of a pass is alike."""
@@ -56,6 +58,9 @@ class Points:
         held torque.
     cells, of_cells : cells that count (n_cells,), and the point of each.
     drift : standard deviation [arcmin] of what repeats differ by over the angle; infinite without repeats.
+    shift : standard deviation [arcmin] of the mean of a kind, by what whole passes that repeat each other are shifted;
+        0 without repeats.
+    repeats : degrees of freedom of that shift.
     """
 
     kind: Whole
@@ -70,6 +75,8 @@ class Points:
     cells: Whole
     of_cells: Whole
     drift: float
+    shift: float
+    repeats: int
 
     def __len__(self) -> int:
         return len(self.error)
@@ -121,7 +128,16 @@ def points_of(record: TurnRecord, under_load: bool = True) -> Points:
         cells=chosen_rows,
         of_cells=number,
         drift=_drift(of_repeats, cells, is_repeated, record.n_intervals) if freedom > 0 else np.inf,
+        **_shift(of_pass[np.unique(cells.owner)], passes.kind[np.unique(cells.owner)]),
     )
+
+
+def _shift(of_pass: Real, kind: Whole) -> dict[str, Any]:
+    """Fields ``shift`` and ``repeats`` of the points, by the means of passes about that of their kind (n_passes,)."""
+    count = np.unique(kind, return_counts=True)[1]
+    freedom = int(np.sum(count - 1))
+    size = np.sqrt(np.sum(of_pass**2) / freedom * np.mean(1 / count)) if freedom else 0.0
+    return {"shift": float(size), "repeats": freedom}
 
 
 def _drift(residual: Real, cells: RecordCells, is_repeated: Truth, n_intervals: int) -> float:
@@ -140,7 +156,8 @@ class Structure:
 
     Attributes
     ----------
-    own_size, of_kind : at each point, and of each kind of pass: what no term of the model is.
+    own_size, of_kind : at each point, and of each kind of pass beyond the shift of its repeats: what no term of the
+        model is.
     closing : at each place and held torque, by contacts that close: the unit's own, as its zeros are.
     drift : of each kind over the angle, as passes that repeat each other differ: no structure of the unit.
     """
@@ -287,10 +304,11 @@ class RecordEvidence:
         part_bytes = b"" if parts is None else np.ascontiguousarray(parts, np.int64).tobytes()
         moments = self._moments(structure.own_size, structure.closing, left_out, part_bytes)
         own_columns = self._own_columns(names)
-        kinds = self.n_terms + 1 + np.arange(self.n_kinds if structure.of_kind else 0)
+        of_kind = float(np.hypot(structure.of_kind * self.unit, self.points.shift))
+        kinds = self.n_terms + 1 + np.arange(self.n_kinds if of_kind else 0)
         chosen = np.concatenate([own_columns, kinds, [self.n_terms]])
         gram, log_det = moments.without_drift(chosen, structure.drift * self.unit)
-        spread = np.concatenate([self.spread[own_columns], np.full(len(kinds), structure.of_kind * self.unit)])
+        spread = np.concatenate([self.spread[own_columns], np.full(len(kinds), of_kind)])
         normal = np.eye(len(spread)) + spread[:, None] * gram[:-1, :-1] * spread
         right_side = spread * gram[:-1, -1]
         factor = cho_factor(normal)
@@ -351,6 +369,13 @@ class RecordEvidence:
     def predict_error(self, names: Sequence[str], posterior: Posterior) -> Real:
         """Errors (n,) [arcmin] by the sizes of a model, without the zeros of the intervals."""
         return np.asarray(self.columns[:, self._own_columns(names)] @ posterior.mean)
+
+    def size_variance(self, names: Sequence[str], posterior: Posterior, is_held_out: Truth) -> Real:
+        """Variance (n_held_out,) of errors about zeros by all other points, by the errors of the sizes of a model."""
+        columns = self.columns[:, self._own_columns(names)]
+        zeros = np.column_stack([self.zeros(column, ~is_held_out) for column in columns.T])
+        about_zeros = (columns - zeros)[is_held_out]
+        return np.asarray(np.einsum("nk,kl,nl->n", about_zeros, posterior.covariance, about_zeros), float)
 
     def zero_variance(self, variance: Real, is_chosen: Truth) -> Real:
         """Variance (n,) of each point's zero by chosen points of these variances, of which one place counts once."""

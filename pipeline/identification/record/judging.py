@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.stats import f
 
 from pipeline.arrays import Real, Whole
 from pipeline.identification.record.evidence import Points, Posterior, RecordEvidence, Structure
@@ -265,14 +265,14 @@ class RecordJudge(Rule[Trial]):
         Notes
         -----
         A right model leaves noise, what contacts that close make at a held torque, and a structure of the size of its
-        form; and what the zeros of the other parts are uncertain by, of noise and closing contacts alike.
+        form; and what the zeros and the sizes by the other parts are uncertain by.
         """
         evidence, points = self.evidence, self.evidence.points
         if len(np.unique(self.parts)) < 2:
             return "nothing is held out, so the fit cannot be tested"
         square, plain_gain, freedom = 0.0, 0.0, len(np.unique(points.kind))  # within a pass places are alike
         beside_noise = trial.structure.closing**2 + trial.structure.drift**2 + form_limit(base.rms) ** 2
-        variance = points.noise**2 + beside_noise * evidence.unit**2
+        variance = points.noise**2 + points.shift**2 + beside_noise * evidence.unit**2
         for number in np.unique(self.parts):
             is_held_out = self.parts == number
             posterior = evidence.posterior(trial.effects, trial.structure, int(number), self.parts)
@@ -281,9 +281,12 @@ class RecordJudge(Rule[Trial]):
             is_known = np.isfinite(of_zero[is_held_out])
             misfit = evidence.unused_misfit(residual, is_held_out, trial.effects)[is_known]
             without = evidence.unused_misfit(points.error, is_held_out, trial.effects)[is_known]
-            square += float(np.sum(misfit**2 / (variance + of_zero)[is_held_out][is_known]))
+            left_open = evidence.size_variance(trial.effects, posterior, is_held_out)[is_known]
+            square += float(np.sum(misfit**2 / ((variance + of_zero)[is_held_out][is_known] + left_open)))
             plain_gain += float(np.sum(without**2) - np.sum(misfit**2))
         n = max(int(np.sum(np.isfinite(evidence.zeros(points.error, np.ones(len(points), bool))))), 1)
-        if square > n * (1 + float(ndtri(CONFIDENCE)) * np.sqrt(2 / max(freedom, 1))):
+        share = float(np.mean(points.shift**2 / variance))  # of the variance, known by the repeats alone
+        known_freedom = points.repeats / max(share, 1e-6) ** 2 if points.repeats else np.inf
+        if square > n * f.ppf(CONFIDENCE, max(freedom, 1), known_freedom):
             return f"unused data are missed by {np.sqrt(square / n):.2g} times what a right model would leave"
         return "the mean of the other passes predicts unused data better" if plain_gain < 0 else ""

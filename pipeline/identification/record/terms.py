@@ -47,7 +47,7 @@ class Covariates:
 
     Attributes
     ----------
-    torque : (n_cells,) over the largest torque.
+    torque : (n_cells,) over the largest torque that is held.
     sense : (n_cells,) 1 forward, -1 backward.
     lag : (n_cells,) difference of the senses at each held torque over the largest one.
     warm, fast : (n_cells,) temperature and speed about their means, -1 to 1 at most; zeros where they do not vary.
@@ -63,7 +63,7 @@ class Covariates:
     def from_record(cls, record: TurnRecord) -> "Covariates":
         """Those of a record."""
         cells, passes = record.cells, record.passes
-        torque = cells.torque / max(record.largest_torque, 1e-12)
+        torque = cells.torque / max(float(np.abs(record.levels).max()), 1e-12)  # that held, not what a meter peaks at
         sense = passes.sense[cells.owner].astype(float)
         temperature = passes.temperature - _middle(passes.temperature)
         reach = float(np.nanmax(np.abs(temperature))) if np.any(np.isfinite(temperature)) else 0.0

@@ -5,6 +5,7 @@ time of one disk and saves a sixth of that of two.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ def coupled_blocks(compliance: Real) -> Blocks:
     one_block = Blocks(np.arange(n), np.array([[0, n]]), np.ascontiguousarray(compliance), self_compliance)
     if np.all(compliance[np.argmax(elastic), elastic]):  # most reducers have one elastic body, or none
         return one_block
-    component = _first_coupled(compliance != 0.0)
+    component = _first_coupled(np.packbits(compliance != 0.0).tobytes(), n)
     of_bodies = np.unique(component[elastic])
     if len(of_bodies) < 2:
         return one_block
@@ -54,12 +55,17 @@ def coupled_blocks(compliance: Real) -> Blocks:
     return Blocks(order, ranges, block_values, self_compliance[order])
 
 
-def _first_coupled(is_coupled: np.ndarray) -> Index:
-    """The first contact that each is coupled to (n_contacts, n_contacts), by way of others too; itself if none."""
-    first_contact = np.arange(len(is_coupled))
+@lru_cache(maxsize=16)
+def _first_coupled(packed: bytes, n: int) -> Index:
+    """The first of ``n`` contacts that each is coupled to, by way of others too; itself if none.
+
+    ``packed`` has the bits of the matrix of coupled pairs, which hardly changes with the crank angle: it is kept.
+    """
+    is_coupled = np.unpackbits(np.frombuffer(packed, np.uint8), count=n * n).reshape(n, n).astype(bool)
+    first_contact = np.arange(n)
     while True:
         spread = np.minimum(
-            np.where(is_coupled, first_contact, len(first_contact)).min(axis=1, initial=len(first_contact)),
+            np.where(is_coupled, first_contact, n).min(axis=1, initial=n),
             first_contact,
         )
         if np.array_equal(spread, first_contact):

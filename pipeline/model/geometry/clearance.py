@@ -372,7 +372,10 @@ def gaps(
         if len(in_hole) and (np.any(of_disk.pin_off_hole) or np.any(of_disk.hole_diameter)):
             gap[:, in_hole] += hole_gaps(contacts.some(in_hole), reducer.disks[number], of_disk, method)
         parts.append(gap)
-    if not (reducer.displacements and np.any(errors.displacement)):
-        return np.hstack(parts)
-    matrix = np.hstack(list(reducer.displacements.values()))
-    return np.asarray(np.hstack(parts) + np.real(errors.displacement @ np.conj(matrix.T)))
+    gap = np.hstack(parts)
+    if reducer.displacements and np.any(errors.displacement):
+        matrix = np.hstack(list(reducer.displacements.values()))
+        moved = np.flatnonzero(matrix.any(axis=1))
+        travel = np.hstack([errors.displacement.real, errors.displacement.imag])
+        gap[:, moved] += travel @ np.hstack([matrix.real, matrix.imag])[moved].T
+    return gap

@@ -174,13 +174,14 @@ def of_each_disk(values: Real, count: int) -> Real:
 
 def _contact_jacobian(contacts: Contacts, motions: tuple[str, ...]) -> Real:
     """Penetration per unit motion: body b moving along the normal opens the contact, body a closes it."""
-    jacobian = np.zeros((len(contacts), len(motions)))
-    for sign, bodies in ((1.0, contacts.body_a), (-1.0, contacts.body_b)):
-        for column, motion in enumerate(motions):
-            body, component = motion.rsplit("_", 1)
-            component_of = {"x": contacts.normal.real, "y": contacts.normal.imag, "phi": contacts.arm}.get(component)
-            if component_of is not None:  # else of no body in the list: ``couplings_of`` has it
-                jacobian[:, column] += np.where(bodies == body, sign * component_of, 0.0)
+    parts = {"x": contacts.normal.real, "y": contacts.normal.imag, "phi": contacts.arm}
+    jacobian, closing = np.zeros((len(contacts), len(motions))), dict[str, Real]()
+    for column, motion in enumerate(motions):
+        body, component = motion.rsplit("_", 1)
+        if component in parts:  # else of no body in the list: ``couplings_of`` has it
+            if body not in closing:
+                closing[body] = (contacts.body_a == body) * 1.0 - (contacts.body_b == body)
+            jacobian[:, column] = closing[body] * parts[component]
     return jacobian
 
 

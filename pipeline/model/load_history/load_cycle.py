@@ -217,7 +217,8 @@ def _loaded_poses(elastic: ElasticReducer, gap: Real, pose: Real, torque: float)
     Notes
     -----
     At an end of play the contacts that stop it balance the torque by forces >= 0 (the duals of its program); each of
-    them is then as deep as it deflects under its force.
+    them is then as deep as it deflects under its force. Where as many touch as there are motions they are the basis of
+    that program, and have one balance; of others, as of preloaded units, one is sought.
     """
     reducer = elastic.reducer
     jacobian, start = reducer.contact_jacobian, pose.copy()
@@ -225,12 +226,19 @@ def _loaded_poses(elastic: ElasticReducer, gap: Real, pose: Real, torque: float)
     scale = np.where(rotates, 1 / np.abs(jacobian).max(), 1.0)
     load = np.zeros(len(scale))
     load[reducer.output_motion] = torque
-    force = np.zeros_like(gap)
-    for k, slack in enumerate(gap - pose @ jacobian.T):
-        stopping = np.flatnonzero(slack < TOUCHING)
-        if len(stopping):
-            force[k, stopping], _ = scipy.optimize.nnls((jacobian[stopping] * scale).T, load * scale)
-    depth = elastic.laws.deflection(force) + force @ elastic.compliance
-    for k, carries in enumerate(force > 0):
+    force, slack = np.zeros_like(gap), gap - pose @ jacobian.T
+    stops = slack < TOUCHING
+    is_basis = (np.sum(stops, axis=1) == len(scale)) & np.all(slack > -TOUCHING, axis=1)
+    units, rows = np.flatnonzero(is_basis), np.nonzero(stops[is_basis])[1].reshape(-1, len(scale))
+    of_basis = (jacobian * scale)[rows]
+    loads = np.broadcast_to((load * scale)[:, None], (*rows.shape, 1))
+    force[units[:, None], rows] = np.maximum(np.linalg.solve(of_basis.swapaxes(1, 2), loads)[..., 0], 0.0)
+    for k in np.flatnonzero(~is_basis & np.any(stops, axis=1)):
+        stopping = np.flatnonzero(stops[k])
+        force[k, stopping], _ = scipy.optimize.nnls((jacobian[stopping] * scale).T, load * scale)
+    depth = np.where(force > 0, elastic.laws.deflection(force) + force @ elastic.compliance, 0.0)
+    start[units] += scale * np.linalg.solve(of_basis, depth[units[:, None], rows][..., None])[..., 0]
+    for k in np.flatnonzero(~is_basis):
+        carries = force[k] > 0
         start[k] += np.linalg.lstsq(jacobian[carries], depth[k, carries], rcond=None)[0]
     return start

@@ -1,22 +1,25 @@
 """Linear programs that differ in their limits alone, by the dual simplex from one common basis (compiled).
 
 Maximise objective @ x subject to rows @ x <= limits, and to |x[2k:2k+2]| <= radii[k] for centres in discs. Whether a
-basis is dual feasible does not depend on the limits: every program starts from the same one, and its answer does not
-depend on the others (Lemke, Nav. Res. Logist. Q. 1 (1954) 36). Some ten unknowns and a hundred rows take a few pivots.
-A disc is replaced by its tangents at the optima so far (Kelley, J. SIAM 8 (1960) 703): one more row, which enters.
+basis is dual feasible does not depend on the limits: every program starts from the same one, the optimum of equal
+limits, and its answer does not depend on the others (Lemke, Nav. Res. Logist. Q. 1 (1954) 36). Some ten unknowns and a
+hundred rows take a dozen pivots. A disc is replaced by its tangents at the optima so far (Kelley, J. SIAM 8 (1960)
+703): one more row, which enters.
 """
 
 import numpy as np
 import scipy  # its functions are slow to import: they are when they are called
 
-from pipeline.arrays import Index, Real, Whole
-from pipeline.model.compiled import entry, part
+from pipeline.arrays import Index, Real
+from pipeline.model.compiled import algebraic_part, entry
 from pipeline.model.geometry.rigid_play.disc_program import CONE_TOLERANCE
 
 FEASIBLE = 1e-10
 """Violation of a limit, in the unit of the limits over that of the rows, that is rounding."""
 LEAST_PIVOT = 1e-9
 """Share of the rows' largest entry below which a pivot is rounding."""
+CANDIDATES = 0.5
+"""Share of the largest violation above which rows enter, one after the other, before all rows are looked at again."""
 MOST_VIOLATED = 20
 """Pivots per unknown in which the most violated row enters; then the first one does, which cannot cycle."""
 MOST_TANGENTS = 40
@@ -25,75 +28,123 @@ MOST_PIVOTS = 200
 """Pivots per unknown after which a program is given up."""
 
 
-@part
+@algebraic_part
 def _exchange(
-    rows: Real, entering: int, violation: float, basis: Index, inverse: Real, duals: Real, share: Real, x: Real
+    row: Real,
+    entering: int,
+    violation: float,
+    basis: Index,
+    inverse: Real,
+    duals: Real,
+    share: Real,
+    x: Real,
 ) -> bool:
-    """Let a violated row into the basis, and ``x`` onto it, for the one whose dual falls to zero first.
+    """Let a violated ``row`` into the basis, and ``x`` onto it, for the one whose dual falls to zero first.
 
-    False if no row can leave: the program is infeasible.
+    ``inverse`` has the columns of the basis' inverse as rows. False if no row can leave: the program is infeasible.
     """
-    size = rows.shape[0]
+    size = len(row)
     leaving, least = -1, np.inf
     for k in range(size):
         share[k] = 0.0
         for d in range(size):
-            share[k] += rows[d, entering] * inverse[d, k]
+            share[k] += row[d] * inverse[k, d]
         if share[k] > LEAST_PIVOT:
             ratio = duals[k] / share[k]
             if ratio < least or (ratio == least and basis[k] < basis[leaving]):
                 leaving, least = k, ratio
     if leaving < 0:
         return False
+    for d in range(size):
+        inverse[leaving, d] /= share[leaving]
+        x[d] -= violation * inverse[leaving, d]
     for k in range(size):
         duals[k] = max(duals[k] - least * share[k], 0.0)
+        if k != leaving:
+            for d in range(size):
+                inverse[k, d] -= share[k] * inverse[leaving, d]
     duals[leaving] = least
-    for d in range(size):
-        column = inverse[d, leaving] / share[leaving]
-        x[d] -= violation * column
-        for k in range(size):
-            inverse[d, k] -= share[k] * column
-        inverse[d, leaving] = column
     basis[leaving] = entering
     return True
 
 
+@algebraic_part
+def _violated_rows(
+    columns: Real, limit: Real, x: Real, n_rows: int, violations: Real, candidates: Index, first_only: bool
+) -> tuple[int, float]:
+    """Write the rows that are violated the most, or the first one, into ``candidates``; how many, and the violation."""
+    for i in range(n_rows):
+        violations[i] = -limit[i]
+    for d in range(len(x)):
+        column, unknown = columns[d], x[d]
+        for i in range(n_rows):
+            violations[i] += column[i] * unknown
+    worst = FEASIBLE
+    for i in range(n_rows):
+        worst = max(worst, violations[i])
+    count = 0
+    if worst > FEASIBLE:
+        least = FEASIBLE if first_only else max(FEASIBLE, CANDIDATES * worst)
+        for i in range(n_rows):
+            candidates[count] = i
+            count += violations[i] > least
+            if first_only and count:
+                break
+    return count, worst
+
+
+@algebraic_part
+def _most_violated(rows: Real, limit: Real, x: Real, candidates: Index, count: int) -> tuple[int, float]:
+    """The most violated of the ``candidates``, -1 if none, and by how much."""
+    entering, worst = -1, FEASIBLE
+    for j in range(count):
+        i = candidates[j]
+        violation = -limit[i]
+        for d in range(len(x)):
+            violation += rows[i, d] * x[d]
+        if violation > worst:
+            entering, worst = i, violation
+    return entering, worst
+
+
 @entry
 def _solve(
-    rows: Real, limits: Real, radii: Real, basis: Index, inverse: Real, duals: Real, points: Real, state: Whole
+    columns: Real,
+    limits: Real,
+    radii: Real,
+    basis: Index,
+    inverse: Real,
+    duals: Real,
+    points: Real,
+    state: Index,
+    last_basis: Index,
 ) -> None:
     """Fill ``points`` (n, n_unknowns) and ``state`` (n,): 0 solved, 1 infeasible, 2 given up.
 
-    ``rows`` (n_unknowns, n_rows) are columns here: the violations of all are found several at once. The last
-    ``MOST_TANGENTS`` of each disc are room for its tangents.
+    ``columns`` (n_unknowns, n_rows) are those of the rows: the violations of all are found several at once. The last
+    ``MOST_TANGENTS`` of each disc are room for its tangents. ``inverse`` has the columns of the basis' inverse as rows;
+    ``last_basis`` (n_unknowns,) becomes that of the last program.
     """
-    size, discs = rows.shape[0], radii.shape[1]
-    n_fixed = rows.shape[1] - MOST_TANGENTS * discs
-    own_basis, own_inverse, own_duals, own_rows = basis.copy(), inverse.copy(), duals.copy(), rows.copy()
-    share, limit, violations = np.empty(size), np.empty(rows.shape[1]), np.empty(rows.shape[1])
+    size, discs = columns.shape[0], radii.shape[1]
+    n_fixed = columns.shape[1] - MOST_TANGENTS * discs
+    own_inverse, own_duals = inverse.copy(), duals.copy()
+    own_columns, rows = columns.copy(), columns.T.copy()
+    share, limit, violations = np.empty(size), np.empty(columns.shape[1]), np.empty(columns.shape[1])
+    candidates = np.empty(columns.shape[1] + 1, np.int64)
     for s in range(limits.shape[0]):
-        own_basis[:], own_inverse[:], own_duals[:] = basis, inverse, duals
-        x, n_rows = points[s], n_fixed
+        last_basis[:], own_inverse[:], own_duals[:] = basis, inverse, duals
+        x, n_rows, pivots = points[s], n_fixed, 0
         limit[:n_fixed] = limits[s]
-        for d in range(size):
-            x[d] = 0.0
-            for k in range(size):
-                x[d] += own_inverse[d, k] * limit[own_basis[k]]
-        state[s] = 2
-        for pivot in range(MOST_PIVOTS * size):
-            entering, worst = -1, FEASIBLE
-            for i in range(n_rows):
-                violations[i] = -limit[i]
+        x[:] = 0.0
+        for k in range(size):
             for d in range(size):
-                row, unknown = own_rows[d], x[d]
-                for i in range(n_rows):
-                    violations[i] += row[i] * unknown
-            for i in range(n_rows):
-                if violations[i] > worst:
-                    entering, worst = i, violations[i]
-                    if pivot >= MOST_VIOLATED * size:
-                        break
-            if entering < 0:
+                x[d] += own_inverse[k, d] * limit[last_basis[k]]
+        state[s] = 2
+        while pivots < MOST_PIVOTS * size:
+            count, worst = _violated_rows(
+                own_columns, limit, x, n_rows, violations, candidates, first_only=pivots >= MOST_VIOLATED * size
+            )
+            if count == 0:
                 farthest = -1
                 for k in range(discs):
                     overshoot = np.hypot(x[2 * k], x[2 * k + 1]) - radii[s, k]
@@ -102,15 +153,26 @@ def _solve(
                 if farthest < 0:
                     state[s] = 0
                     break
-                if n_rows == rows.shape[1]:
+                if n_rows == columns.shape[1]:
                     break
                 reach = worst + radii[s, farthest]
-                own_rows[:, n_rows] = 0.0
+                rows[n_rows] = 0.0
                 for d in range(2 * farthest, 2 * farthest + 2):
-                    own_rows[d, n_rows] = x[d] / reach
-                entering, limit[n_rows] = n_rows, radii[s, farthest]
+                    rows[n_rows, d] = x[d] / reach
+                own_columns[:, n_rows] = rows[n_rows]
+                limit[n_rows] = radii[s, farthest]
+                candidates[0], count = n_rows, 1
                 n_rows += 1
-            if not _exchange(own_rows, entering, worst, own_basis, own_inverse, own_duals, share, x=x):
+            can_leave = True
+            while can_leave and pivots < MOST_PIVOTS * size:
+                entering, worst = _most_violated(rows, limit, x, candidates, count)
+                if entering < 0:
+                    break
+                pivots += 1
+                can_leave = _exchange(
+                    rows[entering], entering, worst, last_basis, own_inverse, own_duals, share, x=x
+                )
+            if not can_leave:
                 state[s] = 1
                 break
 
@@ -134,33 +196,36 @@ def optimal_points(objective: Real, rows: Real, limits: Real, radii: Real) -> tu
     scale[: 2 * discs] = 1.0
     box = np.repeat(np.eye(size)[: 2 * discs], 2, axis=0)
     box[1::2] *= -1.0
-    scaled = np.vstack([rows / scale, box])
-    limits = np.hstack([limits, np.repeat(radii, 4, axis=1)])
-    basis, duals = _dual_feasible(objective / scale, scaled)
-    points, state = np.empty((len(limits), size)), np.empty(len(limits), np.int64)
-    inverse = np.linalg.inv(scaled[basis])
-    scaled = np.vstack([scaled, np.zeros((MOST_TANGENTS * discs, size))])
-    columns = np.ascontiguousarray(scaled.T)
-    _solve(
-        columns, np.ascontiguousarray(limits), np.ascontiguousarray(radii), basis, inverse, duals, points, state=state
-    )
+    scaled, direction = np.vstack([rows / scale, box]), objective / scale
+    limits = np.hstack([limits, np.repeat(radii, 4, axis=1)]) if discs else limits
+    basis = _optimal_basis(direction, scaled)
+    room = np.vstack([scaled, np.zeros((MOST_TANGENTS * discs, size))])
+    points, state = _points(direction, basis, room, limits, radii)[:2]
     if np.any(state == 2):
         effort = f"{MOST_PIVOTS} pivots per unknown and {MOST_TANGENTS} tangents of a disc"
         raise ArithmeticError(f"a linear program is not solved within {effort}")
     return points / scale, state == 0
 
 
-def _dual_feasible(objective: Real, rows: Real) -> tuple[Index, Real]:
-    """Rows (n_unknowns,) of a basis whose weights >= 0 make the objective, and the weights."""
+def _points(objective: Real, basis: Index, rows: Real, limits: Real, radii: Real) -> tuple[Real, Index, Index]:
+    """Points (n, n_unknowns), their states (n,), see ``_solve``, and the basis of the last, from a common ``basis``."""
+    inverse = np.linalg.inv(rows[basis])
+    duals, last_basis = np.maximum(objective @ inverse, 0.0), basis.copy()
+    points, state = np.empty((len(limits), len(basis))), np.empty(len(limits), np.int64)
+    of_programs = np.ascontiguousarray(limits), np.ascontiguousarray(radii)
+    columns = np.ascontiguousarray(rows.T), *of_programs, basis, np.ascontiguousarray(inverse.T), duals
+    _solve(*columns, points, state, last_basis=last_basis)
+    return points, state, last_basis
+
+
+def _optimal_basis(objective: Real, rows: Real) -> Index:
+    """Rows (n_unknowns,) that are met at the optimum of limits 1, whose weights >= 0 make the objective."""
     weights, misfit = scipy.optimize.nnls(rows.T, objective)
     if misfit > 1e-9 * np.linalg.norm(objective):
         raise ArithmeticError("a linear program is unbounded: no contact stops a motion")
-    basis = np.flatnonzero(weights > 0).tolist()
+    basis = np.flatnonzero(weights > 0)
     span = np.linalg.qr(rows[basis].T)[0]
-    while len(basis) < rows.shape[1]:  # by the row that is farthest from those chosen
-        off_span = rows - rows @ span @ span.T
-        farthest = int(np.argmax(np.linalg.norm(off_span, axis=1)))
-        basis.append(farthest)
-        span = np.linalg.qr(rows[basis].T)[0]
-    chosen = np.array(basis)
-    return chosen, np.maximum(np.linalg.solve(rows[chosen].T, objective), 0.0)
+    off_span = rows - rows @ span @ span.T  # each further row is the one that is farthest from those chosen
+    farthest = scipy.linalg.qr(off_span.T, mode="r", pivoting=True)[1]
+    basis = np.append(basis, farthest[: rows.shape[1] - len(basis)])
+    return _points(objective, basis, rows, np.ones((1, len(rows))), np.zeros((1, 0)))[2]
