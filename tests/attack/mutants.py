@@ -130,14 +130,18 @@ class Coverage:
                 test = f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}"
                 self.seconds[test] = float(case.get("time", 0))
 
-    def tests(self, mutant: Mutant) -> list[str]:
+    def batches(self, mutant: Mutant) -> list[list[str]]:
         """Tests that run a line of a mutant, the shortest first, then files that name its module or what is in it.
+
+        Those of them that lie in the three files that name most are the first batch.
 
         What runs in the setup of one test may be shared with any test of its file. Compiled functions are not traced,
         nor is what runs in a process that a test starts: for these are the files, and tests of modules that import it.
         """
         traced = self._running(mutant.path, mutant.lines) or self._running_importers(mutant.path)
-        return self._first(sorted(traced, key=self._time)) + self._first(self._naming(mutant.path))
+        ranked, named = self._first(sorted(traced, key=self._time)), self._naming(mutant.path)
+        near = [test for test in ranked if test.startswith(tuple(named[:3]))]
+        return [near, [test for test in ranked if test not in near], self._first(named)]
 
     def _running(self, path: Path, lines: Container[int]) -> set[str]:
         contexts = self.data.contexts_by_lineno(str(path))
@@ -224,7 +228,8 @@ class Homes:
         """What becomes of a mutant: the test that fails, "does not end", or "" if it survives."""
         home = self.free.get()
         (home / mutant.path).write_text(mutant.text)
-        failed = failed_test(home, self.coverage.tests(mutant))
+        found = (failed_test(home, batch) for batch in self.coverage.batches(mutant))
+        failed = next((test for test in found if test is not None), None)
         shutil.copy(ROOT / mutant.path, home / mutant.path)
         self.free.put(home)
         if failed and failed not in self.passed:
