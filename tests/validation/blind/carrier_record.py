@@ -110,7 +110,10 @@ def reducer(rng: np.random.Generator, truth: Truth, perfect: bool = False) -> Ca
     )
 
 
-def solved(drive: CarrierDrive, bench: Bench) -> tuple[Real, Real, Real]:
+Curves = tuple[Real, Real, Real]
+
+
+def solved(drive: CarrierDrive, bench: Bench) -> Curves:
     """Places [rad], net torques [N m] and errors (n_places, n_torques) [rad] of a reducer without friction."""
     top = max(abs(torque) for torque in bench.torques)
     shares = np.array(NODES)
@@ -124,9 +127,9 @@ def solved(drive: CarrierDrive, bench: Bench) -> tuple[Real, Real, Real]:
     return places, torques, np.array(errors)
 
 
-def record(drive: CarrierDrive, bench: Bench, truth: Truth, rng: np.random.Generator) -> pd.DataFrame:
+def record(ratio: float, curves: Curves, bench: Bench, truth: Truth, rng: np.random.Generator) -> pd.DataFrame:
     """What the bench writes: time, both encoders, torque at the output, temperature, and the number of the repeat."""
-    places, torques, errors = solved(drive, bench)
+    places, torques, errors = curves
     along = PchipInterpolator(torques, errors, axis=1)
     top, parts, clock = max(abs(torque) for torque in bench.torques), [], 0.0
     cold, hot = min(bench.temperatures), max(bench.temperatures)
@@ -143,14 +146,14 @@ def record(drive: CarrierDrive, bench: Bench, truth: Truth, rng: np.random.Gener
                     )
                     net = torque - sense * friction
                     nodes = np.array([float(t) for t in np.linspace(net.min(), net.max(), 5)])
-                    curves = CubicSpline(places, along(nodes), axis=0)(place)
+                    spline = CubicSpline(places, along(nodes), axis=0)(place)
                     if np.ptp(nodes) > 1e-9:
                         share = (net - nodes[0]) / (nodes[-1] - nodes[0]) * (len(nodes) - 1)
                         low = np.clip(share.astype(int), 0, len(nodes) - 2)
                         rows = np.arange(len(place))
-                        error = curves[rows, low] + (share - low) * (curves[rows, low + 1] - curves[rows, low])
+                        error = spline[rows, low] + (share - low) * (spline[rows, low + 1] - spline[rows, low])
                     else:
-                        error = curves[:, 0]
+                        error = spline[:, 0]
                     arcsec = error / RAD_PER_ARCMIN * 60 + warm * truth.warm_zero_arcsec
                     arcsec += truth.outside_arcsec * torque / top * np.cos(truth.outside_order * place)
                     arcsec += bench.noise_arcsec * rng.standard_normal(len(place))
@@ -160,7 +163,7 @@ def record(drive: CarrierDrive, bench: Bench, truth: Truth, rng: np.random.Gener
                         pd.DataFrame(
                             {
                                 "time_s": np.round(clock + 0.05 * np.arange(len(place)), 3),
-                                "input_deg": np.round(drive.ratio * np.degrees(place), 5),
+                                "input_deg": np.round(ratio * np.degrees(place), 5),
                                 "output_deg": np.round(output, 7),
                                 "torque_Nm": np.round(torque + 0.5 * rng.standard_normal(len(place)), 2),
                                 "temperature_C": np.round(temperature + 0.2 * rng.standard_normal(len(place)), 1),
