@@ -7,16 +7,31 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("pipeline", "stages", "tests/validation")
+KINDS = tuple(
+    statement.targets[0].id
+    for statement in ast.parse((ROOT / "pipeline" / "constant_kinds.py").read_text()).body
+    if isinstance(statement, ast.Assign)
+)
+"""Names of the kinds of constants that steer no verdict."""
 
 
 @dataclass(frozen=True)
 class Constant:
-    """A number at the top of a module; `meaning` is the text below or beside it, empty where there is none."""
+    """A number at the top of a module; `meaning` is the text below or beside it, empty where there is none.
+
+    `kind` is the annotation, empty where there is none.
+    """
 
     module: str
     name: str
     value: str
     meaning: str
+    kind: str
+
+    @property
+    def steers_identification(self) -> bool:
+        """Whether it belongs to the identification and is not declared as a kind that steers no verdict."""
+        return self.module.startswith("pipeline.identification.") and self.kind not in KINDS
 
 
 def constants() -> Iterator[Constant]:
@@ -35,7 +50,8 @@ def _of_module(path: Path) -> Iterator[Constant]:
         target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
         meaning = _text(following) or lines[statement.lineno - 1].partition("#")[2].strip() or _above(lines, statement)
         module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-        yield Constant(module, ast.unparse(target), ast.unparse(statement.value), meaning)
+        kind = ast.unparse(statement.annotation) if isinstance(statement, ast.AnnAssign) else ""
+        yield Constant(module, ast.unparse(target), ast.unparse(statement.value), meaning, kind)
 
 
 def _numeric(value: ast.expr) -> bool:
@@ -73,7 +89,11 @@ def write_constants(folder: Path) -> None:
     for constant in constants():
         if constant.module != module:
             module = constant.module
-            lines += ["", f"## {module}", "", "| constant | value | meaning |", "|---|---|---|"]
+            lines += ["", f"## {module}", "", "| constant | kind | value | meaning |", "|---|---|---|---|"]
         meaning = constant.meaning.replace("|", "\\|").replace("*", "\\*")
-        lines.append(f"| `{constant.name}` | `{constant.value}` | {meaning} |")
+        lines.append(f"| `{constant.name}` | {constant.kind} | `{constant.value}` | {meaning} |")
     (folder / "constants.md").write_text("\n".join(lines))
+
+
+if __name__ == "__main__":
+    print(sum(constant.steers_identification for constant in constants()), "constants steer the identification")

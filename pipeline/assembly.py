@@ -1,6 +1,7 @@
 """A validated design and study as objects of the model: where millimetres of a file become bodies and contacts."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -218,6 +219,15 @@ def compliance_beside_disks(design: Design, reducer: Reducer) -> Real:
 def disk_contacts(reducer: Reducer, disk: int = 0) -> np.ndarray:
     """Numbers of the contacts that load a disk: the pins, then the rollers of its own slide or its output pins."""
     return np.flatnonzero(reducer.disk_of_contact == disk)
+
+
+def joined_blocks(reducer: Reducer, blocks: Iterable[Real]) -> Real:
+    """Compliance (n_contacts, n_contacts) [mm/N] between all contacts from that of each disk between its own."""
+    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
+    for disk, block in enumerate(blocks):
+        rows = disk_contacts(reducer, disk)
+        full[np.ix_(rows, rows)] = block
+    return full
 
 
 def first_part(design: Design, crank_deg: float, disk: int) -> tuple[float, np.ndarray] | None:

@@ -14,6 +14,7 @@ from pipeline.engine.stage import Job, Stage, WholeTables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import TurnReadings, turn_library
+from stages.tables import turn
 from stages.tables.convergence import (
     CONVERGENCE,
     SAMPLE_CONVERGENCE,
@@ -28,23 +29,6 @@ from stages.tables.distributions import DISTRIBUTIONS, PerAngle, distribution_ro
 from stages.tables.keys import CRANK, SAMPLE, STATUS
 from stages.tables.over_turn import ORDERS, TRANSMISSION, bearing_forces, order_rows, transmission_rows
 from stages.tables.sensitivity import SENSITIVITY, sensitivity
-from stages.tables.turn import (
-    CONTINUOUS_TURN,
-    FOUND_AT,
-    OF_TURN,
-    OVER_TURN,
-    WHOLE_TURN,
-    Turn,
-    found_columns,
-    left_between,
-    loop_metrics,
-    metric_turns,
-    over_turn_columns,
-    shortfalls,
-    turn_columns,
-    turn_readings,
-    unit_status,
-)
 
 LOST = "a metric has no value at some pitch of the output turn"
 """Status of a unit whose loops at the angles of the study have results."""
@@ -79,9 +63,9 @@ UNITS = Table(
     "sample",
     (
         SAMPLE,
-        *OVER_TURN,
-        *FOUND_AT,
-        *OF_TURN,
+        *turn.OVER_TURN,
+        *turn.FOUND_AT,
+        *turn.OF_TURN,
         Column("preloaded", "bool", "", "whether the gaps of some part interfere at some crank angle"),
         Column("n_angles", "int32", "1", "loaded crank angles: of means, bests and metrics of the turn"),
         Column("n_searched", "int32", "1", "pitches of the output turn among which the worst was searched; 0: none"),
@@ -123,7 +107,7 @@ class _Block:
         return {
             "sample": status["sample"],
             "crank_deg": status["crank_deg"],
-            **loop_metrics(study, self._loops),
+            **turn.loop_metrics(study, self._loops),
             "preloaded": self._kinematic["preloaded"][is_loaded],
             "status": status["status"],
         }
@@ -140,10 +124,10 @@ class _Block:
         return is_preloaded
 
     @cached_property
-    def turns(self) -> dict[str, Turn]:
+    def turns(self) -> dict[str, turn.Turn]:
         """The metrics over the turn."""
         backlash = self._of_rigid_bodies("backlash_arcmin")
-        return metric_turns(self.job.study, self.metrics, backlash, self._finite_motion)
+        return turn.metric_turns(self.job.study, self.metrics, backlash, self._finite_motion)
 
     @cached_property
     def _finite_motion(self) -> np.ndarray:
@@ -157,14 +141,14 @@ class _Block:
         study: Study = self.job.study
         ends = [self._of_rigid_bodies(name) for name in ("angle_plus_arcmin", "angle_minus_arcmin")]
         thrust = bearing_forces(self._read("hysteresis", "bearings"), len(study.cycle.crank_deg))
-        return turn_readings(study, self._loops, thrust, np.stack(ends, axis=1))
+        return turn.turn_readings(study, self._loops, thrust, np.stack(ends, axis=1))
 
     def of_strides(self) -> dict[int, dict[str, np.ndarray]]:
         """The worst of every metric and the metrics of the turn (n,), at every so many of the crank angles."""
         study: Study = self.job.study
         return {
             stride: worst_of_stride(self.turns, stride)
-            | turn_columns(self.readings.with_stride(stride) if stride > 1 else self.readings)
+            | turn.turn_columns(self.readings.with_stride(stride) if stride > 1 else self.readings)
             for stride in strides_of(study)
         }
 
@@ -172,8 +156,8 @@ class _Block:
         """Rows of the table of units: worst, mean and best over the turn; missing where some angle has no result."""
         study: Study = self.job.study
         angles = len(study.cycle.crank_deg)
-        of_angles, searched_columns = over_turn_columns(self.turns), found_columns(study, self.turns, search)
-        status = unit_status(self.metrics["status"], angles)
+        of_angles, searched_columns = turn.over_turn_columns(self.turns), turn.found_columns(study, self.turns, search)
+        status = turn.unit_status(self.metrics["status"], angles)
         lost = np.any(
             [
                 np.isnan(searched_columns[f"{name}_worst"]) & ~np.isnan(of_angles[f"{name}_worst"])
@@ -229,7 +213,7 @@ def _columns(job: Job, per_angle: PerAngle) -> _Columns:
         strides.append(block.of_strides())
         part = {name: values[block.start : block.stop] for name, values in search.items()}
         units.append(block.units(part, strides[-1][1]))
-        angles.append(over_turn_columns(block.turns))
+        angles.append(turn.over_turn_columns(block.turns))
     return _Columns(_join(units), _join(angles), {k: _join([part[k] for part in strides]) for k in strides[0]})
 
 
@@ -246,9 +230,9 @@ def _run(job: Job) -> WholeTables:
         columns = _columns(job, per_angle)
         units = pd.DataFrame(columns.units)
         audit = job.read("worst", "audit")
-        missed, between = {WHOLE_TURN: shortfalls(units, audit)}, left_between(audit)
+        missed, between = {turn.WHOLE_TURN: turn.shortfalls(units, audit)}, turn.left_between(audit)
         if between is not None:
-            missed[CONTINUOUS_TURN] = missed[WHOLE_TURN] + between
+            missed[turn.CONTINUOUS_TURN] = missed[turn.WHOLE_TURN] + between
         is_counted = units[[f"{name}_worst" for name in library()]].notna().any(axis=1).to_numpy(copy=True)
         is_counted[: int(study.samples.nominal_first)] = False
         units = units.iloc[int(study.samples.nominal_first) :]

@@ -13,7 +13,7 @@ from pipeline.arrays import Index, Real
 from pipeline.config.studies.study import Study
 from pipeline.engine.parallel import worker_results
 from pipeline.engine.stage import Job, Stage, Tables
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.errors import InputError
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.metrics import library
@@ -74,11 +74,9 @@ ESTIMATES = Table(
         Column("metric", "label", "", "column of metrics; all_limits: the yield against all limits together"),
         Column("statistic", "label", "", "mean, std, quantile, or yield: of the same units under every form"),
         Column("value", "float64", "the metric's", "estimate"),
-        Column("ci_low", "float64", "the metric's", "lower end of the confidence interval"),
-        Column("ci_high", "float64", "the metric's", "upper end of the confidence interval"),
+        *interval_columns("the metric's"),
         Column("difference", "float64", "the metric's", "value less that of the study's own form, same units"),
-        Column("difference_ci_low", "float64", "the metric's", "lower end of its confidence interval"),
-        Column("difference_ci_high", "float64", "the metric's", "upper end of its confidence interval"),
+        *interval_columns("the metric's", prefix="difference_"),
         Column("n", "int32", "1", "units that have a value under both forms"),
     ),
 )
@@ -172,12 +170,8 @@ def _has_search(study: Study) -> bool:
 
 def _full_compliance(study: Study, disks: DiskMatrices, crank: float) -> Real:
     reducer = assembly.reducer(study.design, crank)
-    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
-    if study.reduce.disk == "elastic":
-        for disk, matrix in enumerate(disks.at_crank(crank)):
-            rows = assembly.disk_contacts(reducer, disk)
-            full[np.ix_(rows, rows)] = matrix / UM_PER_MM
-    return full
+    blocks = disks.at_crank(crank) if study.reduce.disk == "elastic" else ()
+    return assembly.joined_blocks(reducer, (block / UM_PER_MM for block in blocks))
 
 
 def _metrics_of_step(drives: TurnDrives, step: int, units: Units) -> Real:

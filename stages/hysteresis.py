@@ -21,18 +21,10 @@ from pipeline.mounting import drive_of
 from pipeline.sampling.errors import Errors
 from stages.sample import SAMPLED_TABLES, errors_of_columns
 from stages.springs import laws_of_columns
+from stages.tables import over_turn
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 from stages.tables.curves import CONTACTS, CURVES, Solved, contact_rows, curve_rows
 from stages.tables.keys import CRANK, SAMPLE, STATUS, repeated_axes
-from stages.tables.over_turn import (
-    BEARINGS,
-    RUNNING,
-    TURN_CONTACTS,
-    bearing_rows,
-    contacts_at_angle,
-    running_columns,
-    turn_contact_rows,
-)
 
 
 def _angle(name: str, meaning: str) -> Column:
@@ -73,7 +65,7 @@ LOOPS = Table(
             "N",
             "largest force of a disk on its bearing, or on one of those on its cranks, at any torque of the loop",
         ),
-        *RUNNING,
+        *over_turn.RUNNING,
         Column("beyond_limit_share", "float64", "1", "largest share of the pins' moment beyond the range of their law"),
     ),
 )
@@ -140,7 +132,7 @@ def loop_columns(study: Study, solution: Solved) -> dict[str, np.ndarray]:
         **{column.name: getattr(readings, field) for field, column in READINGS.items()},
         **{library()[name].valid_column: reason == "" for name, reason in solution.invalid.items()},
         "bearing_force_N": np.max(np.abs(on_bearings(drive.reducer, states.force)), axis=(1, 2)),
-        **running_columns(study, drive, response),
+        **over_turn.running_columns(study, drive, response),
         "beyond_limit_share": np.max(beyond_limit_share(drive, states), axis=1),
     }
 
@@ -229,14 +221,14 @@ def _solve(loop_inputs: Shared, chunk: Chunk) -> Tables:
         status.append(_status(solution))
         thrust.append(bearing_force(solution.drive, solution.response, assembly.definitions(study)))
         shares.append(torque_shares(solution.drive, solution.response, assembly.definitions(study)))
-        contacts.append(contacts_at_angle(study, solution.drive, solution.response, kept_samples))
+        contacts.append(over_turn.contacts_at_angle(study, solution.drive, solution.response, kept_samples))
         if solution.crank_deg in study.cycle.curve_crank_deg:
             curves.append(solution)
     sample, crank = repeated_axes(samples, np.array(study.cycle.crank_deg))
     return {
         "loops": {"sample": sample, "crank_deg": crank, **_by_sample(loops)},
-        "turn_contacts": turn_contact_rows(study, samples[kept_samples], contacts),
-        "bearings": bearing_rows(study, samples, np.stack(thrust, axis=2), np.stack(shares, axis=2)),
+        "turn_contacts": over_turn.turn_contact_rows(study, samples[kept_samples], contacts),
+        "bearings": over_turn.bearing_rows(study, samples, np.stack(thrust, axis=2), np.stack(shares, axis=2)),
         "curves": curve_rows(samples, curves),
         "contacts": contact_rows(samples[kept_samples], [loop.some(kept_samples) for loop in curves])
         if len(kept_samples)
@@ -278,7 +270,7 @@ HYSTERESIS = Stage(
         "metrics.lost_motion_percent",
         "metrics.rigidity_percent",
     ),
-    tables=(LOOPS, BEARINGS, CURVES, CONTACTS, TURN_CONTACTS, STATUS_TABLE),
+    tables=(LOOPS, over_turn.BEARINGS, CURVES, CONTACTS, over_turn.TURN_CONTACTS, STATUS_TABLE),
     module="stages.hysteresis",
     unit="samples",
     items=lambda job: job.study.samples.rows,

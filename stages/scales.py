@@ -9,7 +9,7 @@ from joblib import delayed
 from pipeline.config.studies.study import Study
 from pipeline.engine.parallel import end_idle_workers, worker_results
 from pipeline.engine.stage import Job, Stage, Tables
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import rough_metrics
 from pipeline.populations.scaled_tolerances import scaled_points, scaled_tolerances, scaled_yields, surrogate_values
@@ -53,8 +53,7 @@ YIELDS = Table(
         Column("scale", "float64", "1", "factor on its limits about nominal; its allowance stays"),
         Column("metric", "label", "", "column of metrics; all_limits: the yield against all limits together"),
         Column("value", "float64", "1", "yield of the study plus the estimated difference of its first units"),
-        Column("ci_low", "float64", "1", "lower end of the confidence interval, without the error of the surrogate"),
-        Column("ci_high", "float64", "1", "upper end"),
+        *interval_columns("1", "confidence interval, without the error of the surrogate"),
         Column("n", "int32", "1", "units of the difference"),
         Column("explained", "float64", "1", "squared correlation with the load-solved metric; all_limits: the least"),
     ),

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from pipeline.engine.stage import Job, Stage, Tables
-from pipeline.engine.table import Column, Table
+from pipeline.engine.table import Column, Table, interval_columns
 from pipeline.model.load_history.winkler import secant_compliance
 from pipeline.model.metrics import library
 from pipeline.populations import prediction
@@ -25,8 +25,7 @@ FAR_TAILS = Table(
         Column("metric", "label", "", "metric under load that has a limit"),
         Column("statistic", "label", "", "beyond: share of units beyond the limit; p99.73 or p0.27: quantile"),
         Column("value", "float64", "1 or the metric's", "estimate"),
-        Column("ci_low", "float64", "1 or the metric's", "lower end of the confidence interval"),
-        Column("ci_high", "float64", "1 or the metric's", "upper end of the confidence interval"),
+        *interval_columns("1 or the metric's"),
         Column("units", "int32", "1", "units evaluated with the surrogate"),
         Column("solved", "int32", "1", "of them load-solved"),
         Column("effective", "float64", "1", "effective sample size: fully solved units with the same accuracy"),

@@ -12,16 +12,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.arrays import Real
-from pipeline.checks.response import (
-    METRICS,
-    Condensed,
-    Fitted,
-    condense_disk,
-    fit_numbers,
-    metrics_of,
-    solve_cases,
-    with_numbers,
-)
+from pipeline.checks import response
 from pipeline.config import Design, Study, parse_design
 from pipeline.config.changing import toml_of
 from pipeline.config.files.section import nearest_name, number_at, with_value
@@ -71,9 +62,9 @@ class Calibration:
     """
 
     study: Study
-    disk: Condensed
+    disk: response.Condensed
     parameters: tuple[FittedNumber, ...]
-    fit: Fitted
+    fit: response.Fitted
     used: np.ndarray
 
     @property
@@ -91,7 +82,7 @@ def read_targets(path: Path, study: Study) -> tuple[Target, ...]:
         If the file is missing or names a case or a metric that the study does not have.
     """
     table = _table(path, tuple(Target.__dataclass_fields__))
-    names = {"case": [case.label for case in study.cases], "metric": METRICS}
+    names = {"case": [case.label for case in study.cases], "metric": response.METRICS}
     _raise_faults(table, names, ("tolerance_disk_um", "tolerance_roller_um", "value"))
     columns = {"source": table.texts("source"), **{column: table.texts(column) for column in names}}
     return tuple(
@@ -137,7 +128,7 @@ def calibrate(
     targets: Sequence[Target],
     parameters: Sequence[FittedNumber],
     confidence: float | None,
-    disk: Condensed | None = None,
+    disk: response.Condensed | None = None,
 ) -> Calibration:
     """Fit the parameters to the targets by the least relative misfits.
 
@@ -166,32 +157,32 @@ def calibrate(
     )
     best_numbers = np.array([number_at(study.design, key) for key in keys])
     for turn in range(1 if disk else ROUNDS):
-        body = disk or condense_disk(with_numbers(study, dict(zip(keys, best_numbers, strict=True))))
+        body = disk or response.condense_disk(response.with_numbers(study, dict(zip(keys, best_numbers, strict=True))))
 
-        def misfit(numbers: Real, body: Condensed = body) -> Real:
-            trial_study = with_numbers(study, dict(zip(keys, numbers, strict=True)))
+        def misfit(numbers: Real, body: response.Condensed = body) -> Real:
+            trial_study = response.with_numbers(study, dict(zip(keys, numbers, strict=True)))
             relative: Real = target_values(trial_study, body, targets)[is_counted] / value[is_counted] - 1
             return relative
 
-        fit = fit_numbers(misfit, best_numbers, lower, upper, None)
+        fit = response.fit_numbers(misfit, best_numbers, lower, upper, None)
         change, best_numbers = np.max(np.abs(np.log(fit.value / best_numbers))), fit.value
         if change < SETTLED_CHANGE or turn == ROUNDS - 1:
             break
     if confidence is not None:
-        fit = fit_numbers(misfit, best_numbers, lower, upper, confidence)
-    changed_study = with_numbers(study, dict(zip(keys, fit.value.tolist(), strict=True)))
+        fit = response.fit_numbers(misfit, best_numbers, lower, upper, confidence)
+    changed_study = response.with_numbers(study, dict(zip(keys, fit.value.tolist(), strict=True)))
     return Calibration(changed_study, body, tuple(parameters), fit, is_counted)
 
 
-def target_values(study: Study, disk: Condensed, targets: Sequence[Target]) -> Real:
+def target_values(study: Study, disk: response.Condensed, targets: Sequence[Target]) -> Real:
     """The study's own values (n_targets,) of the targets."""
-    return of_targets(study, metrics_of(study, solve_cases(study, disk)), targets)
+    return of_targets(study, response.metrics_of(study, response.solve_cases(study, disk)), targets)
 
 
 def of_targets(study: Study, metrics: Real, targets: Sequence[Target]) -> Real:
     """The values (n_targets,) of the targets among the ``metrics`` (n_cases, 3) of the study's cases."""
     case = {case_study.label: row for row, case_study in enumerate(study.cases)}
-    return np.array([metrics[case[target.case], METRICS.index(target.metric)] for target in targets])
+    return np.array([metrics[case[target.case], response.METRICS.index(target.metric)] for target in targets])
 
 
 def write(calibration: Calibration, targets: Sequence[Target], source: str, folder: Path) -> None:

@@ -86,10 +86,8 @@ def condense_disk(study: Study) -> Condensed:
     """The study's disk at its first crank angle, meshed and condensed."""
     reducer = assembly.reducer(study.design, study.cycle.crank_deg[0])
     disk = elastic.elastic_disk(study)
-    rows = assembly.disk_contacts(reducer)
-    matrix = np.zeros((len(reducer.contacts), len(reducer.contacts)))
-    matrix[np.ix_(rows, rows)] = disk.compliance(elastic.disk_patches(study, disk, reducer)).matrix
-    return Condensed.from_compliance(matrix, study.design)
+    matrix = disk.compliance(elastic.disk_patches(study, disk, reducer)).matrix
+    return Condensed.from_compliance(assembly.joined_blocks(reducer, [matrix]), study.design)
 
 
 def _modulus(design: Design) -> float:

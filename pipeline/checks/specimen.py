@@ -94,9 +94,7 @@ class Specimen:
     @cached_property
     def compliance(self) -> Real:
         """Compliance between all contacts (n_contacts, n_contacts) [mm/N], zero between rigid bodies."""
-        full = np.zeros((len(self.reducer.contacts), len(self.reducer.contacts)))
-        full[np.ix_(self.disk_rows, self.disk_rows)] = self.disk_compliance.matrix
-        return full
+        return assembly.joined_blocks(self.reducer, [self.disk_compliance.matrix])
 
     @property
     def rated_torque(self) -> float:
@@ -105,8 +103,7 @@ class Specimen:
 
     def in_stress(self, stress: str) -> "Specimen":
         """The same sample with the disk in ``plane_stress`` or ``plane_strain``."""
-        disk = self.study.design.disk.model_copy(update={"stress": stress})
-        design = self.study.design.model_copy(update={"disk": disk})
+        design = self.study.design.with_section("disk", stress=stress)
         return Specimen(self.study.model_copy(update={"design": design}), self.sample, self.crank_deg)
 
     def meshed_as(self, reduce: Reduce) -> "Specimen":

@@ -22,7 +22,7 @@ from pipeline.decisions.allocation_search import TRUST, Rough, Search, Tell, Tri
 from pipeline.decisions.cheapest import LinearUnits, Priced, cheapest, priced_tolerances, with_scaled_tolerances
 from pipeline.decisions.fresh_units import Solve
 from pipeline.engine.store import write_tables
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.statistics.intervals import Estimate
 
 REAIMS = 2
@@ -202,8 +202,7 @@ CHECK = Table(
         Column("tolerances", "label", "", "before; equal: all scaled alike to the yield; found: the cheapest"),
         Column("metric", "label", "", "column of metrics; all_limits: all together"),
         Column("yield", "float64", "1", "share of fresh load-solved units within the limit"),
-        Column("ci_low", "float64", "1", "lower end of the confidence interval"),
-        Column("ci_high", "float64", "1", "upper end"),
+        *interval_columns("1"),
         Column("n", "int32", "1", "units"),
         Column("cost", "float64", "as stated", "of all priced tolerances"),
     ),

@@ -14,7 +14,7 @@ from joblib import delayed
 from pipeline.arrays import Real
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.cheapest import LinearUnits, Priced, cheapest, with_scaled_tolerances
-from pipeline.decisions.fresh_units import BATCH, Angles, Solve, fresh_yields
+from pipeline.decisions.fresh_units import BATCH, Angles, Solve, fresh_study, fresh_yields
 from pipeline.engine.parallel import worker_results
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import Tail, predicted_turn
@@ -122,8 +122,7 @@ class Search:
     def draw_units(self, scale: Real, start: int, stop: int) -> Errors:
         """Errors of units at scales (n_priced,); those behind the study's own are fresh."""
         first_unit = self.study.samples.count
-        samples = {"count": first_unit + stop, "experiment": "monte_carlo", "nominal_first": False}
-        larger_study = self.study.model_copy(update={"samples": self.study.samples.model_copy(update=samples)})
+        larger_study = fresh_study(self.study, first_unit + stop)
         return draw(with_scaled_tolerances(larger_study, self.names, scale), first_unit + start, first_unit + stop)
 
     def batches(self, start: int) -> list[tuple[int, int]]:

@@ -13,7 +13,7 @@ from pipeline.config.studies.study import Study
 from pipeline.decisions.box import Box, Capability, Evaluate, capability, coordinate_search, stack, statistics_of
 from pipeline.decisions.play_bounds import Bound, play_bounds
 from pipeline.engine.store import write_tables
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.model.metrics import library
 from pipeline.sampling.designs import uniforms
 from pipeline.sampling.errors import Errors, dimensions, errors_at
@@ -66,8 +66,7 @@ CAPABILITY = Table(
         Column("cpk", "float64", "1", "limit less mean over three standard deviations"),
         Column("yield_if_normal", "float64", "1", "yield that C_pk implies where the metric is normal"),
         Column("yield", "float64", "1", "share of the samples within the limit"),
-        Column("ci_low", "float64", "1", "lower end of its confidence interval"),
-        Column("ci_high", "float64", "1", "upper end"),
+        *interval_columns("1"),
         Column("n", "int32", "1", "samples"),
         Column("is_normal_plausible", "bool", "", "whether the yield of C_pk lies within that interval"),
     ),

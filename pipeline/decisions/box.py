@@ -74,7 +74,7 @@ class Box:
         columns = {name: np.arange(ends[name] - size, ends[name]) for name, size in sizes.items()}
         names_with_direction = [name for name in varying if dimension_library()[name].direction]
         return cls(
-            study.model_copy(update={"tolerances": study.tolerances.model_copy(update=sides)}),
+            study.with_section("tolerances", **sides),
             {name: columns[name] for name in varying if name not in names_with_direction},
             {
                 name: np.stack([columns[name], columns[dimension_library()[name].phase]], axis=1)

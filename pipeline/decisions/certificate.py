@@ -15,7 +15,7 @@ from pipeline.arrays import Index, Real, Truth
 from pipeline.config.studies.study import Study
 from pipeline.config.studies.tolerances import Case
 from pipeline.decisions.box import Box
-from pipeline.decisions.fresh_units import Solve
+from pipeline.decisions.fresh_units import Solve, fresh_study
 from pipeline.decisions.lots.lot_yield import limit_passes
 from pipeline.decisions.play_bounds import Bound, play_bounds
 from pipeline.engine.store import write_csv, write_json, write_tables
@@ -160,9 +160,7 @@ def certificate(
     if study.samples.experiment == "cases":
         raise InputError(f"study {study.name}: listed cases have no tolerances; give a study with tolerances")
     known_values = measured_values(case)
-    samples = {"count": draws, "experiment": "monte_carlo", "nominal_first": False}
-    drawn_study = study.model_copy(update={"samples": study.samples.model_copy(update=samples)})
-    units = draw_with_parts(drawn_study, known_values, 0, draws)
+    units = draw_with_parts(fresh_study(study, draws), known_values, 0, draws)
     values = solve(units)[1]
     loops = solve_loops(units)
     confidence = study.metrics.confidence

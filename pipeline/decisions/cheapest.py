@@ -253,4 +253,4 @@ def with_scaled_tolerances(study: Study, names: Sequence[str], scale: Real) -> S
     """The study with tolerances ``names`` times ``scale`` (n,), their allowances as they are."""
     factors = dict(zip(names, scale, strict=True))
     tolerances = {name: getattr(study.tolerances, name).scaled_by(float(factor)) for name, factor in factors.items()}
-    return study.model_copy(update={"tolerances": study.tolerances.model_copy(update=tolerances)})
+    return study.with_section("tolerances", **tolerances)

@@ -19,11 +19,15 @@ BATCH = 500
 """Units that are solved together."""
 
 
+def fresh_study(study: Study, count: int) -> Study:
+    """The study with so many independent draws as its samples."""
+    return study.with_section("samples", count=count, experiment="monte_carlo", nominal_first=False)
+
+
 def fresh_values(study: Study, start: int, units: int, solve: Solve, jobs: int) -> dict[str, Real]:
     """Each metric over the turn (units,) of independent draws of the study's seed, from ``start`` on."""
     stop = start + units
-    samples = {"count": stop, "experiment": "monte_carlo", "nominal_first": False}
-    larger_study = study.model_copy(update={"samples": study.samples.model_copy(update=samples)})
+    larger_study = fresh_study(study, stop)
     parts = worker_results(
         jobs, (delayed(_over_turn)(larger_study, solve, a, min(a + BATCH, stop)) for a in range(start, stop, BATCH))
     )

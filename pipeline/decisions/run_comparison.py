@@ -10,7 +10,7 @@ import pandas as pd
 
 from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.sampling.designs import replicates, uniforms
@@ -34,8 +34,7 @@ DIFFERENCES = Table(
         Column("a", "float64", "the metric's", "of run A, over the samples compared"),
         Column("b", "float64", "the metric's", "of run B"),
         Column("difference", "float64", "the metric's", "b less a"),
-        Column("ci_low", "float64", "the metric's", "lower end of the confidence interval of the difference"),
-        Column("ci_high", "float64", "the metric's", "upper end"),
+        *interval_columns("the metric's", "confidence interval of the difference"),
         Column("n_a", "int32", "1", "samples of run A that it rests on"),
         Column("n_b", "int32", "1", "samples of run B"),
         Column("paired", "bool", "", "whether the samples share their draws, and are compared one by one"),

@@ -17,7 +17,7 @@ from pipeline.arrays import Index, Real, Truth
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.studies.study import Study
-from pipeline.decisions.fresh_units import BATCH, Solve
+from pipeline.decisions.fresh_units import BATCH, Solve, fresh_study
 from pipeline.decisions.lots.lot_yield import limit_passes
 from pipeline.decisions.lots.measured_lot import MeasuredLot
 from pipeline.engine.parallel import worker_results
@@ -161,15 +161,12 @@ def _unmeasured_at_mean(study: Study, measured_names: set[str]) -> Study:
         for name, tolerance in study.tolerances
         if name not in measured_names and tolerance.varies and not dimension_library()[name].direction
     }
-    return study.model_copy(update={"tolerances": study.tolerances.model_copy(update=means)})
+    return study.with_section("tolerances", **means)
 
 
 def _errors(study: Study, measured_values: Mapping[str, Real], start: int, stop: int) -> Errors:
-    samples = {"count": max(stop, 1), "experiment": "monte_carlo", "nominal_first": False}
-    larger_study = study.model_copy(update={"samples": study.samples.model_copy(update=samples)})
-    return draw_with_parts(
-        larger_study, {name: part[start:stop] for name, part in measured_values.items()}, start, stop
-    )
+    parts = {name: part[start:stop] for name, part in measured_values.items()}
+    return draw_with_parts(fresh_study(study, max(stop, 1)), parts, start, stop)
 
 
 def _solve_metrics(study: Study, measured_values: Mapping[str, Real], solve: Solve, jobs: int) -> dict[str, Real]:

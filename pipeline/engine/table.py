@@ -57,6 +57,12 @@ class Column:
             raise ValueError(f"column {self.name}: {self.kind!r}; must be one of {', '.join(_ARROW_TYPES)}")
 
 
+def interval_columns(unit: str, kind: str = "confidence interval", prefix: str = "") -> tuple[Column, Column]:
+    """Ends of an interval of an estimate in the columns ``ci_low`` and ``ci_high``."""
+    low, high = (f"{end} end of the {kind}" for end in ("lower", "upper"))
+    return Column(f"{prefix}ci_low", "float64", unit, low), Column(f"{prefix}ci_high", "float64", unit, high)
+
+
 @dataclass(frozen=True)
 class Table:
     """The contract of one table: what a row is, and its columns in order.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.errors import import_extra
-from pipeline.figures.style import ACCENT, ALARM, INK, new_figure, with_style
+from pipeline.figures import style
 
 PATCH_PITCHES_SHOWN = 1.05
 """Half width of the close-up in distances between neighbouring patches."""
@@ -23,13 +23,9 @@ HOLE_PATCHES_SHOWN = 2.5
 NO_HOLES = np.zeros((0, 0), complex)
 
 
-@with_style
+@style.with_style
 def mesh_figure(
-    nodes: Complex,
-    triangles: Index,
-    patch_points: Complex,
-    displacement: Complex,
-    hole_points: Complex = NO_HOLES,
+    nodes: Complex, triangles: Index, patch_points: Complex, displacement: Complex, hole_points: Complex = NO_HOLES
 ) -> Figure:
     """Whole disk with the size of its deflection, and close-ups of the flank at the loaded pin, and of a hole.
 
@@ -53,12 +49,14 @@ def mesh_figure(
     reach = PATCH_PITCHES_SHOWN * float(np.min(distance[distance > 0]))
     corner = centres[loaded_patch] - reach * (1 + 1j)
     side = 2 * reach
-    overview.add_patch(Rectangle((corner.real, corner.imag), side, side, fill=False, edgecolor=INK, linewidth=1.2))
+    overview.add_patch(
+        Rectangle((corner.real, corner.imag), side, side, fill=False, edgecolor=style.INK, linewidth=1.2)
+    )
     _draw_flank(close, plane, patch_points, loaded_patch, reach)
     overview.set_title(f"{len(triangles):,} quadratic triangles, {len(nodes):,} nodes")
     close.set_title("Flank at the loaded pin")
     for patch in hole_points:
-        overview.plot(patch.real, patch.imag, color=ALARM, linewidth=2.0)
+        overview.plot(patch.real, patch.imag, color=style.ALARM, linewidth=2.0)
     for axes in hole_axes:
         _draw_hole(axes, nodes, triangles, hole_points)
     for axes in (overview, close, *hole_axes):
@@ -70,23 +68,21 @@ def mesh_figure(
 def _panels(holes: bool) -> tuple[Figure, list[Axes]]:
     """The figure and its panels: whole disk, flank, and with holes a hole's wall."""
     if not holes:
-        figure = new_figure(4.1)
+        figure = style.new_figure(4.1)
         return figure, list(figure.subplots(1, 2, width_ratios=[1.14, 1]))
-    figure = new_figure(5.6)
+    figure = style.new_figure(5.6)
     panels: dict[str, Axes] = figure.subplot_mosaic([["whole", "close"], ["whole", "hole"]], width_ratios=[1.45, 1])
     return figure, [panels[name] for name in ("whole", "close", "hole")]
 
 
-def _draw_hole(
-    axes: Axes, nodes: Complex, triangles: Index, hole_points: Complex
-) -> None:
+def _draw_hole(axes: Axes, nodes: Complex, triangles: Index, hole_points: Complex) -> None:
     """The triangles about the first hole's patch."""
     points = hole_points[0]
     centre, reach = points.mean(), HOLE_PATCHES_SHOWN * float(np.ptp(np.abs(points - points[0])))
     corners = nodes[triangles[:, :3]] - centre
     visible = np.min(np.maximum(np.abs(corners.real), np.abs(corners.imag)), axis=1) < reach
     axes.triplot(Triangulation(nodes.real, nodes.imag, triangles[visible, :3]), color="0.7", linewidth=0.5)
-    axes.plot(points.real, points.imag, color=ALARM, linewidth=4.0, solid_capstyle="butt")
+    axes.plot(points.real, points.imag, color=style.ALARM, linewidth=4.0, solid_capstyle="butt")
     axes.set(xlim=(centre.real - reach, centre.real + reach), ylim=(centre.imag - reach, centre.imag + reach))
     axes.set_title("Hole 0")
 
@@ -97,9 +93,7 @@ def _loaded_patch(nodes: Complex, centres: Complex, size: Real) -> int:
     return int(np.argmax(size[nearest_nodes]))
 
 
-def _draw_flank(
-    axes: Axes, plane: Triangulation, patch_points: Complex, loaded_patch: int, reach: float
-) -> None:
+def _draw_flank(axes: Axes, plane: Triangulation, patch_points: Complex, loaded_patch: int, reach: float) -> None:
     """The triangles and patches within ``reach`` [mm] of the loaded patch."""
     centre = patch_points[loaded_patch].mean()
     corners = plane.x[plane.triangles] + 1j * plane.y[plane.triangles] - centre
@@ -108,8 +102,8 @@ def _draw_flank(
     patches_shown = np.flatnonzero(np.min(np.abs(patch_points - centre), axis=1) < 2 * reach)
     neighbours = patches_shown[patches_shown != loaded_patch]
     for numbers, colour, label in (
-        (neighbours, ACCENT, "contact patches"),
-        ([loaded_patch], ALARM, "of the loaded pin"),
+        (neighbours, style.ACCENT, "contact patches"),
+        ([loaded_patch], style.ALARM, "of the loaded pin"),
     ):
         points = patch_points[numbers].T
         lines = axes.plot(points.real, points.imag, color=colour, linewidth=4.0, solid_capstyle="butt")
@@ -155,9 +149,7 @@ def outlines_dxf(outlines: Mapping[str, NDArray[Any]]) -> bytes:
     return text.getvalue().encode()
 
 
-def write_vtk(
-    path: Path, nodes: Complex, triangles: Index, point_data: Mapping[str, NDArray[Any]]
-) -> None:
+def write_vtk(path: Path, nodes: Complex, triangles: Index, point_data: Mapping[str, NDArray[Any]]) -> None:
     """Write quadratic triangles and fields on their nodes.
 
     Parameters

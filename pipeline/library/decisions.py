@@ -184,8 +184,7 @@ def bounds(study: Study | str | Path, jobs: int | Workers | None = None) -> Answ
 def _at_crank(loop_inputs: hysteresis.Shared, crank_deg: float, sampled_errors: Errors) -> dict[str, np.ndarray]:
     """Every metric of ``n`` units at one loaded crank angle, (n,) each."""
     study, k = loop_inputs.study, loop_inputs.study.cycle.crank_deg.index(crank_deg)
-    cycle = study.cycle.model_copy(update={"crank_deg": (crank_deg,), "loaded_angles": None})
-    reduced_study = study.model_copy(update={"cycle": cycle})
+    reduced_study = study.with_section("cycle", crank_deg=(crank_deg,), loaded_angles=None)
     single = replace(
         loop_inputs,
         study=reduced_study,

@@ -153,10 +153,9 @@ def certificate(
     if measurement is not None and measurement.fatal:
         raise InputError([fault.line for fault in measurement.fatal])
     cranks = CERTIFIED_CRANKS if measurement is None else measurement.drive_cranks
-    cycle = study.cycle.model_copy(
-        update={"crank_deg": tuple(sorted({float(c) for c in cranks})), "loaded_angles": None, "curve_angles": 3600}
-    )
-    study = study.model_copy(update={"cycle": cycle, "name": f"certificate-{case.label}"})
+    crank_deg = tuple(sorted({float(crank) for crank in cranks}))
+    study = study.with_section("cycle", crank_deg=crank_deg, loaded_angles=None, curve_angles=3600)
+    study = study.model_copy(update={"name": f"certificate-{case.label}"})
     upstream_run = up_to_date(study, ["springs", "reduce"], jobs)
     loop_inputs = prepared_loops(study, upstream_run.outputs)
     unit_certificate = certificate_of(

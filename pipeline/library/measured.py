@@ -84,9 +84,7 @@ def unit_answer(measurement: Measurement | TurnRecord, jobs: int | Workers | Non
         return _description_answer(measurement, folder)
 
     def full_compliances(study: Study, cranks: Sequence[float]) -> list[np.ndarray]:
-        at_cranks = study.model_copy(
-            update={"cycle": study.cycle.model_copy(update={"crank_deg": tuple(float(crank) for crank in cranks)})}
-        )
+        at_cranks = study.with_section("cycle", crank_deg=tuple(float(crank) for crank in cranks))
         path = up_to_date(at_cranks, ["reduce"], jobs).outputs["reduce"].path(COMPLIANCE_FILE)
         return [full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in cranks]
 

@@ -156,7 +156,7 @@ def _study_with_samples(study: Study, resources: Resources | None) -> Study:
         return study
     batch = count = study.samples.count
     while True:
-        study = study.model_copy(update={"samples": study.samples.model_copy(update={"count": count})})
+        study = study.with_section("samples", count=count)
         answer = _answer(study, resources)
         if (
             answer is None

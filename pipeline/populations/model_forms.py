@@ -58,13 +58,8 @@ class ModelForm:
             If the design cannot take a changed number.
         """
         design = changed_design(_without_ranges(study.design), self.design) if self.design else study.design
-        return study.model_copy(
-            update={
-                "springs": study.springs.model_copy(update=dict(self.springs)),
-                "reduce": study.reduce.model_copy(update=dict(self.reduce)),
-                "design": design,
-            }
-        )
+        other_form = study.with_section("springs", **self.springs).with_section("reduce", **self.reduce)
+        return other_form.model_copy(update={"design": design})
 
 
 def calibrated_numbers(design: Design) -> list[str]:
@@ -116,7 +111,7 @@ def scaled_contacts(study: Study, factor: float) -> Study:
     factors = {
         name: factor * getattr(study.springs, name) for name in ("pin_deflection_factor", "output_deflection_factor")
     }
-    return study.model_copy(update={"springs": study.springs.model_copy(update=factors)})
+    return study.with_section("springs", **factors)
 
 
 def contact_factor(rigidity: Callable[[float], float], target: float) -> float:

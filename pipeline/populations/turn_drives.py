@@ -226,10 +226,7 @@ def full_blocks(study: Study, phase_deg: float, condense: Condense) -> Real:
     for pitch in range(cycloid.lobes):
         crank = phase_deg + 360.0 * pitch / cycloid.pins
         reducer = assembly.reducer(study.design, crank)
-        full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
-        for disk, matrix in enumerate(condense(crank)):
-            rows = assembly.disk_contacts(reducer, disk)
-            full[np.ix_(rows, rows)] = matrix
+        full = assembly.joined_blocks(reducer, condense(crank))
         order = places(study, len(full), pitch)
         by_place = np.empty_like(full)
         by_place[np.ix_(order, order)] = full

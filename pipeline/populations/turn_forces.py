@@ -36,21 +36,17 @@ def fitted_slopes(features: Real, values: Real) -> Real:
     return np.vstack([mean - centre @ slopes, slopes])
 
 
+_Sums = tuple[Single, Single]
+"""``_Sources.single_sums``."""
+
+
 @entry
-def _second_layer(
-    first_pins: Single,
-    first_lobes: Single,
-    second_pins: Single,
-    second_lobes: Single,
-    slopes: Single,
-    n_forces: int,
-    peak: Real,
-    sums: Real,
-) -> None:
+def _second_layer(first: _Sums, second: _Sums, slopes: Single, n_forces: int, peak: Real, sums: Real) -> None:
     """Fill the root of the largest of the first ``n_forces`` sums (n, n_pitches), and add the others to ``sums``.
 
     Forces of as many pitches as there are lobes are multiplied together: a library's product takes a third of the time.
     """
+    (first_pins, first_lobes), (second_pins, second_lobes) = first, second
     n_pins, n_lobes, n_sums, none = first_pins.shape[1], first_lobes.shape[1], slopes.shape[1], np.float32(0.0)
     force, total = np.empty((n_lobes, slopes.shape[0]), np.float32), np.empty((n_lobes, n_sums), np.float32)
     for s in range(peak.shape[0]):
@@ -96,10 +92,11 @@ class _Sources:
         values[..., : self.of_pins.shape[2]] += self.of_pins[:, pitches % self.of_pins.shape[1]]
         return values
 
-    def sums(self, slopes: Real) -> tuple[Real, Real]:
+    def single_sums(self, slopes: Real) -> tuple[Single, Single]:
         """Outer sums (n, n_pins, n_values) and (n, n_lobes, n_values) of slopes (1 + n_sources, n_values)."""
-        count = self.of_pins.shape[2]
-        return self.of_pins @ slopes[1 : 1 + count], self.of_lobes @ slopes[1:] + slopes[0]
+        of_pins = self.of_pins @ slopes[1 : 1 + self.of_pins.shape[2]]
+        of_lobes = self.of_lobes @ slopes[1:] + slopes[0]
+        return of_pins.astype(np.float32), of_lobes.astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -158,11 +155,7 @@ class PinForces:
             columns = np.hstack([second * square, np.vstack([np.zeros(of_values.shape[1]), of_values])])
             split = len(first)
             linear, of_forces = columns[:split], columns[split:]
-            pins, lobes = (values.astype(np.float32) for values in sources.sums(first))
-            second_pins, second_lobes = (values.astype(np.float32) for values in sources.sums(linear))
-            slopes_of_forces = of_forces.astype(np.float32)
-            _second_layer(
-                pins, lobes, second_pins, second_lobes, slopes_of_forces, len(square), peak=peaks[sense], sums=sums
-            )
+            first_sums, second_sums = sources.single_sums(first), sources.single_sums(linear)
+            _second_layer(first_sums, second_sums, of_forces.astype(np.float32), len(square), peaks[sense], sums)
         np.maximum(peaks[0], peaks[1], out=peaks[2])
         return np.moveaxis(peaks, 0, -1), sums

@@ -57,23 +57,20 @@ def _closed(end: Real, stiffness: Real, start: int, stop: int, angle: float) -> 
     return slope, offset
 
 
+_Springs = tuple[Real, Real]
+"""Stiffness of the pins' springs (n_places,), and of those of the output at each lobe (n_lobes, n_disks, n)."""
+
+
 @algebraic_part
 def _balance(
-    end: Real,
-    stiffness: Real,
-    first_place: Index,
-    first_end: Real,
-    output: Real,
-    output_stiffness: Real,
-    torque: float,
-    phi: Real,
-    line: Real,
+    places: tuple[Real, Real, Index, Real], behind: tuple[Real, Real], torque: float, phi: Real, line: Real
 ) -> None:
     """Rotations at which the springs carry a torque, by Newton from any: of the disks ``phi[:-1]``, the output's last.
 
     A disk carries nothing before the output has gone through its play. Beyond it some spring on either side of it is
     closed, and its rotation lies between those at which the first ones close. Where none carries, all springs count.
     """
+    (end, stiffness, first_place, first_end), (output, output_stiffness) = places, behind
     n_disks, none_carries = phi.shape[0] - 1, False
     for _ in range(MOST_STEPS):
         theta, slope, offset = phi[n_disks], 0.0, 0.0
@@ -104,31 +101,22 @@ def _balance(
 
 @entry
 def _spring_features(
-    of_pins: Real,
-    of_lobes: Real,
-    output: Real,
-    stiffness: Real,
-    output_stiffness: Real,
-    first_place: Index,
-    levels: Real,
-    features: Real,
+    of_pins: Real, of_lobes: Real, output: Real, springs: _Springs, first_place: Index, levels: Real, features: Real
 ) -> None:
     """Fill features (n, n_pins n_lobes, OF_SENSE) of one sense, see ``Springs.features``."""
     n, n_pins, n_places = of_pins.shape
     n_lobes, n_levels, n_disks = of_lobes.shape[1], levels.shape[0], output.shape[2]
     end, phi = np.empty(n_places), np.zeros((n_levels, n_disks + 1))
     first_end, line = np.empty((2, n_disks)), np.empty((2, n_disks))
+    places = (end, springs[0], first_place, first_end)
     for s in range(n):
         for pitch in range(n_pins * n_lobes):
             lobe = pitch % n_lobes
-            behind, springs_behind = output[s, lobe], output_stiffness[lobe]
+            behind, springs_behind = output[s, lobe], springs[1][lobe]
             _ends(of_pins[s, pitch % n_pins], of_lobes[s, lobe], behind, first_place, end, first_end)
             features[s, pitch, 0] = np.min(first_end[0] + first_end[1])
             for k in range(n_levels):  # from the rotations at the pitch before: two or three steps of Newton away
-                _balance(
-                    end, stiffness, first_place, first_end, behind,
-                    output_stiffness=springs_behind, torque=levels[k], phi=phi[k], line=line,
-                )  # fmt: skip
+                _balance(places, (behind, springs_behind), levels[k], phi[k], line)
                 features[s, pitch, 1 + k] = phi[k, n_disks]
             angle, share = phi[n_levels - 1], 0.0
             for d in range(n_disks):
@@ -247,16 +235,9 @@ class Springs:
                 of_lobes += behind[..., 0]
                 _features_of_single(of_pins, of_lobes, stiffness, self.levels, of_sense)
                 continue
-            _spring_features(
-                of_pins,
-                of_lobes,
-                np.ascontiguousarray(behind),
-                stiffness,
-                np.ascontiguousarray(self.output_stiffness),
-                first_place=np.append(0, np.cumsum(counts)),
-                levels=self.levels,
-                features=of_sense,
-            )
+            springs, behind = (stiffness, np.ascontiguousarray(self.output_stiffness)), np.ascontiguousarray(behind)
+            first_place = np.append(0, np.cumsum(counts))
+            _spring_features(of_pins, of_lobes, behind, springs, first_place, self.levels, of_sense)
         return features
 
 

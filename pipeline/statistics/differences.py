@@ -39,13 +39,10 @@ def welch_interval(a: Real, b: Real, confidence: float) -> Interval:
     """
     if min(a.size, b.size) < 2:
         return -np.inf, np.inf
-    value = float(b.mean() - a.mean())
-    parts = np.array([a.var(ddof=1) / a.size, b.var(ddof=1) / b.size])
-    if parts.sum() == 0:
-        return value, value
-    freedom = parts.sum() ** 2 / np.sum(parts**2 / np.array([a.size - 1, b.size - 1]))
-    half = float(scipy.stats.t.ppf((1 + confidence) / 2, freedom) * np.sqrt(parts.sum()))
-    return value - half, value + half
+    if a.var() + b.var() == 0:
+        return float(b.mean() - a.mean()), float(b.mean() - a.mean())
+    ends = scipy.stats.ttest_ind(b, a, equal_var=False).confidence_interval(confidence)
+    return float(ends.low), float(ends.high)
 
 
 def share_difference(a: Truth, b: Truth, confidence: float, are_paired: bool) -> Interval:

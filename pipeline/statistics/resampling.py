@@ -56,6 +56,8 @@ def max_t(gains: Real, resamples: int, seed: int) -> tuple[Real, Real]:
 
 CONFIDENCE = 0.95
 """Of intervals and tests."""
+LEVEL = 1 - CONFIDENCE
+"""p, or posterior probability, below which a hypothesis is rejected."""
 
 
 def jackknife_interval(value: float, left_out: Sequence[float]) -> tuple[float, float]:

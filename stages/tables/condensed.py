@@ -18,9 +18,6 @@ def matrix_name(crank_deg: float, disk: int = 0) -> str:
 
 def full_compliance(path: Path, reducer: Reducer, crank_deg: float) -> np.ndarray:
     """Compliance (n_contacts, n_contacts) [mm/N] between all contacts: each disk's, and rigid bodies elsewhere."""
-    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
     with np.load(path) as matrices:
-        for disk in range(reducer.n_disks):
-            rows = assembly.disk_contacts(reducer, disk)
-            full[np.ix_(rows, rows)] = matrices[matrix_name(crank_deg, disk)] / UM_PER_MM
-    return full
+        blocks = [matrices[matrix_name(crank_deg, disk)] / UM_PER_MM for disk in range(reducer.n_disks)]
+    return assembly.joined_blocks(reducer, blocks)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS, ANGLES_TO_CONTINUE, Study
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling.designs import replicates
@@ -154,8 +154,7 @@ SAMPLE_CONVERGENCE = Table(
         Column("statistic", "label", "", "p05, p50, p95: quantile; yield: the share within all limits together"),
         Column("n", "int32", "1", "samples, the first of the study, that it rests on"),
         Column("value", "float64", "the metric's", "estimate"),
-        Column("ci_low", "float64", "the metric's", "lower end of the confidence interval"),
-        Column("ci_high", "float64", "the metric's", "upper end of the confidence interval"),
+        *interval_columns("the metric's"),
     ),
 )
 

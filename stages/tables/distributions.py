@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS, Study
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling.designs import replicates
@@ -37,8 +37,7 @@ DISTRIBUTIONS = Table(
         Column("crank_deg", "float64", "deg", "crank angle; null but for over = angle"),
         Column("statistic", "label", "", "mean, std, quantile, or yield: the share within the limit"),
         Column("value", "float64", "the metric's", "estimate"),
-        Column("ci_low", "float64", "the metric's", "lower end of the confidence interval"),
-        Column("ci_high", "float64", "the metric's", "upper end of the confidence interval"),
+        *interval_columns("the metric's"),
         Column("n", "int32", "1", "samples that it rests on"),
         Column("n_angles", "int32", "1", "crank angles that each sample's value rests on"),
     ),

@@ -9,7 +9,7 @@ import pandas as pd
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Job
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling.designs import replicates
@@ -45,8 +45,7 @@ SENSITIVITY = Table(
             "with it (total)",
         ),
         Column("index", "float64", "1", "the index; null: the samples do not determine it"),
-        Column("ci_low", "float64", "1", "lower end of the confidence interval"),
-        Column("ci_high", "float64", "1", "upper end of the confidence interval"),
+        *interval_columns("1"),
         Column("n", "int32", "1", "samples, or base samples of the pick-freeze design, that it rests on"),
     ),
 )

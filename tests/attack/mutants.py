@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from hashlib import sha256
@@ -130,18 +130,30 @@ class Coverage:
                 test = f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}"
                 self.seconds[test] = float(case.get("time", 0))
 
-    def tests(self, mutant: Mutant) -> list[str]:
+    def batches(self, mutant: Mutant) -> list[list[str]]:
         """Tests that run a line of a mutant, the shortest first, then files that name its module or what is in it.
 
+        Those of them that lie in the three files that name most are the first batch.
+
         What runs in the setup of one test may be shared with any test of its file. Compiled functions are not traced,
-        nor is what runs in a process that a test starts: for these are the files.
+        nor is what runs in a process that a test starts: for these are the files, and tests of modules that import it.
         """
-        contexts = self.data.contexts_by_lineno(str(mutant.path))
-        phases = {context for line in mutant.lines for context in contexts.get(line, [])}
+        traced = self._running(mutant.path, mutant.lines) or self._running_importers(mutant.path)
+        ranked, named = self._first(sorted(traced, key=self._time)), self._naming(mutant.path)
+        near = [test for test in ranked if test.startswith(tuple(named[:3]))]
+        return [near, [test for test in ranked if test not in near], self._first(named)]
+
+    def _running(self, path: Path, lines: Container[int]) -> set[str]:
+        contexts = self.data.contexts_by_lineno(str(path))
+        phases = {phase for line in contexts if line in lines for phase in contexts[line]}
         shared = tuple(phase.split("::")[0] for phase in phases if phase.endswith("|setup"))
         tests = {phase.split("|")[0] for phase in phases} | {test for test in self.seconds if test.startswith(shared)}
-        traced, named = sorted(tests & self.seconds.keys(), key=self._time), self._naming(mutant.path)
-        return self._first(traced) + self._first(named)
+        return tests & self.seconds.keys()
+
+    def _running_importers(self, path: Path) -> set[str]:
+        module = f"from {'.'.join(path.with_suffix('').parts)} import"
+        importers = [file for file in (ROOT / "pipeline").rglob("*.py") if module in file.read_text()]
+        return set().union(*(self._running(file.relative_to(ROOT), range(1_000_000)) for file in importers))
 
     def _first(self, tests: list[str]) -> list[str]:
         ends = accumulate(map(self._time, tests))
@@ -216,7 +228,8 @@ class Homes:
         """What becomes of a mutant: the test that fails, "does not end", or "" if it survives."""
         home = self.free.get()
         (home / mutant.path).write_text(mutant.text)
-        failed = failed_test(home, self.coverage.tests(mutant))
+        found = (failed_test(home, batch) for batch in self.coverage.batches(mutant))
+        failed = next((test for test in found if test is not None), None)
         shutil.copy(ROOT / mutant.path, home / mutant.path)
         self.free.put(home)
         if failed and failed not in self.passed:

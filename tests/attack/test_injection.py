@@ -61,14 +61,19 @@ class Injection:
         return decision._tested_on_unused_data(selector, selector.select(self.cells), self.cells, baselines)[0]
 
     def replicate(self, effect, size, rng):
-        """Angle of the unit with an effect of a size; its residual drawn from its branches, of equal length or cut."""
+        """Angle of the unit with an effect of a size; its residual drawn branch by branch.
+
+        The cycles of a branch change places, of equal length or cut, and all change their sign together: what they have
+        in common does not differ between cycles in a replicate either, as it would if each were drawn by itself.
+        """
         data, fit = self.problem.data, self.base.fit
         residual = data.angle - fit.predicted_angle
-        blocks = [np.flatnonzero(data.block == number) for number in np.unique(data.block)]
         drawn_residual = np.empty_like(residual)
-        for cells in blocks:
-            of_branch = residual[blocks[int(rng.integers(len(blocks)))]]
-            drawn_residual[cells] = np.resize(of_branch, len(cells)) * rng.choice([-1.0, 1.0])
+        for branch in np.unique(data.branch):
+            numbers, sense = np.unique(data.block[data.branch == branch]), rng.choice([-1.0, 1.0])
+            for number, drawn_number in zip(numbers, rng.permutation(numbers), strict=True):
+                cells = data.block == number
+                drawn_residual[cells] = sense * np.resize(residual[data.block == drawn_number], np.sum(cells))
         bounds = self.problem.bounds(self.testable[effect])
         unknowns = replace(fit.unknowns, shares=shares_of_values(bounds, [size]))
         changed_angle = Fitter(self.problem).predict(Model((self.testable[effect],)), unknowns).angle

@@ -12,3 +12,8 @@ def test_every_numeric_constant_is_explained() -> None:
     numbers = list(constants())
     assert len(numbers) > 300
     assert [f"{number.module}.{number.name}" for number in numbers if not number.meaning] == []
+
+
+def test_constants_that_steer_the_identification_do_not_grow() -> None:
+    steering = [number for number in constants() if number.steers_identification]
+    assert 0 < len(steering) <= 176  # at most 100 are aimed at

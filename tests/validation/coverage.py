@@ -58,7 +58,7 @@ class Coverage:
 def play(study: Study, experiment: Experiment, count: int, seed: int) -> tuple[Real, NDArray[np.integer] | None]:
     """Rigid backlash (count,) [arcmin] of an experiment at the study's first crank angle; each sample's replicate."""
     settings = {"experiment": experiment, "count": count, "seed": seed, "nominal_first": False}
-    study = study.model_copy(update={"samples": study.samples.model_copy(update=settings)})
+    study = study.with_section("samples", **settings)
     reducer = assembly.reducer(study.design, study.cycle.crank_deg[0])
     sampled = draw(study, 0, count)
     gap = gaps(assembly.profile(study.design), reducer, assembly.errors(sampled), **dict(study.clearance))

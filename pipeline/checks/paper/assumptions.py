@@ -58,17 +58,12 @@ class Assumption:
     backlash_percent: float = 0.0
 
 
-def _with_study_values(study: Study, section: str, **values: object) -> Study:
-    return study.model_copy(update={section: getattr(study, section).model_copy(update=values)})
-
-
 def _with_design_values(study: Study, section: str, **values: object) -> Study:
-    variant = getattr(study.design, section).model_copy(update=values)
-    return study.model_copy(update={"design": study.design.model_copy(update={section: variant})})
+    return study.model_copy(update={"design": study.design.with_section(section, **values)})
 
 
 def _with_effects(study: Study, effects: dict[str, dict[str, float]]) -> Study:
-    return study.model_copy(update={"design": study.design.model_copy(update={"effects": effects})})
+    return study.with_section("design", effects=effects)
 
 
 def readings(study: Study) -> Iterator[Assumption]:
@@ -76,7 +71,7 @@ def readings(study: Study) -> Iterator[Assumption]:
     for disk in DISK_READINGS:
         for roller in ROLLER_READINGS:
             yield Assumption(
-                f"{disk}, {roller}", _with_study_values(study, "clearance", disk_reading=disk, roller_reading=roller)
+                f"{disk}, {roller}", study.with_section("clearance", disk_reading=disk, roller_reading=roller)
             )
 
 
@@ -94,27 +89,27 @@ def assumptions(study: Study) -> Iterator[Assumption]:
 
 def _definitions(study: Study) -> Iterator[Assumption]:
     for low in (3.0, 10.0, 25.0, 50.0):
-        variant = _with_study_values(study, "metrics", rigidity_percent=(low, 100.0))
+        variant = study.with_section("metrics", rigidity_percent=(low, 100.0))
         yield Assumption(f"rigidity between {low:g} and 100 % of the rated torque", variant)
     for percent in (2.5, 4.0):
-        variant = _with_study_values(study, "metrics", lost_motion_percent=percent)
+        variant = study.with_section("metrics", lost_motion_percent=percent)
         yield Assumption(f"lost motion at {percent:g} % of the rated torque", variant)
     yield Assumption("backlash read at 0.1 % of the rated torque", study, backlash_percent=0.1)
-    yield Assumption("clearances to first order", _with_study_values(study, "clearance", method="first_order"))
+    yield Assumption("clearances to first order", study.with_section("clearance", method="first_order"))
     pitch = 360 / study.design.cycloid.pins
     for name, share in (("half a pin pitch", HALF_PIN_PITCH), ("a quarter of a turn", study.design.cycloid.pins / 4)):
         yield Assumption(
-            f"crank {name} on", _with_study_values(study, "cycle", crank_deg=(share * pitch,)), remesh=True
+            f"crank {name} on", study.with_section("cycle", crank_deg=(share * pitch,)), remesh=True
         )
 
 
 def _bearing_and_contacts(study: Study) -> Iterator[Assumption]:
     for name, exponent in (("linear", 1.0), ("of rollers, exponent 10/9", 10 / 9)):
         yield Assumption(f"input bearing {name}", _with_design_values(study, "bearing", exponent=exponent))
-    yield Assumption("Palmgren's law in place of Hertz'", _with_study_values(study, "springs", law="palmgren"))
+    yield Assumption("Palmgren's law in place of Hertz'", study.with_section("springs", law="palmgren"))
     wider = 2 * study.reduce.patch_half_width_mm
     name = f"pressure patches of the pins {wider:g} mm in half width"
-    yield Assumption(name, _with_study_values(study, "reduce", patch_half_width_mm=wider), remesh=True)
+    yield Assumption(name, study.with_section("reduce", patch_half_width_mm=wider), remesh=True)
 
 
 def _disk(study: Study) -> Iterator[Assumption]:
@@ -134,7 +129,7 @@ def _output(study: Study) -> Iterator[Assumption]:
         )
     width = 0.5 * study.reduce.roller_patch_half_width_mm
     name = f"rollers spread over {width:g} mm in half width"
-    yield Assumption(name, _with_study_values(study, "reduce", roller_patch_half_width_mm=width), remesh=True)
+    yield Assumption(name, study.with_section("reduce", roller_patch_half_width_mm=width), remesh=True)
     turned_slide = _with_design_values(study, "output", slide_angle_deg=0.0)
     yield Assumption("first slide along the crank", turned_slide, remesh=True)
     yield Assumption("R on the first slide alone, and whole on each side", _on_first_slide(study))
@@ -153,7 +148,7 @@ def _stations(study: Study) -> Iterator[Assumption]:
     thick = _with_design_values(_touching(study), "disk", thickness_mm=3.8)
     name = "rollers touching, disk 3.8 mm thick, rigidity between 6 and 100 %"
     yield Assumption(
-        name, _with_study_values(thick, "metrics", rigidity_percent=(6.0, 100.0)), remesh=True, tied=_touching
+        name, thick.with_section("metrics", rigidity_percent=(6.0, 100.0)), remesh=True, tied=_touching
     )
 
 

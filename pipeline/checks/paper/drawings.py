@@ -10,13 +10,7 @@ from matplotlib.figure import Figure
 from pipeline import assembly
 from pipeline.checks.paper.statements import SHARES
 from pipeline.checks.paper.table2 import Tables
-from pipeline.figures.contacts import (
-    dead_zones_figure,
-    output_loads_figure,
-    pin_clearances_figure,
-    pin_loads_figure,
-    spring_laws_figure,
-)
+from pipeline.figures import contacts
 from pipeline.figures.hysteresis import bearing_figure, hysteresis_figure
 
 
@@ -44,7 +38,7 @@ def _before_load(tables: Tables) -> Iterator[PaperDrawing]:
         "figure_04",
         "Clearances between the pin-rollers and the cycloid disk with various tolerances",
         "Clearance at the nominal pose against pin number; pins are numbered clockwise from the eccentric.",
-        pin_clearances_figure({case: tables.clearances(case) for case in tables.with_tolerance}),
+        contacts.pin_clearances_figure({case: tables.clearances(case) for case in tables.with_tolerance}),
     )
     yield PaperDrawing(
         ("5a", "5b"),
@@ -52,7 +46,7 @@ def _before_load(tables: Tables) -> Iterator[PaperDrawing]:
         "Non-linear contact stiffness of the connecting elements",
         "(a) disk and pins, (b) input bearing and output rollers. Above the deformation against the force, below the "
         "tangent stiffness. Of the disk's share the law holds what the mesh does not; the paper's springs hold all.",
-        spring_laws_figure(tables.laws, tables.contacts),
+        contacts.spring_laws_figure(tables.laws, tables.contacts),
     )
 
 
@@ -63,7 +57,7 @@ def _at_lost_motion(tables: Tables) -> Iterator[PaperDrawing]:
         "figure_09",
         f"Clearance and spring deformation at the contact points under {torque:g} N m",
         "A pin touches where the approach of the two bodies exceeds the clearance.",
-        dead_zones_figure({case: tables.loaded_pins(case, torque) for case in tables.with_tolerance}),
+        contacts.dead_zones_figure({case: tables.loaded_pins(case, torque) for case in tables.with_tolerance}),
     )
     every = [case.label for case in tables.study.cases]
     yield PaperDrawing(
@@ -71,7 +65,7 @@ def _at_lost_motion(tables: Tables) -> Iterator[PaperDrawing]:
         "figure_10",
         f"Contact force and contact deformation at {torque:g} N m",
         "Against pin number, for each tolerance.",
-        pin_loads_figure({case: tables.loaded_pins(case, torque) for case in every}),
+        contacts.pin_loads_figure({case: tables.loaded_pins(case, torque) for case in every}),
     )
 
 
@@ -84,7 +78,7 @@ def _under_torque(tables: Tables) -> Iterator[PaperDrawing]:
         "figure_11",
         f"Contact force and contact deformation under increasing torque, {case}",
         "Against pin number.",
-        pin_loads_figure(rising, rising=True),
+        contacts.pin_loads_figure(rising, rising=True),
     )
     every = [tolerance_case.label for tolerance_case in tables.study.cases]
     curves = {label: tables.of_case(tables.curves, label) for label in every}
@@ -100,7 +94,7 @@ def _under_torque(tables: Tables) -> Iterator[PaperDrawing]:
         "figure_13",
         f"Contact force and deformation of the output rollers at {torque:g} N m",
         "Rollers from outside to inside, on both interfaces.",
-        output_loads_figure(
+        contacts.output_loads_figure(
             {label: tables.contacts_at(label, torque) for label in every},
             tables.contacts,
             tables.study.design.output.words.station,

@@ -17,20 +17,11 @@ import pandas as pd
 
 from pipeline import assembly
 from pipeline.arrays import Real
+from pipeline.checks import response
 from pipeline.checks.calibrate import FittedNumber, Target, of_targets
 from pipeline.checks.paper.assumptions import Assumption, with_elastic_plate
 from pipeline.checks.paper.statements import bearing_deflections
 from pipeline.checks.paper.table2 import LARGEST_ERROR, Misfit, Tables
-from pipeline.checks.response import (
-    Condensed,
-    SolvedCases,
-    condense_disk,
-    fit_numbers,
-    metrics_of,
-    pins_in_contact,
-    solve_cases,
-    with_numbers,
-)
 from pipeline.config import Study
 from pipeline.config.files.section import number_at
 from pipeline.model.geometry.clearance import gaps
@@ -63,7 +54,7 @@ class Refit:
 
     fitted_to: str
     study: Study
-    cases: SolvedCases
+    cases: response.SolvedCases
     parameters: tuple[FittedNumber, ...]
     targets: tuple[Target, ...]
     values: Real
@@ -105,13 +96,13 @@ class Refit:
 
 
 def refit(
-    change: Assumption, disk: Condensed, targets: Sequence[Target], parameters: Sequence[FittedNumber]
+    change: Assumption, disk: response.Condensed, targets: Sequence[Target], parameters: Sequence[FittedNumber]
 ) -> tuple[Refit, Refit]:
     """The fits to Table 2, and from there to Table 2 and its elastic part; ``disk`` is the declared one.
 
     A trial without an equilibrium counts as a misfit of ``UNSOLVED_MISFIT`` in every number.
     """
-    body = condense_disk(change.study) if change.remesh else disk
+    body = response.condense_disk(change.study) if change.remesh else disk
     body = with_elastic_plate(change.study, body, change.plate) if change.plate else body
     free_numbers = (*parameters, *change.freed_numbers)
     keys = [parameter.key for parameter in free_numbers]
@@ -121,10 +112,10 @@ def refit(
     )
 
     def refit_at(fitted_to: str, numbers: Real) -> Refit:
-        study = with_numbers(change.study, dict(zip(keys, numbers.tolist(), strict=True)))
+        study = response.with_numbers(change.study, dict(zip(keys, numbers.tolist(), strict=True)))
         study = change.tied(study) if change.tied else study
-        cases = solve_cases(study, body, change.backlash_percent)
-        metrics = metrics_of(study, cases, change.backlash_percent)
+        cases = response.solve_cases(study, body, change.backlash_percent)
+        metrics = response.metrics_of(study, cases, change.backlash_percent)
         return Refit(fitted_to, study, cases, free_numbers, tuple(targets), of_targets(study, metrics, targets))
 
     def best_refit(fitted_to: str, start: Real) -> tuple[Refit, Real]:
@@ -136,7 +127,7 @@ def refit(
             except ArithmeticError:
                 return np.full(size, UNSOLVED_MISFIT)
 
-        value = fit_numbers(misfit, start, lower, upper, None).value
+        value = response.fit_numbers(misfit, start, lower, upper, None).value
         return refit_at(fitted_to, value), value
 
     table, value = best_refit(TABLE, np.array([number_at(change.study.design, key) for key in keys]))
@@ -144,7 +135,10 @@ def refit(
 
 
 def refit_table(
-    changes: Iterable[Assumption], disk: Condensed, targets: Sequence[Target], parameters: Sequence[FittedNumber]
+    changes: Iterable[Assumption],
+    disk: response.Condensed,
+    targets: Sequence[Target],
+    parameters: Sequence[FittedNumber],
 ) -> pd.DataFrame:
     """Two rows per assumption: what is fitted to, errors, elastic part, pins in contact, and the fitted numbers."""
     rows = [
@@ -172,7 +166,7 @@ def _row(fit: Refit) -> Mapping[str, Any]:
         **{ELASTIC_PART + case: value for case, value in elastic_part(fit.targets, fit.values).items()},
         "elastic_error": float(fit.elastic_error[-1]),
         "closes": fit.closes,
-        "pins_in_contact": " ".join(str(count) for count in pins_in_contact(fit.study, fit.cases)),
+        "pins_in_contact": " ".join(str(count) for count in response.pins_in_contact(fit.study, fit.cases)),
         **values,
         "at_bound": " ".join(at_bound),
         **{

@@ -5,7 +5,7 @@ Meshes are crude, as in the check of RV reducers.
 Check of a turn: no error of a perfect rigid reducer, that of one displaced pin, and a disk turned by its lobes.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -38,8 +38,7 @@ SHARES = np.array([0.03, 0.3, 1.0])
 def crude_study(name: str, edges_per_lobe: int) -> Study:
     """A study of the project on a crude mesh."""
     study = load_study(name, PROJECT)
-    mesh = CRUDE | {"flank_edges_per_lobe": edges_per_lobe}
-    return study.model_copy(update={"reduce": study.reduce.model_copy(update=mesh)})
+    return study.with_section("reduce", **CRUDE | {"flank_edges_per_lobe": edges_per_lobe})
 
 
 def blocks_of_one_part(study: Study) -> list[Real]:
@@ -52,15 +51,6 @@ def blocks_of_one_part(study: Study) -> list[Real]:
         patches = elastic.disk_patches(study, body, assembly.reducer(study.design, turned_on))
         blocks.append(body.compliance(patches).matrix[np.ix_(places, places)])
     return blocks
-
-
-def joined_blocks(reducer: Reducer, blocks: Sequence[Real]) -> Real:
-    """Compliance (n_contacts, n_contacts) [mm/N] of all disks from that of each between its own contacts."""
-    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
-    for disk, block in enumerate(blocks):
-        rows = assembly.disk_contacts(reducer, disk)
-        full[np.ix_(rows, rows)] = block
-    return full
 
 
 def second_mesh(study: Study, as_one_part: Real, limit: float) -> Finding:
@@ -84,7 +74,7 @@ TWO_MESHES = 0.02
 def check_disks(specimen: Specimen) -> Iterator[Finding]:
     """Two perfect disks of one part carry half each and turn as one does under half; see ``STUDY``."""
     study = crude_study(STUDY, EDGES_PER_LOBE)
-    one_disk = _with_disks(study, 1)
+    one_disk = study.model_copy(update={"design": study.design.with_section("disk", count=1)})
     blocks = blocks_of_one_part(study)
     two_disk_drive, single = _drive(study, blocks), _drive(one_disk, blocks[:1])
     for sense, name in ((1, "plus"), (-1, "minus")):
@@ -102,16 +92,11 @@ def check_disks(specimen: Specimen) -> Iterator[Finding]:
     yield from _phase(study)
 
 
-def _with_disks(study: Study, count: int) -> Study:
-    disk = study.design.disk.model_copy(update={"count": count})
-    return study.model_copy(update={"design": study.design.model_copy(update={"disk": disk})})
-
-
 def _drive(study: Study, blocks: list[Real]) -> Drive:
     reducer = assembly.reducer(study.design, CRANK_DEG)
     nominal = draw(study, 0, 1)
     clearance = assembly.bearing_clearance(study.design, nominal.bearing_clearance)
-    return drive_of(study, CRANK_DEG, joined_blocks(reducer, blocks), assembly.errors(nominal), clearance)
+    return drive_of(study, CRANK_DEG, assembly.joined_blocks(reducer, blocks), assembly.errors(nominal), clearance)
 
 
 def _loaded_states(drive: Drive, torque: Real) -> Equilibria:

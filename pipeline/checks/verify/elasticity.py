@@ -167,16 +167,11 @@ FINER = np.sqrt(2)
 
 def _refined_study(study: Study, factor: float) -> Study:
     reduce = study.reduce
-    return study.model_copy(
-        update={
-            "reduce": reduce.model_copy(
-                update={
-                    "flank_edges_per_lobe": round(factor * reduce.flank_edges_per_lobe),
-                    "growth": reduce.growth / factor,
-                    "largest_edge_mm": reduce.largest_edge_mm / factor,
-                }
-            )
-        }
+    return study.with_section(
+        "reduce",
+        flank_edges_per_lobe=round(factor * reduce.flank_edges_per_lobe),
+        growth=reduce.growth / factor,
+        largest_edge_mm=reduce.largest_edge_mm / factor,
     )
 
 

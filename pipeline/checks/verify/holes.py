@@ -142,12 +142,12 @@ def check_holes(specimen: Specimen) -> Iterator[Finding]:
 def _refined_compliance(specimen: Specimen) -> Real:
     """Compliance between the patches (n_patches, n_patches) [mm/N] on half as long edges."""
     reduce = specimen.study.reduce
-    finer = {
-        "flank_edges_per_lobe": 2 * reduce.flank_edges_per_lobe,
-        "growth": 0.7 * reduce.growth,
-        "largest_edge_mm": 0.5 * reduce.largest_edge_mm,
-    }
-    study = specimen.study.model_copy(update={"reduce": reduce.model_copy(update=finer)})
+    study = specimen.study.with_section(
+        "reduce",
+        flank_edges_per_lobe=2 * reduce.flank_edges_per_lobe,
+        growth=0.7 * reduce.growth,
+        largest_edge_mm=0.5 * reduce.largest_edge_mm,
+    )
     body = elastic.elastic_disk(study, hole_edges=2 * elastic.EDGES_PER_HALF_WIDTH)
     return body.compliance(elastic.disk_patches(study, body, specimen.reducer)).matrix
 

@@ -81,14 +81,10 @@ def _golden(function: Callable[[Real], Real], low: Real, high: Real) -> Real:
     return np.maximum(at_lower, at_upper)
 
 
-def _with_plate(design: Design, plate: str) -> Design:
-    return design.model_copy(update={"output": design.output.model_copy(update={"plate": plate})})
-
-
 def check_rigid_backlash(specimen: Specimen) -> Iterator[Finding]:
     """Rigid backlash: general program against the separated form."""
     for plate in ("rotates", "floats"):
-        design = _with_plate(specimen.study.design, plate)
+        design = specimen.study.design.with_section("output", plate=plate)
         reducer = assembly.reducer(design, CRANK_DEG)
         gap = random_gaps(design, reducer, ALLOWANCE)
         no_clearance = np.zeros(len(gap))

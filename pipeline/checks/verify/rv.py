@@ -9,7 +9,7 @@ import numpy as np
 from pipeline import assembly
 from pipeline.arrays import Complex, Real
 from pipeline.checks.specimen import Finding, Specimen, largest_difference, relative
-from pipeline.checks.verify.disks import CRANK_DEG, SHARES, blocks_of_one_part, crude_study, joined_blocks, second_mesh
+from pipeline.checks.verify.disks import CRANK_DEG, SHARES, blocks_of_one_part, crude_study, second_mesh
 from pipeline.config import Study
 from pipeline.config.mechanisms.carrier import Carrier
 from pipeline.model.equilibrium.solve import Equilibria
@@ -96,7 +96,7 @@ def _of_pins(reducer: Reducer, disk: int) -> np.ndarray:
 def _shares(study: Study, blocks: list[Real]) -> Finding:
     """Moment of the pins of either elastic disk, in both senses."""
     reducer = assembly.reducer(study.design, CRANK_DEG)
-    drive, shares = _drive(study, joined_blocks(reducer, blocks)), []
+    drive, shares = _drive(study, assembly.joined_blocks(reducer, blocks)), []
     for sense in (1, -1):
         force = _loaded_states(drive, sense * drive.rated_torque * SHARES).force[0]
         moments = [force[:, rows] @ reducer.contacts.arm[rows] for rows in (_of_pins(reducer, 0), _of_pins(reducer, 1))]

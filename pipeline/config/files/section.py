@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -38,6 +38,10 @@ class Section(BaseModel):
     """A table of a TOML file: immutable, without unknown keys, without silent conversion ("50" is no number)."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    def with_section(self, section: str, /, **values: Any) -> Self:
+        """These settings with some values of one section in place of its own; they are not checked."""
+        return self.model_copy(update={section: getattr(self, section).model_copy(update=values)})
 
 
 def key_path(section: object, key: str) -> tuple[str, ...]:

@@ -64,11 +64,7 @@ class LotYield:
 
 def study_of_lot(study: Study, fits: Sequence[DimensionFit]) -> Study:
     """The study with the fitted distributions in place of its tolerances."""
-    return _with_tolerances(study, {fit.dimension.name: fit.tolerance for fit in fits})
-
-
-def _with_tolerances(study: Study, replacements: Mapping[str, Distribution]) -> Study:
-    return study.model_copy(update={"tolerances": study.tolerances.model_copy(update=dict(replacements))})
+    return study.with_section("tolerances", **{fit.dimension.name: fit.tolerance for fit in fits})
 
 
 def lot_yield(study: Study, fits: Sequence[DimensionFit], solve: Solve, units: int, jobs: int) -> LotYield:
@@ -94,7 +90,7 @@ def lot_yield(study: Study, fits: Sequence[DimensionFit], solve: Solve, units: i
     costs = []
     for fit in fits:
         drawing = getattr(study.tolerances, fit.dimension.name)
-        perfect = _with_tolerances(lot_study, {fit.dimension.name: _target(drawing)})
+        perfect = lot_study.with_section("tolerances", **{fit.dimension.name: _target(drawing)})
         perfect_passes = limit_passes(study, values(perfect))
         low, high = share_difference(passes, perfect_passes, confidence, True)
         gain = Estimate(float(perfect_passes.mean() - passes.mean()), low, high, units)
@@ -120,7 +116,7 @@ def _with_part_uncertainty(
     rng = np.random.default_rng(study.samples.seed)
     moves = []
     for _ in range(RESAMPLED_LOTS):
-        lot_study = _with_tolerances(study, {fit.dimension.name: _refit(fit, study, rng) for fit in fits})
+        lot_study = study.with_section("tolerances", **{fit.dimension.name: _refit(fit, study, rng) for fit in fits})
         odds = _log_odds(yields(study, values(lot_study, units)))
         moves.append({name: odds[name] - base[name] for name in base})
     quantile = float(scipy.stats.t.ppf((1 + study.metrics.confidence) / 2, RESAMPLED_LOTS))

@@ -19,7 +19,7 @@ from pipeline.decisions.lots.lot_yield import LotYield, lot_yield, study_of_lot
 from pipeline.decisions.lots.measured_lot import FEWEST_PARTS, MeasuredLot
 from pipeline.decisions.run_comparison import DIFFERENCES, ComparedRun, differences
 from pipeline.engine.store import write_tables
-from pipeline.engine.table import Column, Table
+from pipeline.engine.table import Column, Table, interval_columns
 from pipeline.errors import InputError
 from pipeline.statistics.intervals import Estimate
 
@@ -75,8 +75,7 @@ YIELDS = Table(
         Column("metric", "label", "", "column of metrics; all_limits: all together"),
         Column("tolerances", "label", "", "drawn: of the study; made: of the lot"),
         Column("yield", "float64", "1", "share of fresh load-solved units within the limit"),
-        Column("ci_low", "float64", "1", "lower end of the confidence interval"),
-        Column("ci_high", "float64", "1", "upper end"),
+        *interval_columns("1"),
         Column("n", "int32", "1", "units"),
     ),
 )
@@ -88,8 +87,7 @@ COSTS = Table(
         Column("dimension", "label", "", "toleranced dimension"),
         Column("yield_at_target", "float64", "1", "yield of the lot with this dimension at the drawing's mean"),
         Column("gain", "float64", "1", "less the yield of the lot, on the same units"),
-        Column("ci_low", "float64", "1", "lower end of the confidence interval of the gain"),
-        Column("ci_high", "float64", "1", "upper end"),
+        *interval_columns("1", "confidence interval of the gain"),
     ),
 )
 
@@ -231,8 +229,7 @@ def _frame(lot_result: LotFindings) -> pd.DataFrame:
 
 def _renamed_study(study: Study, name: str) -> Study:
     """The study as a run of its units alone: sample 0 is a drawn one."""
-    samples = study.samples.model_copy(update={"nominal_first": False})
-    return study.model_copy(update={"name": name, "samples": samples})
+    return study.with_section("samples", nominal_first=False).model_copy(update={"name": name})
 
 
 def study_text(study: Study, fits: Sequence[DimensionFit], lot: str, name: str, design: str) -> str:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.arrays import Real, Whole
+from pipeline.constant_kinds import Fineness
 from pipeline.identification.bench.course import Course, slid_torque
 from pipeline.model.elements import merged_path, polyline
 from pipeline.model.load_history.backbone import NO_LOAD, Backbone
@@ -18,9 +19,9 @@ from pipeline.model.units import NMM_PER_NM
 Torques = tuple[Real, Real]
 """Torques at the turns (n_turns,) and within the cells (n_cells, n_edges) [N mm]."""
 
-LEVELS = 22
+LEVELS: Fineness = 22
 """Nodes of the backbone in each sense of the torque."""
-PATH_LEVELS = 11
+PATH_LEVELS: Fineness = 11
 """The same where friction at the contacts is followed step by step, which costs a hundred times as much."""
 REPEATED_SHARE = 0.01
 """Share of the range of torque within which two turns are the same: friction then repeats its last loop."""

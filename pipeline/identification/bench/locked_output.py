@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.arrays import Real
+from pipeline.constant_kinds import Fineness, Rounding
 from pipeline.identification.bench.course import Course
 from pipeline.identification.bench.load_path import Elastic, ElasticCurve, LoadPath, Torques, load_path, memory_twist
 from pipeline.model.load_history.backbone import Backbone
@@ -17,8 +18,10 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.output_path import Ripple
 from pipeline.model.load_history.turning_crank import CurvesOverCrank
 
-ROUNDS, PLACE_TOLERANCE = 12, 1e-9
-"""Rounds to the crank angle at which the output is locked at most, and the change of it [rad] that ends them."""
+ROUNDS: Fineness = 12
+"""Rounds to the crank angle at which the output is locked at most."""
+PLACE_TOLERANCE: Rounding = 1e-9
+"""Change of that angle [rad] that ends them."""
 
 
 class ElasticOverCrank(Elastic):

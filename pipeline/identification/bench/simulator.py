@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Real
+from pipeline.constant_kinds import Fineness
 from pipeline.identification.bench.course import Course
 from pipeline.identification.bench.load_path import (
     LARGEST_RESIDUAL,
@@ -31,7 +32,7 @@ BEYOND = 1.05
 """Reach of the backbone over the largest torque measured: friction may keep more in the reducer than is read."""
 BEYOND_TURNING = 1.3
 """The same where the crank turns: the work on what varies over its angle changes the torque by a tenth or two."""
-KEPT_CURVES = 130
+KEPT_CURVES: Fineness = 130
 """Backbones that are kept for each crank angle: those of a fit on its way."""
 UNSOUND_SHARE = 0.05
 """Share of equilibria that were not found which a fit may pass through."""

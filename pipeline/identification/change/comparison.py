@@ -14,7 +14,7 @@ from pipeline.errors import InputError
 from pipeline.identification.change.loops import State
 from pipeline.identification.change.scatter import Contrast
 from pipeline.identification.change.table import LoopNumber, LoopTable, loop_table
-from pipeline.statistics.resampling import CONFIDENCE
+from pipeline.statistics.resampling import CONFIDENCE, LEVEL
 
 FAMILYWISE = 0.01
 """Chance of naming any change between two states that differ by mounting alone, over all numbers of a pair.
@@ -68,7 +68,7 @@ class Change:
     @property
     def likely(self) -> bool:
         """Whether mounting does not explain it by itself."""
-        return self.p < 1 - CONFIDENCE
+        return self.p < LEVEL
 
 
 @dataclass(frozen=True)

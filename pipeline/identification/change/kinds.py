@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.constant_kinds import Fineness
 from pipeline.identification.change.loops import Loop
 
 LOADED_SHARE = 0.5
@@ -20,7 +21,7 @@ STRAIGHT = 2.0
 """Ratio of the slopes of the upper and lower half of the loaded part beyond which the play is crossed there."""
 LARGEST_ZERO = 0.3
 """Largest zero of the torque that is looked for, as a share of the largest torque; beyond: not measurable."""
-TRIED_ZEROS = 121
+TRIED_ZEROS: Fineness = 121
 """Zeros of the torque that are tried."""
 
 

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.arrays import Index, Real
+from pipeline.constant_kinds import Fineness
 from pipeline.identification.change.scatter import indicators
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.data import Data
@@ -17,7 +18,7 @@ Numbers = Index
 
 SAME_SIZE = 1.3
 """Ratio of the largest torques of two loops below which they are loops of one size."""
-POINTS = 401
+POINTS: Fineness = 401
 """Torques at which a loop is read, from its largest negative to its largest positive one."""
 
 

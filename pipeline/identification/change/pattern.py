@@ -7,6 +7,7 @@ from itertools import permutations
 import numpy as np
 
 from pipeline.arrays import Real
+from pipeline.constant_kinds import Fineness, Seed
 from pipeline.identification.change.loops import Loop
 from pipeline.identification.change.table import LoopTable
 
@@ -14,9 +15,9 @@ FEWEST = 3
 """Positions below which no pairing can be told from the true one."""
 MOST_EXACT = 6
 """Positions up to which every pairing is tried."""
-PAIRINGS = 999
+PAIRINGS: Fineness = 999
 """Random pairings of the positions in the test: p is no smaller than 1/1000."""
-SEED = 12
+SEED: Seed = 12
 """Of the pairings: equal data give an equal page."""
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.engine.store import write_json, write_tables
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.errors import InputError
 from pipeline.identification.change.comparison import Change, Comparison, compare_states
 from pipeline.identification.change.loops import State
@@ -32,8 +32,7 @@ CHANGES = Table(
         Column("after", "float64", "see unit", "the same of the second state"),
         Column("change_unit", "label", "", "of all columns below: 1 where they are shares of a positive number"),
         Column("change", "float64", "see change_unit", "second state less first, or its share of the first"),
-        Column("ci_low", "float64", "see change_unit", "lower end of the 95 % interval; null: scatter unknown"),
-        Column("ci_high", "float64", "see change_unit", "upper end"),
+        *interval_columns("see change_unit", "95 % interval; null: scatter unknown"),
         Column("detectable", "float64", "see change_unit", "growth that would be shown with a chance of 80 %"),
         Column("scatter", "float64", "see change_unit", "standard deviation that mounting adds at a position"),
         Column("p", "float64", "1", "of no change, this number by itself"),

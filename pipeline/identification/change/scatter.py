@@ -9,17 +9,18 @@ import scipy  # its statistics are slow to import: they are when they are called
 from scipy.optimize import brentq
 
 from pipeline.arrays import Real, Whole
+from pipeline.constant_kinds import Rounding, Shown
 from pipeline.statistics.differences import Family, family
 
-POWER = 0.8
+POWER: Shown = 0.8
 """Chance with which a change of the detection limit is shown."""
-LARGEST_NONCENTRALITY = 1e3
+LARGEST_NONCENTRALITY: Rounding = 1e3
 """Non-centrality beyond which no power is sought."""
 FEWEST_FREEDOM = 2
 """Degrees of freedom below which the scatter is unknown: with one the t distribution has no mean."""
-ESTIMABLE = 1e-9
+ESTIMABLE: Rounding = 1e-9
 """Distance of a contrast from what the rows determine, beyond which it is not estimable."""
-LEAST_ERROR = 1e-12
+LEAST_ERROR: Rounding = 1e-12
 """Standard error of tests of data without scatter."""
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Fineness, Rounding, Seed
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.measured_loops import followed_torques
@@ -24,18 +25,20 @@ from pipeline.identification.selection.baselines import Cycles, baselines
 from pipeline.identification.selection.held_out import AngleError, angle_error, splits_of
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy
 from pipeline.identification.selection.statements.verdict import UNEXPLAINED
-from pipeline.statistics.resampling import CONFIDENCE, jackknife_interval, max_t
+from pipeline.statistics.resampling import LEVEL, jackknife_interval, max_t
 
 FULLY_DESCRIBED, PARTLY_DESCRIBED = "described", "partly described"
-RESAMPLES, SEED = 2000, 81
+RESAMPLES: Fineness = 2000
 """Of the branches, for the familywise p."""
+SEED: Seed = 81
+"""Of the resamples."""
 NO_STRUCTURE = float(np.hypot(1.0, REMAINING_SHARE))
 """Prediction error, in noise, that leaves nothing structured."""
 LEAST_LOSS = 0.1
 """Loss, in squared noise, below which branches are alike."""
 FEWEST_GROUPS = 3
 """Groups of data below which an estimate has no interval."""
-STEP = 1e-3
+STEP: Rounding = 1e-3
 """Step of the derivatives, in scales of a number."""
 AT_NONE = 1e-3
 """Number, in its scales, up to which a fit that ends at a bound has found that there is none."""
@@ -241,7 +244,7 @@ def _numbers(
                 ci_low=low,
                 ci_high=high,
                 p=p,
-                named=p < 1 - CONFIDENCE and low * high > 0,
+                named=p < LEVEL and low * high > 0,
                 note="at the bound of the fit" if is_bounded else "",
             )
         )

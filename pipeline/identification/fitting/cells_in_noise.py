@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Unit
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
@@ -20,11 +21,12 @@ JUMP = 2.0
 """Scatter within a cell over the usual one beyond which the angle jumped in it: through the play, or a slip."""
 STEP_SCATTER = 0.27
 """Scatter of rows about their line over the height of a step among them: 0.25 for one in the middle, 0.20 to 0.29
-within the middle 90 % (``step_scatter``)."""
+within the middle 90 %: sqrt(d - 3 d^2) with d = s (1 - s) of a step after the share s, its own variance d less what a
+line of slope 6 d takes of it."""
 PLAY_SHARE = 0.1
 """Height of a jump, over the range of the angle at its position, from which it is a way through the play: a knee of the
 curve scatters too."""
-PLACE = 24**-0.5
+PLACE: Unit = 24**-0.5
 """Rms of what half a row reaches beyond a place that is anywhere between two rows [rows]."""
 CELL_WIDTH = 0.02
 """Error of a cell's torque as a share of the distance to its neighbours."""
@@ -116,15 +118,6 @@ def _larger_beside(of_links: Real) -> Real:
     """Larger of what two links (n_cells - 1,) of each cell have (n_cells,)."""
     larger: Real = np.maximum(np.append(of_links, 0.0), np.append(0.0, of_links))
     return larger
-
-
-def step_scatter(share: float) -> float:
-    """Scatter of many rows about their line over the height of a step after a ``share`` of them.
-
-    The step's own variance s (1 - s) less what a line of slope 6 s (1 - s) takes of it, 3 s^2 (1 - s)^2.
-    """
-    distance = share * (1 - share)
-    return float(np.sqrt(distance * (1 - 3 * distance)))
 
 
 def jump_errors(cells: Cells, branch: Whole, training: Truth) -> Real:

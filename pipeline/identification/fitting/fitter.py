@@ -11,13 +11,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Rounding
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Drives, Forward
 from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector, values_at_shares
 from pipeline.identification.fitting.problem import Model, Problem, first_states
 
-STEP = 2e-4
+STEP: Rounding = 2e-4
 """Step of the finite differences, as a share of a parameter's bounds."""
 SCALES_MOVED = 0.15
 """Change of a scale's logarithm up to which derivatives by the scales are kept."""
@@ -166,7 +167,7 @@ class Fitter:
         """
         descents = [Descent(self, model, is_fitted, start, base_fit) for start in starts]
         for descent in descents:
-            descent.run(FIRST_ITERATIONS)
+            descent.run(FIRST_ITERATIONS, rival_cost, ITERATIONS - FIRST_ITERATIONS)
         best_descent = min(descents, key=lambda descent: descent.in_noise if descent.prediction.sound else np.inf)
         best_descent.run(ITERATIONS - FIRST_ITERATIONS, rival_cost)
         return self._fit_of(best_descent)

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Rounding
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector
 from pipeline.identification.fitting.problem import Model
@@ -23,7 +24,7 @@ DAMPING_DECREASE, DAMPING_INCREASE = 5.0, 8.0
 TRUSTED_RATIO = 0.25
 """Share of the fall that derivatives promise from which the damping is eased (Fletcher, AERE report R 6799, 1971).
 Where contacts open and close, derivatives hold for short steps alone, and a longer one would be tried in vain."""
-SMALL = 1e-6
+SMALL: Rounding = 1e-6
 """Mean square of a cell, in noise, that only rounding leaves."""
 TRIES = 6
 """Dampings that are tried, each ten times the one before, until a step lowers the misfit."""
@@ -53,29 +54,34 @@ class Descent:
         self.prediction = self._predict(start)
         self.unknowns = start
         self._weigh(data.sigma)
-        self.jacobian = np.zeros((len(data), len(start.flat)))
-        if np.isfinite(self.cost):
-            self._derive()
+        self._jacobian: Real | None = None if np.isfinite(self.cost) else np.zeros((len(data), len(start.flat)))
 
-    def run(self, iterations: int, rival_cost: float = np.inf) -> None:
+    @property
+    def jacobian(self) -> Real:
+        """Derivatives where the descent is, made when they are asked for: of several starts one goes on."""
+        if self._jacobian is None:
+            self._jacobian = self._derivatives()
+        return self._jacobian
+
+    def run(self, iterations: int, rival_cost: float = np.inf, further: int = 0) -> None:
         """At most some steps, until the sum of squares settles.
 
-        Or until it would stay beyond ``rival_cost``, in the noise, though all steps that are left fell as the last.
+        Or until it would stay beyond ``rival_cost``, in the noise, though all steps that are left, and ``further`` ones
+        of another run, fell as the last.
         """
         former = np.inf
         for left in range(iterations if np.isfinite(self.cost) else 0, 0, -1):
             in_noise = self.in_noise
-            if in_noise - left * (former - in_noise) > rival_cost:
+            if in_noise - (left + further) * (former - in_noise) > rival_cost:
                 break
             former = in_noise
             self._weigh(self._with_form())
             fall = self._step()
             if fall < self.little and self.stale:
-                self.base_slopes = None
-                self._derive()
+                self.base_slopes, self._jacobian = None, None
                 fall = self._step()
             if fall > 0.0:
-                self._derive()
+                self._jacobian = None
             if fall < self.little:
                 break
 
@@ -152,12 +158,13 @@ class Descent:
         with np.errstate(over="ignore", invalid="ignore"):  # an equilibrium that was not found
             return float(misfit @ misfit + np.sum((self.penalty * (unknowns.flat - self.centre)) ** 2))
 
-    def _derive(self) -> None:
+    def _derivatives(self) -> Real:
         known_before = self.base_slopes
-        self.jacobian, self.base_slopes = self.fitter.jacobian(
+        jacobian, self.base_slopes = self.fitter.jacobian(
             self.model, self.unknowns, self.prediction, self.positions, self.weight, known_before
         )
         self.stale = known_before is not None and self.base_slopes[0] is known_before[0]
+        return jacobian
 
 
 def _repeats(data: Data, is_fitted: Truth) -> Real:

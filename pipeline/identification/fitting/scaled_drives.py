@@ -15,6 +15,7 @@ from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.files.section import number_at, with_value
 from pipeline.config.studies.study import Study
+from pipeline.constant_kinds import Fineness, Rounding
 from pipeline.model.contact.laws import ContactLaws, concatenated_laws, scaled_laws
 from pipeline.model.effects import Conditions
 from pipeline.model.geometry.clearance import Errors
@@ -27,9 +28,9 @@ Scales = tuple[float, ...]
 
 GAP_FIELDS = ("kind", "gap", "two_sided", "per_eccentricity")
 """Of a contact: what its gap is made of beside the flank and the errors."""
-TRIAL = 1.01
+TRIAL: Rounding = 1.01
 """Factor of a calibrated number by which it is seen whether contacts move with it."""
-KEPT_SCALES = 64
+KEPT_SCALES: Fineness = 64
 """Factors of the calibrated numbers of which the drives of all positions are kept."""
 
 

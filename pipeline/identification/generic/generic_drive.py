@@ -23,16 +23,18 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.arrays import Index, Real
+from pipeline.constant_kinds import Fineness, Rounding
 from pipeline.identification.generic.crank_loops import CrankAngle, CrankLoops
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, TERMS, CrankEffect
 from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.effects.creep import KelvinVoigt
 from pipeline.model.elements import FirstLoading, Path, RoundedPlay, SlidingFriction, Spring
 
-ROUNDS, CLOSE = 40, 1e-6
-"""Most times that twist and crank angle are found from each other, and change of the angle [arcmin] that ends it: each
-time changes it by a tenth of the time before."""
-STEPS = 3
+ROUNDS: Fineness = 40
+"""Most times that twist and crank angle are found from each other: each changes it by a tenth of the time before."""
+CLOSE: Rounding = 1e-6
+"""Change of the angle [arcmin] that ends it."""
+STEPS: Fineness = 3
 """Times that the torque at the output is found from the energy of springs that vary over the crank angle."""
 
 

@@ -7,14 +7,17 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from pipeline.arrays import Real
+from pipeline.constant_kinds import Fineness, Rounding
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.drive_terms import BASIC, TERMS
 from pipeline.identification.generic.generic_drive import LoopModel
 
-STEP = 1e-4
+STEP: Rounding = 1e-4
 """Step of the derivatives, in scales of a number."""
-PRECISION, MOST_STEPS = 1e-5, 60
-"""Relative change of sum of squares and numbers at which a fit ends, and the most evaluations of its derivatives."""
+PRECISION: Rounding = 1e-5
+"""Relative change of sum of squares and numbers at which a fit ends."""
+MOST_STEPS: Fineness = 60
+"""Evaluations of its derivatives at most."""
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from pipeline.arrays import Truth
 from pipeline.identification.measurement import row_filters
 from pipeline.identification.measurement.branches import BranchBlocks, find_blocks
 from pipeline.identification.measurement.cells import Cells, cells
+from pipeline.identification.measurement.estimate import smallest_step, torque_noise
 from pipeline.identification.measurement.load_history import History, history
 from pipeline.identification.measurement.repeatability import Noise, measured_noise, restrict_to_training
 from pipeline.identification.measurement.rows import Rows, fitted_rows
-from pipeline.identification.measurement.scatter import smallest_step, torque_noise
 from pipeline.identification.measurement.unit_file import UnitFile
 
 

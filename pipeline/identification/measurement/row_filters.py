@@ -4,8 +4,8 @@ import numpy as np
 
 from pipeline.arrays import Real, Truth
 from pipeline.identification.measurement.branches import TURN_NOISE
+from pipeline.identification.measurement.estimate import MAD_TO_STD, smallest_step
 from pipeline.identification.measurement.rows import Rows
-from pipeline.identification.measurement.scatter import MAD_TO_STD, smallest_step
 from pipeline.identification.measurement.unit_sections import InstrumentSection
 
 SATURATION_RULE = (

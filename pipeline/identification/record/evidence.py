@@ -23,6 +23,7 @@ from scipy.sparse import csr_array, dia_array
 from scipy.special import gammaincinv
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Fineness
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.passes import RecordCells
 from pipeline.identification.record.terms import Term
@@ -31,7 +32,7 @@ from pipeline.statistics.resampling import CONFIDENCE
 
 SIZES = (0.0, 0.15, 0.3, 0.6, 1.2, 2.4, 5.0, 10.0)
 """Standard deviations of a structure that are tried, in those of the median point's noise."""
-ROUNDS = 4
+ROUNDS: Fineness = 4
 """Times that the sizes are found one after the other, at most."""
 REACH = 0.15
 """Share of the angle that was turned over which the drift of a pass is alike."""

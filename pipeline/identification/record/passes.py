@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Rounding
 from pipeline.identification.measurement.cells import FEWEST_ROWS
 from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE, held_torques, stretches
@@ -31,7 +32,7 @@ DRIFT = 0.002
 """Share of the largest torque up to which a mean torque counts as none."""
 CELLS_A_WAVE = 4
 """Cells of a pass for each wave of its torque from which the waves are told from scatter."""
-CROSSED_SHARE = 1e-3
+CROSSED_SHARE: Rounding = 1e-3
 """Share of an interval by which an angle may lie beyond the last one by rounding."""
 
 

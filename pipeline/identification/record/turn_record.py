@@ -8,6 +8,7 @@ import numpy as np
 
 from pipeline.arrays import Real, Whole
 from pipeline.config.files.table_file import shortened_list
+from pipeline.constant_kinds import Unit
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.rows import Recorded, recorded_rows
@@ -21,7 +22,7 @@ FEWEST_INTERVALS = 24
 """Intervals of the output angle from which waves are told apart."""
 LARGEST_ERROR_ARCMIN = 120.0
 """Range of the transmission error beyond which the ratio or a column is wrong."""
-DEGREES_A_SECOND = 6.0
+DEGREES_A_SECOND: Unit = 6.0
 """Of a turn a minute."""
 RADIANS_SHARE = 0.005
 """Share by which the angle that was turned may differ from 2 pi for it to be a turn in radians."""

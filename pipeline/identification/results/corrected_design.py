@@ -16,6 +16,7 @@ from pipeline.config.files.section import number_at, with_value
 from pipeline.config.reading import parse_design, parse_study
 from pipeline.config.studies.study import Study
 from pipeline.config.studies.tolerances import Case, elements
+from pipeline.constant_kinds import ShownCount
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
@@ -110,7 +111,7 @@ def _rms(data: Data, angle: Real) -> float:
     return float(np.sqrt(np.average((data.angle - angle) ** 2, weights=data.count)))
 
 
-DIGITS = 6
+DIGITS: ShownCount = 6
 """Digits of a number that a written design has; its interval is wider."""
 DESCRIBES = {
     "status": "calibrated",

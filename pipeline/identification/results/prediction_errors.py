@@ -7,12 +7,13 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.arrays import Index, Real
+from pipeline.constant_kinds import Shown
 from pipeline.identification.identify import Identification
 from pipeline.model.metrics import LoopReadings, library, measurable_metrics
 
 Numbers = Index
 
-BEYOND = 0.05
+BEYOND: Shown = 0.05
 """Share of the largest torque by which a branch may be continued along its last cells, whose means end before it."""
 SEPARATION = "branch_separation_arcmin"
 """Of the two branches at the lower torque of the rigidity, mean of both senses: no metric of a study."""

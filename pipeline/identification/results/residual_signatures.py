@@ -10,22 +10,23 @@ import numpy as np
 from scipy.special import stdtr, stdtrit  # scipy.stats is slow to import
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Fineness, ShownCount
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.measurement.estimate import SEED
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.statistics.resampling import CONFIDENCE, resampled_means
+from pipeline.statistics.resampling import CONFIDENCE, LEVEL, resampled_means
 
 LOW, HIGH = 0.25, 0.5
 """Shares of the largest torque below which a cell is near zero torque, and above which it is at high torque."""
-RESAMPLES = 500
+RESAMPLES: Fineness = 500
 """Of the block bootstrap: an end of an interval is known to a tenth of its width."""
-WAVES = 160
+WAVES: ShownCount = 160
 """Periods of the output angle that are looked at, even in their logarithm."""
-FLIPS = 400
+FLIPS: Fineness = 400
 """Random signs of the blocks in a test without distribution: p is known to 1 %."""
-FEWEST_BLOCKS = 3
+FEWEST_BLOCKS: ShownCount = 3
 """Blocks below which a dependence has no interval."""
-HARMONICS = 3
+HARMONICS: ShownCount = 3
 """Orders of the crank angle that are looked for."""
 
 
@@ -159,7 +160,7 @@ def judged_signature(name: str, title: str, unit: str, line: tuple[Real, Real, i
         ci_low=value - reach,
         ci_high=value + reach,
         p_value=p,
-        significant=p < 1 - CONFIDENCE,
+        significant=p < LEVEL,
     )
 
 
@@ -286,7 +287,7 @@ def _over_the_angle(all_cells: SignatureCells) -> tuple[Signature, ...]:
     p = float((1 + np.sum(flipped_amplitudes >= amplitude[strongest])) / (1 + FLIPS))
     ends = 2 * np.abs(len(blocks) * resampled_means(parts[:, strongest], RESAMPLES, SEED)) / len(residual)
     low, high = (float(end) for end in np.percentile(ends, [2.5, 97.5]))
-    strong = p < 1 - CONFIDENCE
+    strong = p < LEVEL
     no_estimate = (np.nan, np.nan)
     return (
         Signature(*names[0], float(amplitude[strongest]), low, high, p, strong),

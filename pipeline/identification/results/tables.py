@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Real
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.identify import Identification
 from pipeline.identification.results.residual_signatures import Signature
@@ -60,8 +60,7 @@ SIGNATURES = Table(
         Column("title", "label", "", "what the residual depends on"),
         Column("unit", "label", "", "of value and interval"),
         Column("value", "float64", "see unit", "coefficient; null: not testable"),
-        Column("ci_low", "float64", "see unit", "lower end of the 95 % interval of the block bootstrap"),
-        Column("ci_high", "float64", "see unit", "upper end"),
+        *interval_columns("see unit", "95 % interval of the block bootstrap"),
         Column("p", "float64", "1", "of no dependence, each signature by itself"),
         Column("significant", "bool", "", "whether p is below 5 %"),
         Column("why_not", "label", "", "why the data cannot test it; empty if they can"),

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Shown
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import Identification
 from pipeline.identification.measurement.measurement import Measurement
@@ -76,7 +77,7 @@ def _read(angle: Real) -> dict[str, float]:
 
 ORDERS = range(1, 5)
 """Orders of the crank that are looked for."""
-LEAST_OUTPUT_TURN = 0.5
+LEAST_OUTPUT_TURN: Shown = 0.5
 """Share of a turn of the output from which its own order is told from a slope."""
 ARCMIN, PER_TORQUE = "arcmin", "arcmin/(N m)"
 

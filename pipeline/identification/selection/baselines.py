@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Rounding
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.shared_fit import fitted_together
@@ -58,7 +59,7 @@ TURN_METHODS: "Mapping[str, Callable[[Data, Cycles, Truth], Real]]" = {
 
 Offsets = Callable[[Real, Truth, Real], Real]
 
-EXACT = 1e-6
+EXACT: Rounding = 1e-6
 """Error in noise floors below which a prediction in sample repeats what it was made of."""
 DEGREE = 5
 """Of the polynomial of a branch."""

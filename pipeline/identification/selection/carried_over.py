@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Fineness, Rounding
 from pipeline.identification.selection.statements.discrepancy import REACHES, SIZES, averaged_cells, kernels
 from pipeline.statistics.curve_scatter import dummies
 
@@ -26,9 +27,11 @@ Places = tuple[Real, Real, Whole]
 
 SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Shares of the variance that all positions have in common: midpoints of five equal parts of their uniform prior."""
-REACHES_TRIED, SIZES_TRIED = 7, 25
-"""Steps of the logarithms of reach and size: a factor of 1.8 each."""
-NEGLIGIBLE = 1e-6
+REACHES_TRIED: Fineness = 7
+"""Steps of the logarithm of the reach: a factor of 1.8 each."""
+SIZES_TRIED: Fineness = 25
+"""The same of the size."""
+NEGLIGIBLE: Rounding = 1e-6
 """Weight of a share and reach below which nothing of them is told at other cells."""
 
 

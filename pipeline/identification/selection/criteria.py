@@ -35,14 +35,13 @@ from pipeline.identification.fitting.problem import REMAINING_SHARE
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.selection.evidence import SIZES, Evidence
 from pipeline.identification.selection.recalibration import UNLIKELY, tolerance_share
-from pipeline.statistics.resampling import CONFIDENCE
+from pipeline.statistics.resampling import LEVEL
 
 T = TypeVar("T")
 
-FAMILYWISE = 1 - CONFIDENCE
-"""Posterior probability of "no effect", over all that were tried, up to which an effect is named."""
-ODDS = float(np.log((1 - FAMILYWISE) / FAMILYWISE))
-"""Logarithm of the odds that this asks for, and of those within which models are named together."""
+ODDS = float(np.log((1 - LEVEL) / LEVEL))
+"""Logarithm of the odds that a posterior probability of "no effect", over all that were tried, of one in twenty asks
+for, and of those within which models are named together."""
 MOST_NAMED = 2
 """Effects that are named together; more only describe."""
 LARGEST_CLASS = 3

@@ -12,16 +12,17 @@ Computation 4 (1992) 415; variance of a random effect by its largest marginal li
 72 (1977) 320; autoregressive noise: Prais and Winsten (1954).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.special import gammaincinv, log_ndtr
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Rounding
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
@@ -33,7 +34,7 @@ SIZES = (1e-3, *(0.1 * 2.0 ** np.arange(10)).tolist())
 """Standard deviations of a discrepancy that are tried, in those of the median cell's noise."""
 CORRELATIONS = (0.0, 0.3, 0.6)
 """Correlations of the noise of neighbouring cells of a branch."""
-OFFSET = 1e3
+OFFSET: Rounding = 1e3
 """Prior standard deviation of the zero of an angle, in those of the median cell: equal in all models."""
 
 
@@ -119,11 +120,15 @@ class Covariance:
         white[self.is_first] = scaled_columns[self.is_first]
         return white
 
+    def features(self, reach: float) -> Real:
+        """Features of all kinds and zeros of angles (n, n_features)."""
+        return np.hstack([*self._features[reach], self.zeros])
+
     def whitened_features(self, reach: float, correlation: float) -> tuple[Real, Real]:
         """Features of all kinds and zeros of angles (n, n_features), whitened, and their products."""
         key = reach, correlation
         if key not in self._whitened_columns:
-            self._whitened_columns[key] = self.whiten(np.hstack([*self._features[reach], self.zeros]), correlation)
+            self._whitened_columns[key] = self.whiten(self.features(reach), correlation)
             self._products[key] = self._whitened_columns[key].T @ self._whitened_columns[key]
         return self._whitened_columns[key], self._products[key]
 
@@ -164,6 +169,7 @@ class Evidence:
         self.misfit = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
         self._products: dict[tuple[float, float], Real] = {}
         self._known_values: dict[Structure, float] = {}
+        self._systems: dict[Structure, tuple[Real, Real]] = {}
         self.structure = self._most_likely(start_structure or FIRST)
         self.value = self._value(self.structure) + self._positive
 
@@ -192,29 +198,46 @@ class Evidence:
         left_out = self._columns(structure)[~is_chosen]
         return self._products[key] - left_out.T @ left_out
 
-    def _normal(self, structure: Structure, is_chosen: Truth) -> tuple[float, Real, Real]:
-        """Log evidence of chosen cells (n,), and mean and covariance of the unknowns, in their priors' deviations."""
+    def _solved(self, structure: Structure, is_chosen: Truth) -> tuple[Real, Real, Real, float]:
+        """Deviations (n_columns,) of unknowns and features, factor of their posterior's precision, right side, square.
+
+        Of chosen cells (n,); the square is that of the misfit, in noise.
+        """
         k, gram = self.jacobian.shape[1], self._gram(structure, is_chosen)
         other_columns = np.delete(np.arange(len(gram)), k)
         spread = np.append(np.ones(k), self.covariance.spreads(structure))
-        right_side = spread * gram[other_columns, k]
         scaled_gram = spread[:, None] * gram[np.ix_(other_columns, other_columns)] * spread
-        factor = cho_factor(np.eye(len(spread)) + scaled_gram, lower=True)
-        mean = cho_solve(factor, right_side)
-        size = float(np.sum(np.log(np.diag(factor[0])))) + 0.5 * float(is_chosen.sum()) * np.log(2 * np.pi)
-        value = -0.5 * (gram[k, k] - right_side @ mean) - size
-        value += self.covariance.log_scale(structure.correlation, is_chosen)
-        return float(value), mean[:k], cho_solve(factor, np.eye(len(spread), k))[:k]
+        factor = cholesky(np.eye(len(spread)) + scaled_gram, lower=True)
+        return spread, factor, spread * gram[other_columns, k], float(gram[k, k])
+
+    def _log_evidence(self, structure: Structure, is_chosen: Truth) -> float:
+        """Logarithm of the evidence of chosen cells (n,)."""
+        _, factor, right_side, square = self._solved(structure, is_chosen)
+        explained_square = np.sum(solve_triangular(factor, right_side, lower=True) ** 2)
+        size = float(np.sum(np.log(np.diag(factor)))) + 0.5 * float(is_chosen.sum()) * np.log(2 * np.pi)
+        return float(
+            -0.5 * (square - explained_square) - size + self.covariance.log_scale(structure.correlation, is_chosen)
+        )
 
     def _value(self, structure: Structure) -> float:
         if structure not in self._known_values:
-            self._known_values[structure] = self._normal(structure, self._everything)[0]
+            self._known_values[structure] = self._log_evidence(structure, self._everything)
         return self._known_values[structure]
 
     def _most_likely(
         self, start: Structure, largest_size: float = np.inf, largest_between_cycles: float = np.inf
     ) -> Structure:
-        """The structure of the largest evidence, not beyond two sizes: along each of its numbers until none helps."""
+        """The structure of the largest evidence, not beyond two sizes."""
+        return self.best_structure(self._value, start, largest_size, largest_between_cycles)
+
+    def best_structure(
+        self,
+        value: Callable[[Structure], float],
+        start: Structure,
+        largest_size: float = np.inf,
+        largest_between_cycles: float = np.inf,
+    ) -> Structure:
+        """The structure of the largest ``value``, not beyond two sizes: along each of its numbers until none helps."""
         positions_scatter, cycles_scatter = self.covariance.can_scatter
         sizes = [size for size in SIZES if size <= largest_size / np.sqrt(2)] or [SIZES[0]]
         own_sizes = sizes if positions_scatter else [0.0]
@@ -222,26 +245,29 @@ class Evidence:
         cycle_sizes = [size for size in cycle_sizes if size <= largest_between_cycles]
         axes: tuple[Sequence[float], ...] = (sizes, own_sizes, REACHES, CORRELATIONS, cycle_sizes)
         start_values = start.common, start.own_size, start.reach, start.correlation, start.cycle_size
-        place = [int(np.argmin(np.abs(np.array(axis) - value))) for axis, value in zip(axes, start_values, strict=True)]
+        place = [int(np.argmin(np.abs(np.array(axis) - first))) for axis, first in zip(axes, start_values, strict=True)]
 
         def structure_at(place: Sequence[int]) -> Structure:
             return Structure(*(axis[k] for axis, k in zip(axes, place, strict=True)))
 
-        best_value, has_improved = self._value(structure_at(place)), True
+        best_value, has_improved = value(structure_at(place)), True
         while has_improved:
             has_improved = False
             for number, step in product(range(len(axes)), (-1, 1)):
                 while 0 <= place[number] + step < len(axes[number]):
                     neighbour = [k + step * (n == number) for n, k in enumerate(place)]
-                    if self._value(structure_at(neighbour)) <= best_value:
+                    neighbour_value = value(structure_at(neighbour))
+                    if neighbour_value <= best_value:
                         break
-                    place, best_value, has_improved = neighbour, self._value(structure_at(neighbour)), True
+                    place, best_value, has_improved = neighbour, neighbour_value, True
         return structure_at(place)
 
     @cached_property
     def unknowns(self) -> tuple[Real, Real]:
         """Mean and covariance of the unknowns about the centre of their priors, in their standard deviations."""
-        return self._normal(self.structure, self._everything)[1:]
+        (spread, factor, right_side, _), k = self._solved(self.structure, self._everything), self.jacobian.shape[1]
+        covariance = cho_solve((factor, True), np.eye(len(spread), k))[:k]
+        return cho_solve((factor, True), right_side)[:k], covariance
 
     @cached_property
     def _positive(self) -> float:
@@ -264,7 +290,7 @@ class Evidence:
     def training(self) -> Mapping[int, float]:
         """By number of a part, the logarithm of the evidence of all other parts."""
         parts = self.covariance.parts
-        return {int(part): self._normal(self.structure, parts != part)[0] for part in np.unique(parts)}
+        return {int(part): self._log_evidence(self.structure, parts != part) for part in np.unique(parts)}
 
     @cached_property
     def predictive(self) -> Real:
@@ -297,29 +323,57 @@ class Evidence:
         """Standard deviations of the unknowns (n_unknowns,) in their units."""
         return self.spread * np.sqrt(np.diag(self.unknowns[1]))
 
-    def information(self, changes: Real) -> Real:
+    def fall(self, structure: Structure) -> float:
+        """Fall of the logarithm of the evidence from the structure of the largest one to another."""
+        return self._value(self.structure) - self._value(structure)
+
+    def information(self, changes: Real, structure: Structure | None = None) -> Real:
         """Products (n, n) of changes (n_cells, n) [arcmin] of all cells, under noise, structure and the model's priors.
 
-        A change whose product with itself is lambda is seen at the square root of lambda standard deviations.
+        A change whose product with itself is lambda is seen at the square root of lambda standard deviations. The
+        structure is that of the largest evidence unless another is given.
         """
-        weighted_changes = self._weighted_changes(changes)
-        white = self.covariance.whiten(changes[self.covariance.cells], self.structure.correlation)
-        return np.asarray(white.T @ weighted_changes)
+        structure = structure or self.structure
+        spread, factor = self._system(structure)
+        white = self.covariance.whiten(changes[self.covariance.cells], structure.correlation)
+        followed_part = solve_triangular(factor, spread[:, None] * self._columns_times(white, structure), lower=True)
+        return np.asarray(white.T @ white - followed_part.T @ followed_part)
 
     def scores(self, changes: Real) -> Real:
-        """Products (n_blocks, n) of changes (n_cells, n) with what the model misses, branch by branch."""
-        covariance, correlation = self.covariance, self.structure.correlation
-        white_misfit = covariance.whiten(self.misfit, correlation)
+        """Products (n_blocks, n) of changes (n_cells, n) with what is left of the cells, branch by branch.
+
+        What unknowns and structure take up of the changes within their priors is taken off.
+        """
+        covariance, structure = self.covariance, self.structure
+        white = covariance.whiten(changes[covariance.cells], structure.correlation)
+        white_columns = np.delete(self._columns(structure), self.jacobian.shape[1], axis=1)
+        white -= white_columns @ self._amounts(white, structure)
+        white_left = covariance.whiten(self.residual, structure.correlation)
         _, block = np.unique(covariance.data.block[covariance.cells], return_inverse=True)
-        products = self._weighted_changes(changes) * white_misfit[:, None]
+        products = white * white_left[:, None]
         return np.array([products[block == number].sum(axis=0) for number in range(block.max() + 1)])
 
-    def _weighted_changes(self, changes: Real) -> Real:
-        """Whitened changes (n, n_changes) less what structure and unknowns take up within their priors."""
-        structure, k = self.structure, self.jacobian.shape[1]
-        columns = np.delete(self._columns(structure), k, axis=1)
-        spread = np.append(np.ones(k), self.covariance.spreads(structure))
-        white = self.covariance.whiten(changes[self.covariance.cells], structure.correlation)
-        scaled_columns = columns * spread
-        gram = np.eye(len(spread)) + scaled_columns.T @ scaled_columns
-        return np.asarray(white - scaled_columns @ np.linalg.solve(gram, scaled_columns.T @ white))
+    @cached_property
+    def residual(self) -> Real:
+        """What model and structure leave of the cells (n,) [arcmin], both as they are most probable."""
+        columns = np.hstack([self.jacobian, self.covariance.features(self.structure.reach)])
+        white_misfit = self.covariance.whiten(self.misfit, self.structure.correlation)
+        return np.asarray(self.misfit - columns @ self._amounts(white_misfit[:, None], self.structure)[:, 0])
+
+    def _amounts(self, white: Real, structure: Structure) -> Real:
+        """Most probable amounts (n_columns, n) of unknowns and features in whitened columns (n_cells, n)."""
+        spread, factor = self._system(structure)
+        products = spread[:, None] * self._columns_times(white, structure)
+        return np.asarray(spread[:, None] * cho_solve((factor, True), products))
+
+    def _columns_times(self, white: Real, structure: Structure) -> Real:
+        """Products (n_columns, n) of the whitened unknowns and features with whitened columns (n_cells, n)."""
+        features, _ = self.covariance.whitened_features(structure.reach, structure.correlation)
+        jacobian = self.covariance.whiten(self.jacobian, structure.correlation)
+        return np.vstack([jacobian.T @ white, features.T @ white])
+
+    def _system(self, structure: Structure) -> tuple[Real, Real]:
+        """Standard deviations of unknowns and features (n_columns,), and the factor of their posterior's precision."""
+        if structure not in self._systems:
+            self._systems[structure] = self._solved(structure, self._everything)[:2]
+        return self._systems[structure]

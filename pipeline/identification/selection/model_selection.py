@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 
 from pipeline.arrays import Truth, Whole
+from pipeline.constant_kinds import Seed
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
@@ -36,7 +37,7 @@ ADDITIONS = 4
 SINGLE_GROUPS, FEWEST_FOLDS = 6, 3
 """Positions (or cycles) up to which each is left out by itself; more are left out in so many lots, spread evenly over
 them, so that the time grows as the rows do."""
-SEED = 20170
+SEED: Seed = 20170
 """Of the further starts: equal data give an equal verdict."""
 
 

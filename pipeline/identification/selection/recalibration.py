@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import chdtrc, ndtri  # scipy.stats is slow to import
 
 from pipeline.arrays import Truth
+from pipeline.constant_kinds import Shown
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import SCALE_REACH, Fit
 from pipeline.identification.selection.evidence import Evidence
@@ -14,9 +15,9 @@ from pipeline.statistics.resampling import CONFIDENCE
 
 LAWS = ("deflection of the pins' contacts", "deflection of the output's contacts")
 """Titles of the scales after those of the calibrated numbers."""
-ENTANGLED_SHARE = 0.9
+ENTANGLED_SHARE: Shown = 0.9
 """Correlation from which only a combination of two numbers is determined."""
-LEARNT = 0.7
+LEARNT: Shown = 0.7
 """Standard deviation over that of the prior up to which the data have determined a number."""
 UNLIKELY = 1e-3
 """Share of units whose tolerances are as far from nominal as those fitted, below which they explain nothing."""

@@ -14,11 +14,9 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED, UNEXPLAINED
 from pipeline.identification.series.shared_effects import FEWEST_OF_A_WAVE, SharedEffects, TriedEffect, share_effects
 from pipeline.identification.series.states import Series, Trend, series_of, trends_of
-from pipeline.statistics.resampling import CONFIDENCE, jackknife_interval
+from pipeline.statistics.resampling import LEVEL, jackknife_interval
 
 NOT_SHARED = "no shared effect shown"
-DIFFERS = 1 - CONFIDENCE
-"""p of a number by itself below which the states are said to differ in it."""
 
 
 @dataclass(frozen=True)
@@ -186,12 +184,12 @@ def effect_sizes(effect: TriedEffect) -> dict[str, tuple[float, float, float, st
 
 def trend_sentence(variable: str | None, trends: Sequence[Trend]) -> str:
     """Trends over a variable in words, or which numbers differ between the states."""
-    differing = ", ".join(trend.number.title for trend in trends if trend.p_differ < DIFFERS)
+    differing = ", ".join(trend.number.title for trend in trends if trend.p_differ < LEVEL)
     shown = [trend_words(trend, variable) for trend in trends if trend.is_shown] if variable else []
     if not variable:
         return (
             "No variable orders the states. "
-            f"Numbers in which they differ (p < {DIFFERS:.2g} each): {differing or 'none'}."
+            f"Numbers in which they differ (p < {LEVEL:.2g} each): {differing or 'none'}."
         )
     if shown:
         return f"Over {variable}: {'; '.join(shown)}."

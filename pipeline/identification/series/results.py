@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.engine.store import write_json, write_tables
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.identification.generic.drive_terms import BASIC
 from pipeline.identification.results.write import finite
 from pipeline.identification.series.answer import SeriesAnswer, effect_sizes
@@ -27,8 +27,7 @@ STATES = Table(
         Column("loops", "label", "", "largest torque of the loops; empty of the fit"),
         Column("unit", "label", "", "of value and interval"),
         Column("value", "float64", "see unit", "of the state"),
-        Column("ci_low", "float64", "see unit", "lower end of the 95 % interval; null: not known, or at a bound"),
-        Column("ci_high", "float64", "see unit", "upper end"),
+        *interval_columns("see unit", "95 % interval; null: not known, or at a bound"),
     ),
 )
 TRENDS = Table(
@@ -39,8 +38,7 @@ TRENDS = Table(
         Column("loops", "label", "", "largest torque of the loops"),
         Column("slope_unit", "label", "", "of the slope: 1 where it is a share of a positive number"),
         Column("slope", "float64", "see slope_unit", "change with one of the variable; null without a variable"),
-        Column("ci_low", "float64", "see slope_unit", "lower end of the 95 % interval"),
-        Column("ci_high", "float64", "see slope_unit", "upper end"),
+        *interval_columns("see slope_unit", "95 % interval"),
         Column("p", "float64", "1", "of no trend"),
         Column("p_family", "float64", "1", "of no trend, all numbers counted"),
         Column("p_differ", "float64", "1", "of no difference between the states"),

@@ -14,6 +14,7 @@ import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
 
 from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Fineness, Rounding, Seed
 from pipeline.engine.progress import say
 from pipeline.identification.fitting.offered import rate_changes
 from pipeline.identification.generic.crank_loops import CrankLoops
@@ -23,14 +24,12 @@ from pipeline.identification.generic.shared_fit import fitted_together
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.series.folds import Folds, StateFolds, held_numbers, reversed_numbers, state_folds
 from pipeline.identification.series.states import Series
-from pipeline.statistics.resampling import CONFIDENCE, max_t
+from pipeline.statistics.resampling import LEVEL, max_t
 
 MOST_FOLDS = 6
 """Folds at most: of more positions several are left out together."""
 FEWEST_POSITIONS = 3
 """Positions below which no shared effect is claimed: a fold then trains on one."""
-LEVEL = 1 - CONFIDENCE
-"""Chance of claiming any effect that is not there, over all that are tried."""
 FEWEST_OF_A_WAVE = 4
 """Positions below which effects of the crank angle are judged by the other states: without one, three are left for the
 mean, amplitude and phase of a wave."""
@@ -42,9 +41,11 @@ NO_GAIN = "no significant gain at positions that were left out"
 """Why an effect is not claimed; a twin of a claimed one that helps as much belongs to its class all the same."""
 NOT_SHOWN = "no significant gain at unused positions of states that were left out"
 """Why the class that predicts best from the other states is not claimed."""
-RESAMPLES, SEED = 2000, 33
+RESAMPLES: Fineness = 2000
 """Of the bootstrap over positions and states."""
-LEAST_LOSS = 1e-12
+SEED: Seed = 33
+"""Of the resamples."""
+LEAST_LOSS: Rounding = 1e-12
 """Mean square error [arcmin^2] below which errors are equal."""
 
 

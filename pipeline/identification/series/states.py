@@ -14,7 +14,7 @@ from pipeline.identification.change.table import LoopNumber, LoopTable, loop_tab
 from pipeline.identification.fitting.measured_loops import crank_loops
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.statistics.resampling import CONFIDENCE
+from pipeline.statistics.resampling import CONFIDENCE, LEVEL
 
 TEMPERATURE = "temperature_C"
 """Variable of the environment that may order states."""
@@ -98,10 +98,6 @@ def _value(state: State, variable: str) -> float | None:
     return settings.state.values.get(variable)
 
 
-BENT = 1 - CONFIDENCE
-"""p of the states' departures from a straight line below which the trend is called no straight line."""
-
-
 @dataclass(frozen=True)
 class Trend:
     """A number of the loops over the states.
@@ -137,7 +133,7 @@ class Trend:
     @property
     def straight(self) -> bool:
         """Whether the states do not depart from a straight line."""
-        return not self.p_bent < BENT
+        return not self.p_bent < LEVEL
 
 
 def trends_of(series: Series) -> tuple[tuple[Trend, ...], LoopTable]:

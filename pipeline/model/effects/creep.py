@@ -29,17 +29,9 @@ def _on(
 
 
 @entry
-def _crept(
-    torque: Real,
-    time: Real,
-    twist: float,
-    torque_before: float,
-    time_before: float,
-    constant: float,
-    compliance: float,
-    crept: Real,
-) -> float:
+def _crept(torque: Real, time: Real, state: State, constant: float, compliance: float, crept: Real) -> float:
     """Delayed rotation at the points of a path, from a state; the last one is returned."""
+    twist, torque_before, time_before = state
     for k in range(torque.shape[0]):
         twist = _on(twist, time[k] - time_before, torque_before, torque[k], constant, compliance)
         torque_before, time_before = torque[k], time[k]
@@ -74,9 +66,8 @@ class KelvinVoigt(Hysteresis):
         twist, torque_before, time_before = state
         crept = np.empty(len(path.torque))
         begin = float(path.time[0]) if np.isnan(time_before) else time_before
-        last = _crept(
-            path.torque, path.time, twist, torque_before, begin, self.time_constant, self.compliance, crept=crept
-        )
+        state = twist, torque_before, begin
+        last = _crept(path.torque, path.time, state, self.time_constant, self.compliance, crept)
         return crept, (last, float(path.torque[-1]), float(path.time[-1]))
 
 

@@ -45,19 +45,13 @@ PRESLIDING = Effect(
 
 @entry
 def _followed(
-    torque: Real,
-    turn_torque: Real,
-    turn_twist: Real,
-    count: int,
-    torque_now: float,
-    twist_now: float,
-    sense: float,
-    twist: Real,
+    torque: Real, turns: tuple[Real, Real], count: int, state: tuple[float, float, float], twist: Real
 ) -> tuple[int, float, float, float]:
     """Twist over the coefficient along torques, from a state with ``count`` turning points, which are continued.
 
     Returns the number of turning points, torque, twist and sense at the end.
     """
+    (turn_torque, turn_twist), (torque_now, twist_now, sense) = turns, state
     for k in range(torque.shape[0]):
         goal = torque[k]
         onward = 1.0 if goal >= torque_now else -1.0
@@ -111,11 +105,10 @@ class Rayleigh(Hysteresis):
     def advance(self, state: State, path: Path) -> tuple[Real, State]:
         """Rotation [rad] (n,)."""
         n, known = len(path.torque), len(state[0])
-        turn_torque, turn_twist, twist = np.empty(known + n + 1), np.empty(known + n + 1), np.empty(n)
-        turn_torque[:known], turn_twist[:known] = state[:2]
-        count, torque, last_twist, sense = _followed(path.torque, turn_torque, turn_twist, known, *state[2:], twist)
-        turns = turn_torque[:count].copy(), turn_twist[:count].copy()
-        return self.coefficient * twist, (*turns, torque, last_twist, sense)
+        turns, twist = (np.empty(known + n + 1), np.empty(known + n + 1)), np.empty(n)
+        turns[0][:known], turns[1][:known] = state[:2]
+        count, torque, last_twist, sense = _followed(path.torque, turns, known, state[2:], twist)
+        return self.coefficient * twist, (turns[0][:count].copy(), turns[1][:count].copy(), torque, last_twist, sense)
 
 
 def _apply_rayleigh(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:

@@ -17,7 +17,7 @@ from skfem import MeshTri
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.errors import ModelError
-from pipeline.model.elastic.polygon import ClosedPolygon, arc_length, coordinates, cross, points_of
+from pipeline.model.elastic.polygon import ClosedPolygon, arc_length, coordinates, cross
 from pipeline.model.elastic.triangulation import cyclic_triangulation, patch_centroids
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
@@ -39,19 +39,6 @@ def flank_nodes(profile: CycloidProfile, edges_per_lobe: int) -> Complex:
     arc = arc_length(profile.flank(psi))
     lobe = profile.flank(np.interp(np.arange(edges_per_lobe) * arc[-1] / edges_per_lobe, arc, psi))
     return _rotated_copies(lobe, profile.lobe_pitch, range(profile.lobes))
-
-
-def triangle_quality(mesh: MeshTri) -> Real:
-    """Quality 4 sqrt(3) area / (sum of squared edges) of every triangle (n_triangles,): 1 = equilateral, 0 = flat.
-
-    Source
-    ------
-    Bank and Smith, SIAM J. Numer. Anal. 34 (1997) 979.
-    """
-    a, b, c = points_of(mesh.p)[mesh.t]
-    squares = abs(b - a) ** 2 + abs(c - b) ** 2 + abs(a - c) ** 2
-    quality: Real = 2 * np.sqrt(3) * np.abs(cross(b - a, c - a)) / squares
-    return quality
 
 
 def lobed_disk_mesh(flank: Complex, n_lobes: int, bore_radius: float, growth: float, largest_edge: float) -> MeshTri:

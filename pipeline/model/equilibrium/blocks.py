@@ -211,7 +211,7 @@ def count(active: Index) -> int:
 
 @algebraic_part
 def part_of(active: Index, work: Workspace, b: int) -> Part:
-    """The room for block b; ``active`` as ``count``."""
+    """The room for block b; ``active`` (n_blocks, longest block) as ``count``."""
     if active.ndim == 1:
         return Part(
             active=work.active,
@@ -239,7 +239,7 @@ def part_of(active: Index, work: Workspace, b: int) -> Part:
 
 @algebraic_part
 def deflections_of(active: Index, work: Workspace, block: Index) -> Deflections:
-    """Deflections of the contacts of a block, from its first one to the first beyond."""
+    """Deflections (n,) of the contacts of a block, from its first one to the first beyond."""
     if active.ndim == 1:
         return Deflections(work.elastic, work.depth)
     return Deflections(work.elastic[block[0] : block[1]], work.depth[block[0] : block[1]])
@@ -247,7 +247,7 @@ def deflections_of(active: Index, work: Workspace, block: Index) -> Deflections:
 
 @algebraic_part
 def first_of(active: Index, block: Index) -> int:
-    """The first contact of a block."""
+    """The first contact of a ``block`` (2,), which holds it and the first beyond."""
     if active.ndim == 1:
         return 0
     first: int = block[0]

@@ -52,7 +52,7 @@ def _stride(system: System, torque: float, load: float, gap: Real) -> float:
 
 
 @algebraic_part
-def _length(system: System, work: Workspace) -> float:
+def _length(work: Workspace) -> float:
     """Share of the step that keeps forces and slacks positive; their steps stand in ``miss`` and ``slope``."""
     length = 1.0
     for b in range(count(work.active)):
@@ -67,7 +67,7 @@ def _length(system: System, work: Workspace) -> float:
 
 
 @algebraic_part
-def _aim(system: System, complementarity: float, work: Workspace) -> None:
+def _aim(complementarity: float, work: Workspace) -> None:
     """Let the contacts' tangents and misfits aim at a share of the complementarity."""
     for b in range(count(work.active)):
         part = part_of(work.active, work, b)
@@ -78,7 +78,7 @@ def _aim(system: System, complementarity: float, work: Workspace) -> None:
 
 
 @algebraic_part
-def _step_of_slacks(system: System, complementarity: float, work: Workspace) -> None:
+def _step_of_slacks(complementarity: float, work: Workspace) -> None:
     """Steps of the slacks into ``slope`` from those of the forces in ``miss``."""
     for b in range(count(work.active)):
         part = part_of(work.active, work, b)
@@ -88,7 +88,7 @@ def _step_of_slacks(system: System, complementarity: float, work: Workspace) -> 
 
 
 @algebraic_part
-def _go(system: System, length: float, work: Workspace) -> None:
+def _go(length: float, work: Workspace) -> None:
     """Add a share of the step to forces and slacks."""
     for b in range(count(work.active)):
         part = part_of(work.active, work, b)
@@ -98,7 +98,7 @@ def _go(system: System, length: float, work: Workspace) -> None:
 
 
 @algebraic_part
-def _complementarity(system: System, work: Workspace) -> float:
+def _complementarity(work: Workspace) -> float:
     """Mean of force times slack [N mm]."""
     total = 0.0
     for b in range(count(work.active)):
@@ -130,6 +130,8 @@ def start_within(
 ) -> None:
     """Near-solution from no start at all: its motions, forces and closed contacts in ``work``.
 
+    ``torque`` [N mm] at the output, ``gap`` (n_contacts,) and ``clearance`` (n_disks,) of the bearings [mm].
+
     Force times slack tends to zero along the central path of the convex problem, which has no active set to guess.
     A disk that its bearing lets go is held where it is by a spring that vanishes with them (a proximal term: it slows
     the disk down and moves no solution).
@@ -146,7 +148,7 @@ def start_within(
     work.slack[:] = stride
     for _ in range(INTERIOR_STEPS):
         deflect(system, gap, work)
-        complementarity = _complementarity(system, work)
+        complementarity = _complementarity(work)
         residuals(system, friction, torque, clearance, work)
         if system.planar:
             for k in range(clearance.shape[0]):
@@ -155,15 +157,15 @@ def start_within(
                 work.spring[k, 4] += hold
         if complementarity < INTERIOR_END * load * stride:
             break
-        _aim(system, complementarity, work)
+        _aim(complementarity, work)
         renew(work)
         if not include_all(system, work) or not newton_step(system, friction, work):
             break
         longest = share_of_a_turn(system, work)
         if friction is not None:
             longest = min(longest, share_of_braking(system, friction, work))
-        _step_of_slacks(system, complementarity, work)
-        length = min(_length(system, work), longest)
+        _step_of_slacks(complementarity, work)
+        length = min(_length(work), longest)
         move(system, length, work)
-        _go(system, length, work)
+        _go(length, work)
     _keep_closed(system, load, stride, work)

@@ -14,7 +14,7 @@ from pipeline.model.equilibrium.blocks import System, Workspace, first_of, moves
 
 @algebraic_part
 def product(inverse: Real, n: int, x: Real, y: Real) -> None:
-    """y = inverse x over the first n."""
+    """y = inverse x over the first n; x, y (n,)."""
     for r in range(n):
         row = inverse[r]
         dot = 0.0
@@ -99,7 +99,7 @@ def exclude(system: System, b: int, p: int, work: Workspace) -> None:
 
 @algebraic_part
 def solve_positive_tangent(tangent: Real, x: Real) -> bool:
-    """Solve tangent x = x in place by Cholesky's factor of its lower triangle; false if not positive definite."""
+    """Solve tangent x = x (n,) in place by Cholesky's factor of its lower triangle; false if not positive definite."""
     n = x.shape[0]
     for i in range(n):
         for j in range(i + 1):
@@ -125,7 +125,7 @@ def solve_positive_tangent(tangent: Real, x: Real) -> bool:
 
 @algebraic_part
 def solve_tangent(tangent: Real, x: Real) -> bool:
-    """Solve tangent x = x in place by elimination with row pivots; false if singular."""
+    """Solve tangent x = x (n,) in place by elimination with row pivots; false if singular."""
     n = x.shape[0]
     for k in range(n):
         pivot = k

@@ -295,7 +295,10 @@ def _worth_renewing(residual: float, previous: float) -> bool:
 def converge(
     system: System, friction: Friction | None, torque: float, gap: Real, clearance: Real, work: Workspace
 ) -> tuple[int, float]:
-    """Active-set Newton from the state in ``work``, which is changed; returns the iterations and the residual."""
+    """Active-set Newton from the state in ``work``, which is changed; returns the iterations and the residual.
+
+    ``torque`` [N mm] at the output, ``gap`` (n_contacts,) and ``clearance`` (n_disks,) of the bearings [mm].
+    """
     previous, residual = np.inf, np.inf
     for iteration in range(STEP_LIMIT):
         deflect(system, gap, work)

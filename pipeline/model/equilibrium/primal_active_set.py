@@ -54,7 +54,7 @@ def _most_penetrated(work: Workspace) -> int:
 
 
 @algebraic_part
-def _step_to_the_first_zero(system: System, longest: float, work: Workspace) -> float:
+def _step_to_the_first_zero(longest: float, work: Workspace) -> float:
     """Share of the step, at most ``longest``, at which the first active force vanishes; it becomes exactly 0."""
     force, length = work.force, longest
     for b in range(count(work.active)):
@@ -96,7 +96,10 @@ def _close_first_on_the_way(system: System, work: Workspace) -> bool:
 def settle(
     system: System, friction: Friction | None, torque: float, gap: Real, clearance: Real, work: Workspace
 ) -> tuple[int, float]:
-    """Primal active set from the state in ``work``, which is changed; returns the iterations and the residual."""
+    """Primal active set from the state in ``work``, which is changed; returns the iterations and the residual.
+
+    ``torque`` [N mm] at the output, ``gap`` (n_contacts,) and ``clearance`` (n_disks,) of the bearings [mm].
+    """
     residual, steps_since, before = 1.0, 0, np.inf
     for iteration in range(SETTLING_STEPS):
         deflect(system, gap, work)
@@ -126,7 +129,7 @@ def settle(
         length = share_of_a_turn(system, work)
         if friction is not None:
             length = min(length, share_of_braking(system, friction, work))
-        length = _step_to_the_first_zero(system, length, work)
+        length = _step_to_the_first_zero(length, work)
         move(system, length, work)
         advance(length, work)
         release(system, work)
@@ -139,6 +142,8 @@ def solved_afresh(
     system: System, friction: Friction | None, torque: float, gap: Real, clearance: Real, work: Workspace
 ) -> tuple[int, float]:
     """Solve a load step that Newton does not solve, from an interior point, into ``work``; iterations and residual.
+
+    ``torque`` [N mm] at the output, ``gap`` (n_contacts,) and ``clearance`` (n_disks,) of the bearings [mm].
 
     It is an entry point of its own: the loop over load steps is compiled without it, and faster for that.
     """

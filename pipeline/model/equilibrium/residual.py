@@ -52,6 +52,8 @@ def force_at_penetration(system: System, i: int, penetration: float) -> float:
 def bearing_springs(system: System, clearance: Real, work: Workspace) -> None:
     """Force and tangent of each bearing into ``spring``: fx, fy, kxx, kxy, kyy, and how the thrust follows the motion.
 
+    ``clearance`` (n_disks,) [mm].
+
     A bearing pushes with the unknown ``thrust`` along the displacement u of its disk, like a contact:
     |d| - clearance - (thrust/K)^(1/n) = 0 is linearised with it, so that the disk can run around the edge of the
     clearance under a small force.
@@ -121,7 +123,7 @@ def _bend(system: System, b: int, work: Workspace) -> None:
 
 @algebraic_part
 def deflect(system: System, gap: Real, work: Workspace) -> None:
-    """Elastic deflection of every contact, and the local one that is left: approach - gap - elastic."""
+    """Elastic deflection of every contact, and the local one that is left [mm]: approach - gap - elastic."""
     jacobian, motion, elastic, depth = system.contact_jacobian, work.motion, work.elastic, work.depth
     for b in range(count(work.active)):
         _bend(system, b, work)
@@ -238,7 +240,10 @@ def imbalance(system: System, friction: Friction | None, torque: float, work: Wo
 def residuals(
     system: System, friction: Friction | None, torque: float, clearance: Real, work: Workspace
 ) -> tuple[float, float]:
-    """Relative misfit of the active contacts and relative imbalance of the motions, and their tangents."""
+    """Relative misfit of the active contacts and relative imbalance of the motions, and their tangents.
+
+    ``torque`` [N mm] at the output, ``clearance`` (n_disks,) of the bearings [mm].
+    """
     if system.planar:
         bearing_springs(system, clearance, work)
     if friction is not None:

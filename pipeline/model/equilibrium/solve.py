@@ -99,7 +99,7 @@ class Equilibria:
 
 
 @algebraic_part
-def _extrapolate(system: System, torques: Real, t: int, motions: Real, forces: Real, work: Workspace) -> None:
+def _extrapolate(torques: Real, t: int, motions: Real, forces: Real, work: Workspace) -> None:
     """Start of step t: the two or three steps before with the same contacts, continued to its torque.
 
     ``motions``, ``forces`` hold the solved steps; ``counts[0]`` of them, up to the last, have the contacts of that one.
@@ -155,25 +155,20 @@ def _keep(work: Workspace, t: int, rounding: float, motion: Real, force: Real) -
     work.counts[0] = work.counts[0] + 1 if n_changed == 0 else 1
 
 
+_Inputs = tuple[Real, Real, Real, tuple[Real, Real]]
+"""Torques, gaps, clearances, and motions and forces to start from."""
+_Rows = tuple[Real, Real, Whole, Real]
+"""Motions, forces, iterations and residuals, see ``Equilibria``."""
+
+
 @borrowing_entry
-def _solve_batch(
-    system: System,
-    work: Workspace,
-    torques: Real,
-    gap: Real,
-    clearance: Real,
-    start: tuple[Real, Real],
-    progress: Whole,
-    motion: Real,
-    force: Real,
-    iterations: Whole,
-    residual: Real,
-) -> bool:
-    """Samples through their torques in order, from a ``start`` (motions, forces); the last four arrays are filled.
+def _solve_batch(system: System, work: Workspace, inputs: _Inputs, progress: Whole, rows: _Rows) -> bool:
+    """Samples through their torques in order; ``rows`` are filled.
 
     It continues from ``progress`` (the sample, its step, and whether that was solved otherwise), up to a step that
     Newton does not solve; True if there is one.
     """
+    (torques, gap, clearance, start), (motion, force, iterations, residual) = inputs, rows
     while progress[0] < gap.shape[0]:
         s, t = progress[0], progress[1]
         if t == torques.shape[0]:
@@ -182,7 +177,7 @@ def _solve_batch(
         if not progress[2]:
             if t == 0:
                 _begin(system, start[0][s], start[1][s], work)
-            _extrapolate(system, torques, t, motion[s], force[s], work)
+            _extrapolate(torques, t, motion[s], force[s], work)
             iterations[s, t], residual[s, t] = converge(system, None, torques[t], gap[s], clearance[s], work)
             if not residual[s, t] <= ACCEPTED_RESIDUAL:
                 progress[2] = 1
@@ -215,7 +210,7 @@ def compile_solver() -> None:
     samples, states = np.zeros((0, 1)), np.zeros((0, 1, 1))
     progress, rows = np.zeros(3, np.int64), (states, states, np.zeros((0, 1), np.int64), samples)
     work = workspace(system)
-    _solve_batch(system, work, row, samples, samples, (samples, samples), progress, *rows)
+    _solve_batch(system, work, (row, samples, samples, (samples, samples)), progress, rows)
     compile_for(solved_afresh, system, None, 1.0, row, row, work)
 
 
@@ -320,7 +315,7 @@ def solve(
         neighbour_states = neighbours.motion[:, n_eliminated:].copy(), np.ascontiguousarray(neighbours.force[:, order])
     progress = np.zeros(3, np.int64)
     inputs, rows = (steps, ordered_gap, clearance, neighbour_states), (motion, force, iterations, residual)
-    while _solve_batch(system, work, *inputs, progress, *rows):
+    while _solve_batch(system, work, inputs, progress, rows):
         s, t, _ = progress
         if t == 0 and np.any(neighbour_states[1][s]):
             neighbour_states[0][s], neighbour_states[1][s], progress[2] = start[s], 0.0, 0

@@ -139,19 +139,12 @@ def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, error
         np.ascontiguousarray,
         (errors.lobe, errors.pin_radial, errors.pin_tangential, errors.pin_radius, errors.eccentricity),
     )
+    lobe_error = np.ones(len(radial_part)) if disk_reading == "normal" else -radial_part
     gap = _first_order_gaps(
         DISK_READINGS[disk_reading],
-        lobe,
-        np.where(at_root, lobe_before, met_flank),
-        np.where(at_root, lobe_behind, met_flank),
-        np.ones(len(radial_part)) if disk_reading == "normal" else -radial_part,
-        radial_error,
-        radial_part,
-        tangential=tangential_error,
-        sine=tangential_part,
-        radius=radius_error,
-        eccentricity=eccentricity,
-        eccentric=eccentric,
+        (lobe, np.where(at_root, lobe_before, met_flank), np.where(at_root, lobe_behind, met_flank), lobe_error),
+        (radial_error, tangential_error, radius_error, eccentricity),
+        (radial_part, tangential_part, eccentric),
     )
     gap += pins.arm * _lobe_turns(profile, errors)[:, met_flank]
     if profile.modification == NOMINAL:
@@ -164,19 +157,13 @@ def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, error
 @entry
 def _first_order_gaps(
     factor: float,
-    lobe: Real,
-    lobe_before: Index,
-    lobe_other: Index,
-    lobe_error: Real,
-    radial: Real,
-    cosine: Real,
-    tangential: Real,
-    sine: Real,
-    radius: Real,
-    eccentricity: Real,
-    eccentric: Real,
+    lobes: tuple[Real, Index, Index, Real],
+    errors: tuple[Real, Real, Real, Real],
+    directions: tuple[Real, Real, Real],
 ) -> Real:
     """See ``first_order_gaps``; lobes ``lobe_before`` and ``lobe_other`` of every pin: the nearer flank counts."""
+    lobe, lobe_before, lobe_other, lobe_error = lobes
+    (radial, tangential, radius, eccentricity), (cosine, sine, eccentric) = errors, directions
     n, n_pins = radial.shape
     gap = np.empty((n, n_pins))
     for s in range(n):

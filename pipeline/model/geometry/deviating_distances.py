@@ -37,16 +37,15 @@ def _scan_points(profile: CycloidProfile) -> Real:
     return np.stack([psi, *(row for term in terms for row in (term.real, term.imag))])
 
 
-@part
-def _half_slope(
-    psi: float, gear: tuple[float, float, float], offset: float, cubics: Real, sense: float, cx: float, cy: float
-) -> tuple[float, float]:
-    """Half of the derivative of the squared distance of c from the flank by psi, and the distance.
+_Side = tuple[tuple[float, float, float], float, Real, float]
+"""One side of a lobe: its gear (pins, circle, eccentricity), offset and cubics, and whether these begin at the root (1)
+or end there (-1)."""
 
-    ``gear``: pins, circle, eccentricity; ``cubics`` of the lobe, which begins at the root for ``sense`` 1, and ends
-    there for -1.
-    """
-    pins, circle, eccentricity = gear
+
+@part
+def _half_slope(psi: float, side: _Side, cx: float, cy: float) -> tuple[float, float]:
+    """Half of the derivative of the squared distance of c from the flank by psi, and the distance."""
+    (pins, circle, eccentricity), offset, cubics, sense = side
     steps = cubics.shape[0]
     per_psi = sense * (pins - 1) * steps / (2 * np.pi)
     station = per_psi * psi if sense > 0 else steps + per_psi * psi
@@ -67,25 +66,16 @@ def _half_slope(
 
 
 @part
-def _least_distance(
-    low: float,
-    high: float,
-    gear: tuple[float, float, float],
-    offset: float,
-    cubics: Real,
-    sense: float,
-    cx: float,
-    cy: float,
-) -> float:
+def _least_distance(low: float, high: float, side: _Side, cx: float, cy: float) -> float:
     """Least distance of c from the flank between psi = low and high, about a single minimum."""
-    falling, near_low = _half_slope(low, gear, offset, cubics, sense, cx, cy)
-    rising, near_high = _half_slope(high, gear, offset, cubics, sense, cx, cy)
+    falling, near_low = _half_slope(low, side, cx, cy)
+    rising, near_high = _half_slope(high, side, cx, cy)
     smallest_distance = min(near_low, near_high)
     if falling >= 0.0 or rising <= 0.0:
         return smallest_distance
     for step in range(SECANTS + BISECTIONS):
         middle = (low * rising - high * falling) / (rising - falling) if step < SECANTS else 0.5 * (low + high)
-        slope, distance = _half_slope(middle, gear, offset, cubics, sense, cx, cy)
+        slope, distance = _half_slope(middle, side, cx, cy)
         smallest_distance = min(smallest_distance, distance)
         if slope == 0.0 or high - low <= SETTLED_STEP:
             break
@@ -98,19 +88,10 @@ def _least_distance(
 
 @part
 def _scan_distances(
-    first_point: int,
-    last_point: int,
-    stride: int,
-    points: Real,
-    circle: float,
-    offset: float,
-    cubics: Real,
-    sense: float,
-    cx: float,
-    cy: float,
-    distances: Real,
+    first_point: int, last_point: int, stride: int, points: Real, side: _Side, cx: float, cy: float, distances: Real
 ) -> float:
     """Fill ``distances`` with the distance of c from points ``first_point`` to ``last_point`` of a scan; the least."""
+    (_, circle, _), offset, cubics, sense = side
     steps, smallest_distance = cubics.shape[0], np.inf
     for k in range(first_point, last_point + 1, stride):
         # The deviation at the end of a cubic; that of the lobe's end is its first one's of the next lobe.
@@ -129,43 +110,24 @@ def _scan_distances(
 
 
 @part
-def _least_of_side(
-    points: Real,
-    chords: Real,
-    gear: tuple[float, float, float],
-    offset: float,
-    cubics: Real,
-    sense: float,
-    cx: float,
-    cy: float,
-    distances: Real,
-) -> float:
+def _least_of_side(points: Real, chords: Real, side: _Side, cx: float, cy: float, distances: Real) -> float:
     """Least distance of c from one side of a valley."""
-    last_point, circle = points.shape[1] - 1, gear[1]
-    smallest_distance = _scan_distances(
-        0, last_point, COARSE, points, circle, offset, cubics, sense=sense, cx=cx, cy=cy, distances=distances
-    )
+    last_point = points.shape[1] - 1
+    smallest_distance = _scan_distances(0, last_point, COARSE, points, side, cx, cy, distances=distances)
     for block in range(chords.shape[0]):
         block_start, end = block * COARSE, (block + 1) * COARSE
         if 0.5 * (distances[block_start] + distances[end] - chords[block]) > smallest_distance:
             continue
         from_k, to_k = max(block_start - 1, 0), min(end + 1, last_point)
-        smallest_distance = min(
-            smallest_distance,
-            _scan_distances(
-                from_k, to_k, 1, points, circle, offset, cubics, sense=sense, cx=cx, cy=cy, distances=distances
-            ),
-        )
+        finer_distance = _scan_distances(from_k, to_k, 1, points, side, cx, cy, distances=distances)
+        smallest_distance = min(smallest_distance, finer_distance)
         for k in range(block_start, end + 1):
             falls = k == 0 or distances[k] <= distances[k - 1]
             if falls and (k == last_point or distances[k] <= distances[k + 1]):
                 # On either side of the least point, apart: it may be a kink.
                 for chord in range(max(k - 1, 0), min(k, last_point - 1) + 1):
                     low, high = points[0, chord], points[0, chord + 1]
-                    smallest_distance = min(
-                        smallest_distance,
-                        _least_distance(low, high, gear, offset, cubics, sense, cx, cy=cy),
-                    )
+                    smallest_distance = min(smallest_distance, _least_distance(low, high, side, cx, cy))
     return smallest_distance
 
 
@@ -211,10 +173,9 @@ def _distances(
                 shifted_gear = (pins, circle - shares[0] * error, nominal)
                 parallel, cubics = radius + shares[1] * error, deviation[neighbour % rows]
                 px, py = _rotate(x, y, -rotation[s, neighbour])
-                side = _least_of_side(
-                    points, chords, shifted_gear, parallel, cubics, sense, px, cy=-sense * py, distances=distances
-                )
-                smallest_distance = min(smallest_distance, side)
+                side = (shifted_gear, parallel, cubics, sense)
+                of_side = _least_of_side(points, chords, side, px, -sense * py, distances)
+                smallest_distance = min(smallest_distance, of_side)
             distance[s, i] = smallest_distance
     return distance
 

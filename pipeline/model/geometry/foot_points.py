@@ -165,20 +165,16 @@ def _single_distances(
         distance[i] = offset[i] + (y * dx - x * dy) / np.sqrt(length) if is_converged else -1.0
 
 
+_Valley = tuple[Real, float, float, int]
+"""Points of a valley (``Valleys.points``), radius of its pin circle, offset of its flank, and pins."""
+
+
 @part
 def _refined_distance(
-    k: int,
-    first_point: int,
-    last_point: int,
-    points: Real,
-    circle: float,
-    offset: float,
-    cx: float,
-    cy: float,
-    pins: int,
-    squares: Real,
+    k: int, first_point: int, last_point: int, valley: _Valley, cx: float, cy: float, squares: Real
 ) -> float:
     """Distance of c from the flank at the minimum next to point ``k``, which lies nearer than its neighbours."""
+    points, circle, offset, pins = valley
     base = points[0, k]
     low = points[0, max(first_point, k - 1)] - base
     high = points[0, min(last_point, k + 1)] - base
@@ -215,17 +211,10 @@ def _refined_distance(
 
 @part
 def _nearest_distance(
-    first_point: int,
-    last_point: int,
-    points: Real,
-    circle: float,
-    offset: float,
-    cx: float,
-    cy: float,
-    pins: int,
-    squares: Real,
+    first_point: int, last_point: int, valley: _Valley, cx: float, cy: float, squares: Real
 ) -> float:
     """Smallest distance of c from a flank, points ``first_point`` to ``last_point``; every minimum refined."""
+    points, circle, offset, _ = valley
     for k in range(first_point, last_point + 1):
         x = cx - circle * points[3, k] + points[1, k] - offset * points[5, k]
         y = cy - circle * points[4, k] + points[2, k] - offset * points[6, k]
@@ -233,12 +222,8 @@ def _nearest_distance(
     smallest_distance: float = np.sqrt(min(squares[first_point], squares[last_point]))
     for k in range(first_point, last_point + 1):
         if (k == first_point or squares[k] <= squares[k - 1]) and (k == last_point or squares[k] <= squares[k + 1]):
-            smallest_distance = min(
-                smallest_distance,
-                _refined_distance(
-                    k, first_point, last_point, points, circle, offset, cx, cy=cy, pins=pins, squares=squares
-                ),
-            )
+            refined_distance = _refined_distance(k, first_point, last_point, valley, cx, cy, squares)
+            smallest_distance = min(smallest_distance, refined_distance)
     return smallest_distance
 
 
@@ -299,9 +284,8 @@ def pin_distances(
                 error = lobe[s, neighbour]
                 centre_radius, parallel = pin_circle - shares[0] * error, pin_radius + shares[1] * error
                 px, py = _rotate(x, y, -rotation[s, neighbour])
-                side = _nearest_distance(
-                    start, end, points, centre_radius, parallel, px, py, pins=pins, squares=squares
-                )
-                smallest_distance = min(smallest_distance, side)
+                valley = (points, centre_radius, parallel, pins)
+                of_side = _nearest_distance(start, end, valley, px, py, squares)
+                smallest_distance = min(smallest_distance, of_side)
             distance[s, i] = smallest_distance
     return distance

@@ -183,6 +183,7 @@ def _drawings(frames: Frames) -> Iterator[Drawing]:
     if failing.any():
         changes = SingleChanges.from_frames(frames, results.estimate(ALL_LIMITS, "yield"))
         curves = changes.curves()
+        as_found = " Units count as the search found them; the yields above are corrected for what it misses."
         scaled_yields = (
             " Right: estimated yield against all limits if one tolerance alone is scaled, the five of the widest span; "
             "the band is the interval of the first, the dotted line is the next target."
@@ -193,7 +194,7 @@ def _drawings(frames: Frames) -> Iterator[Drawing]:
             if curves
             else "Limits that the failing units break",
             f"{'Left: share' if curves else 'Share'} of {len(failing):,} units; a unit that breaks two limits counts "
-            f"in both bars.{scaled_yields if curves else ''}",
+            f"in both bars.{as_found if results.n_searched else ''}{scaled_yields if curves else ''}",
             partial(failures_figure, breaks, curves, changes.target),
         )
 

@@ -25,16 +25,7 @@ from pipeline.identification.results.write import Findings
 from pipeline.identification.selection.held_out import STAGES
 from pipeline.identification.selection.statements.statement import title_of
 from pipeline.report.layout import Picture, drawn_pictures, render
-from pipeline.report.unit.facts import (
-    comparison_sentence,
-    data_facts,
-    data_sentence,
-    interpolation_sentence,
-    other_errors,
-    rows_facts,
-    structure_facts,
-    tolerances_sentence,
-)
+from pipeline.report.unit import facts
 from pipeline.report.unit.record import TURNING_CAPTIONS, turning_figures
 from pipeline.report.unit.rows import (
     baseline_row,
@@ -89,7 +80,7 @@ def write_page(
     """
     if isinstance(findings_of_unit, FaultyUnit):
         values = _common(findings_of_unit, verdict, shown_folder) | {
-            "data_facts": rows_facts(findings_of_unit),
+            "data_facts": facts.rows_facts(findings_of_unit),
             "tested": False,
             "between_cranks": "",
             "pictures": {},
@@ -152,10 +143,10 @@ def _fit_values(
     pairs = list(zip(*findings_of_unit.signatures.values(), strict=True))
     return {
         "tested": True,
-        "judged_on": data_sentence(identification),
-        "between_cranks": interpolation_sentence(identification),
+        "judged_on": facts.data_sentence(identification),
+        "between_cranks": facts.interpolation_sentence(identification),
         "errors_title": "Errors in sample" if identification.folds.in_sample else "Errors on held-out data",
-        "data_facts": data_facts(identification),
+        "data_facts": facts.data_facts(identification),
         "headlines": [headline(titles[stage], identification.errors[stage]) for stage in STAGES],
         "explained": remainder_cards(identification),
         "written": written_facts(verdict),
@@ -173,14 +164,14 @@ def _fit_values(
         "angle_errors": [
             error_row(titles[stage], error, by_crank=not turns) for stage, error in identification.errors.items()
         ],
-        "baselines": [baseline_row(title, error) for title, error in other_errors(identification).items()],
-        "left": structure_facts(identification),
+        "baselines": [baseline_row(title, error) for title, error in facts.other_errors(identification).items()],
+        "left": facts.structure_facts(identification),
         "could_hide": [limit_row(limit) for limit in identification.could_hide],
-        "compared": comparison_sentence(identification),
+        "compared": facts.comparison_sentence(identification),
         "held_out_cranks": [] if turns else [digits(k) for k in identification.errors["after"].by_crank_deg],
         "loop_errors": [loop_row(name, error) for name, error in findings_of_unit.loops.items()],
         "calibrated": calibrated_rows(findings_of_unit, verdict["calibrated"]),
-        "tolerances": tolerances_sentence(identification),
+        "tolerances": facts.tolerances_sentence(identification),
     }
 
 

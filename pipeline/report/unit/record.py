@@ -8,14 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pipeline.engine.store import write_atomic
-from pipeline.figures.measured_states import (
-    orders_figure,
-    record_figure,
-    record_orders_figure,
-    torque_levels_figure,
-    turn_residual_figure,
-    turns_figure,
-)
+from pipeline.figures import measured_states
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import Identification
 from pipeline.identification.record.answer import RecordAnswer, Value, effect_values
@@ -46,9 +39,9 @@ CAPTIONS = {
 def write_record_page(answer: RecordAnswer, frames: dict[str, pd.DataFrame], folder: Path, shown_folder: Path) -> None:
     """Write report.html and its figures into ``folder``; ``frames`` are the tables that were written there."""
     figures = {
-        "record": record_figure(frames["points"]),
-        "levels": torque_levels_figure(frames["levels"]),
-        "orders": record_orders_figure(frames["orders"].assign(of=frames["orders"]["of"].astype(str))),
+        "record": measured_states.record_figure(frames["points"]),
+        "levels": measured_states.torque_levels_figure(frames["levels"]),
+        "orders": measured_states.record_orders_figure(frames["orders"].assign(of=frames["orders"]["of"].astype(str))),
     }
     page = render(
         "unit/record.html",
@@ -155,7 +148,7 @@ def turning_figures(
     in_turn = len(turns[0]["measured"]) if turns else 1
     floor = data.noise * float(np.sqrt(2 / in_turn))
     return {
-        "loops": turns_figure(cells, models),
-        "torque": turn_residual_figure(cells),
-        "time": orders_figure(amplitudes, floor),
+        "loops": measured_states.turns_figure(cells, models),
+        "torque": measured_states.turn_residual_figure(cells),
+        "time": measured_states.orders_figure(amplitudes, floor),
     }

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from measured_bench import ROOT, UNIT, measured, write_unit
 from scipy.signal import lfilter
 
+from pipeline.identification.measurement.estimate import high_frequency_scatter
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.identification.measurement.scatter import high_frequency_scatter
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
 REAL = ROOT.parent / "shared/data/anti_backlash_actuator"

@@ -50,12 +50,15 @@ def dense(structure, design, columns=2):
     zero = OFFSET * unit * (DATA.position[:, None] == np.unique(DATA.position))
     alike = alike_over(structure.reach)
     same, same_cycle = (number[:, None] == number for number in (DATA.position, DATA.cycle))
-    steps = np.abs(np.arange(len(DATA))[:, None] - np.arange(len(DATA)))
-    noise = np.where(DATA.block[:, None] == DATA.block, structure.correlation**steps, 0.0)
     free = design[:, :columns] * prior
     sizes = unit**2 * (structure.common**2 * alike + structure.own_size**2 * alike * same)
     sizes += (unit * structure.cycle_size) ** 2 * alike_over(max(REACHES)) * same_cycle
-    return free @ free.T + zero @ zero.T + sizes + SIGMA**2 * noise
+    return free @ free.T + zero @ zero.T + sizes + noise(structure.correlation)
+
+
+def noise(correlation):
+    steps = np.abs(np.arange(len(DATA))[:, None] - np.arange(len(DATA)))
+    return SIGMA**2 * np.where(DATA.block[:, None] == DATA.block, correlation**steps, 0.0)
 
 
 @pytest.mark.parametrize("structure", [Structure(0.4, 0.8, 0.15, 0.0), Structure(1.6, 1e-3, 0.5, 0.6, 0.8)])
@@ -130,5 +133,19 @@ def test_information_is_the_inverse_covariance_of_an_amount():
     change = np.random.default_rng(8).normal(size=(len(DATA), 2))
     inverse = np.linalg.inv(dense(evidence.structure, design, columns=1))
     np.testing.assert_allclose(evidence.information(change), change.T @ inverse @ change, rtol=1e-5)
-    scores = evidence.scores(change).sum(axis=0)
-    np.testing.assert_allclose(scores, change.T @ inverse @ angle, rtol=1e-4, atol=1e-2)
+    larger = replace(evidence.structure, common=1.6)
+    inverse_of_larger = np.linalg.inv(dense(larger, design, columns=1))
+    np.testing.assert_allclose(evidence.information(change, larger), change.T @ inverse_of_larger @ change, rtol=1e-5)
+    left = noise(evidence.structure.correlation) @ inverse @ angle
+    np.testing.assert_allclose(evidence.residual, left, atol=1e-4 * SIGMA)
+
+
+def test_scores_scatter_by_the_information_wherever_the_numbers_of_the_model_are():
+    design, angle = drawn()
+    change, scatter = np.random.default_rng(8).normal(size=(len(DATA), 40)), {}
+    for scale in (0.0, 2.0):
+        fitter, fit = fitted(angle + scale * design[:, 0], design)
+        evidence = Evidence(COVARIANCE, fitter, fit)
+        scatter[scale] = np.sum(evidence.scores(change) ** 2, axis=0) / np.diag(evidence.information(change))
+    assert 0.5 < np.mean(scatter[0.0]) < 1.5
+    np.testing.assert_allclose(scatter[2.0], scatter[0.0], rtol=0.2)

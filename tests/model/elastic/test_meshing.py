@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from meshes import edge_lengths, mesh_area
+from meshes import edge_lengths, mesh_area, triangle_quality
 from reducers import profile_with
 
-from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh, triangle_quality
+from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
 PAPER = CycloidProfile(pins=80, pin_circle_radius=32.5, pin_radius=0.8, eccentricity=0.35)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from meshes import edge_lengths, mesh_area
+from meshes import edge_lengths, mesh_area, triangle_quality
 from reducers import SMALL, profile_with
 
 from pipeline.model.elastic.condensed_body import elastic_body
-from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh, triangle_quality
+from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.elastic.perforated_mesh import hole_boundary, perforated_mesh
 from pipeline.model.elastic.pressure_patches import boundary_patches, joined_patches
 from pipeline.model.geometry.cycloid_profile import CycloidProfile

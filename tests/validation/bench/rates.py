@@ -59,7 +59,7 @@ def seconds_of(action: Callable[[], object]) -> float:
 def hot_parts(study: Study, shared: hysteresis.Shared, samples: int) -> Iterator[Result]:
     """Rates on so many samples, solved chunk by chunk as a study does."""
     curves, brief = replace(shared, brief=shared.curve), replace(shared, curve=shared.brief)
-    sized = study.model_copy(update={"samples": study.samples.model_copy(update={"count": samples})})
+    sized = study.with_section("samples", count=samples)
     full, short, unloaded = 0.0, 0.0, {"first_order": 0.0, "exact": 0.0}
     sizes: dict[str, list[np.ndarray]] = {"curves": [], "metrics only": []}
     cranks = study.cycle.crank_deg
@@ -139,7 +139,7 @@ def preload(study: Study, shared: hysteresis.Shared) -> Iterator[Result]:
     Nothing without any.
     """
     crank = study.cycle.crank_deg[0]
-    sampled = draw(study.model_copy(update={"samples": study.samples.model_copy(update={"count": UNITS})}), 0, UNITS)
+    sampled = draw(study.with_section("samples", count=UNITS), 0, UNITS)
     clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
     drawn = drive_of(study, crank, shared.compliances[0], assembly.errors(sampled), clearance, shared.laws[0])
     tight, loose = with_preload_and_with_play(drawn)

@@ -82,8 +82,7 @@ def growth(study: Study, several_disks: Study) -> Iterator[Result]:
 
 
 def _loop_us(study: Study, design: Design) -> float:
-    sizes = {"design": design, "samples": study.samples.model_copy(update={"count": UNITS})}
-    study = study.model_copy(update=sizes)
+    study = study.with_section("samples", count=UNITS).model_copy(update={"design": design})
     sampled = draw(study, 0, UNITS)
     reducer = assembly.reducer(study.design, CRANK_DEG)
     compliance = np.zeros((len(reducer.contacts), len(reducer.contacts)))

@@ -100,8 +100,8 @@ def reducer(rng: np.random.Generator, truth: Truth, perfect: bool = False) -> Ca
         on_circle + scattered(2.0, cranks),
         on_circle + scattered(2.0, disks, cranks),
         eccentrics * (thrown + scattered(1.0, disks, cranks)),
-        [Bearing(87e3 * (truth.unlike if j == 0 else 1.0), 1.0, clearance) for j in range(cranks)],
-        Gears(
+        bearings=[Bearing(87e3 * (truth.unlike if j == 0 else 1.0), 1.0, clearance) for j in range(cranks)],
+        gears=Gears(
             *(10, 38, 42.0, 0.0 if perfect else 20.0 * UM, 140e3),
             drawn(4.0, cranks),
             2 * np.pi * rng.uniform(size=cranks),

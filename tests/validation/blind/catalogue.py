@@ -114,9 +114,7 @@ def no_compliance(study: Study, cranks: Sequence[float]) -> list[Real]:
 
 def _rigid(study: Study, law: str | None = None) -> Study:
     """The study with a rigid disk and, where one is named, another contact law."""
-    reduce = study.reduce.model_copy(update={"disk": "rigid"})
-    springs = study.springs.model_copy(update={"law": law or study.springs.law})
-    return study.model_copy(update={"reduce": reduce, "springs": springs})
+    return study.with_section("reduce", disk="rigid").with_section("springs", law=law or study.springs.law)
 
 
 def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

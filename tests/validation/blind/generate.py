@@ -134,7 +134,7 @@ def _narrowed(study: Study) -> Study:
         tolerance = getattr(study.tolerances, name)
         if tolerance.varies:
             narrow[name] = tolerance.scaled_by(UNMEASURED)
-    return study.model_copy(update={"tolerances": study.tolerances.model_copy(update=narrow)})
+    return study.with_section("tolerances", **narrow)
 
 
 class _Draw:
@@ -215,9 +215,9 @@ class _Draw:
             angles,
             self.noise,
             np.random.default_rng(self.noise_stream),
-            self.dimensions if self.known else None,
-            MEASURING_UM,
-            readings if self.simulator == RIGID else rounded,
+            dimensions=self.dimensions if self.known else None,
+            measuring_um=MEASURING_UM,
+            reading=readings if self.simulator == RIGID else rounded,
         )
 
     def _target(self) -> float:

@@ -69,6 +69,13 @@ def test_resamples_that_are_drawn_in_parts_are_those_of_one_draw(monkeypatch):
     assert order_differences(a, b, CONFIDENCE, False, seed=9) == whole
 
 
+def test_differences_are_in_the_unit_of_the_values():
+    a, b = np.random.default_rng(10).normal(size=(2, 400))
+    small, large = (order_differences(unit * a, unit * b, CONFIDENCE, False, seed=11) for unit in (1e-3, 1.0))
+    for name, interval in large.items():
+        np.testing.assert_allclose(small[name], 1e-3 * np.array(interval), rtol=1e-9)
+
+
 def test_a_quantile_without_samples_beyond_has_no_interval():
     values = np.random.default_rng(5).normal(size=150)
     result = order_differences(values, values + 1, CONFIDENCE, True, seed=6)

@@ -7,18 +7,9 @@ import numpy as np
 from pipeline.arrays import Index, Truth
 from pipeline.config.files.table_file import LARGEST_VALUE
 from pipeline.identification.measurement.cells import FEWEST_ROWS
+from pipeline.identification.measurement.faults import shape_faults
 from pipeline.identification.measurement.faults.branch_faults import branch_faults
 from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
-from pipeline.identification.measurement.faults.shape_faults import (
-    LIKELY_TWIST,
-    columns_exchanged,
-    doubtful_side,
-    gains_energy,
-    implausible_angle,
-    implausible_torque,
-    largest_span,
-    standing_out,
-)
 from pipeline.identification.measurement.measured_rows import MeasuredRows
 from pipeline.identification.measurement.repeated_branches import FEWEST_CELLS, mean_loops
 from pipeline.identification.measurement.row_filters import SATURATION_RULE
@@ -75,7 +66,7 @@ def _unknown_noise(measurement: MeasuredRows) -> Iterator[Fault]:
 
 def _standing_out(measurement: MeasuredRows) -> Iterator[Fault]:
     repeats = measurement.repeatability.repeats.value
-    for position, distance, largest_distance in standing_out(
+    for position, distance, largest_distance in shape_faults.standing_out(
         mean_loops(measurement.branches, measurement.cells), repeats
     ):
         yield Fault(
@@ -204,21 +195,21 @@ def _constant(rows: Rows, good: Truth) -> Iterator[Fault]:
 
 def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
     resolution = unit.settings.instrument.angle_resolution_arcmin
-    findings = [implausible_torque(rows.torque[good], unit.rated_torque_Nm)]
+    findings = [shape_faults.implausible_torque(rows.torque[good], unit.rated_torque_Nm)]
     loops = [good & (rows.position == position) for position in np.unique(rows.position[good])]
     span = float(max(np.ptp(rows.angle[loop]) for loop in loops))
     top = float(np.max(np.abs(rows.torque[good])))
-    limit = largest_span(unit.study.design, top) if unit.design_study else np.inf
+    limit = shape_faults.largest_span(unit.study.design, top) if unit.design_study else np.inf
     column = unit.settings.columns.angle_arcmin
-    findings.append(implausible_angle(span, resolution, limit, column.unit))
-    if all(columns_exchanged(rows.torque[loop], rows.angle[loop]) for loop in loops):
+    findings.append(shape_faults.implausible_angle(span, resolution, limit, column.unit))
+    if all(shape_faults.columns_exchanged(rows.torque[loop], rows.angle[loop]) for loop in loops):
         yield Fault(
             "swapped columns",
             "the loops are flat near zero torque and steep under load, as torque over angle is: exchange the columns "
             "of torque_Nm and angle_arcmin in [columns]",
             "fatal",
         )
-    elif all(gains_energy(rows.torque[loop], rows.angle[loop]) for loop in loops):
+    elif all(shape_faults.gains_energy(rows.torque[loop], rows.angle[loop]) for loop in loops):
         yield Fault(
             "swapped columns",
             "every loop gives back more work than it takes, which no drive does: exchange the columns of torque_Nm and "
@@ -230,12 +221,12 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
     if (
         unit.design_study
         and not any(findings)
-        and span > (likely := largest_span(unit.study.design, top, LIKELY_TWIST))
+        and span > (likely := shape_faults.largest_span(unit.study.design, top, shape_faults.LIKELY_TWIST))
     ):
         text = f"the angle spans {span:.4g} arcmin, a drive of this design is likely to have {likely:.3g} at most"
         yield Fault("unit", f"{text}: check unit and factor in [columns]", "note")
     if settings.generic and settings.side == "output" and settings.locked == "output" and not any(findings):
-        doubt = doubtful_side(top, span, settings.generic.rated_torque_Nm, settings.generic.ratio)
+        doubt = shape_faults.doubtful_side(top, span, settings.generic.rated_torque_Nm, settings.generic.ratio)
         yield from (Fault("unit", doubt, "note") for _ in range(bool(doubt)))
     falling = [
         f"{crank:g}"

@@ -8,12 +8,13 @@ from typing import Literal
 import numpy as np
 
 from pipeline.arrays import Index, Truth
+from pipeline.constant_kinds import ShownCount
 from pipeline.errors import InputError
 from pipeline.identification.measurement.rows import Rows
 
 Severity = Literal["fatal", "note"]
 
-SHOWN_ROWS = 5
+SHOWN_ROWS: ShownCount = 5
 """Rows that a fault names."""
 
 

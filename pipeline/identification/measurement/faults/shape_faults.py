@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
+from pipeline.constant_kinds import Shown
 from pipeline.identification.measurement.columns import ANGLE_UNITS, TORQUE_UNITS
 from pipeline.identification.measurement.repeated_branches import Loop, loop_distance
 from pipeline.model.units import ARCMIN, ARCMIN_A_DEGREE, TURN_DEG
@@ -103,7 +104,7 @@ LARGEST_PLAY = 0.5
 """Gap of the pins in parts of their radius that no drive has."""
 LARGEST_TWIST = 500.0
 """Twist over T / (E t r^2) of the disk that no drive has: the paper's reducer has about 10, the printed drives 100."""
-LIKELY_TWIST = 200.0
+LIKELY_TWIST: Shown = 200.0
 """The same that a drive is likely to have at most: twice the printed drives'."""
 
 

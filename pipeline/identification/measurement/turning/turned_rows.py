@@ -8,6 +8,7 @@ import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
 from pipeline.config.files.table_file import shortened_list
+from pipeline.constant_kinds import Rounding
 from pipeline.errors import InputError
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import FEWEST_ROWS, Cells
@@ -21,7 +22,7 @@ from pipeline.identification.measurement.turning.turning_noise import turning_no
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.model.units import ARCMIN_A_DEGREE, TURN_DEG
 
-WHOLE_TOLERANCE = 1e-6
+WHOLE_TOLERANCE: Rounding = 1e-6
 """Of an interval: what counts as a whole number of them."""
 FEWEST_LEVELS = 3
 """Held torques from which each is predicted from the others: of two, the one trained on knows no compliance."""

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.arrays import Real, Whole
+from pipeline.constant_kinds import Rounding
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.estimate import UNKNOWN_NOISE, rms, robust
 from pipeline.identification.measurement.repeatability import Noise
@@ -13,7 +14,7 @@ from pipeline.model.units import TURN_DEG
 
 FEWEST_COMMON = 3
 """Intervals that two turns must share to be held against each other."""
-SAME_DEG = 1e-6
+SAME_DEG: Rounding = 1e-6
 """Angles [deg] that differ by less are the same."""
 
 

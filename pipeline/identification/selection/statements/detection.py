@@ -7,16 +7,20 @@ import numpy as np
 from scipy.special import ndtri  # scipy.stats is slow to import
 
 from pipeline.arrays import Real
+from pipeline.constant_kinds import Fineness, Shown
 from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.criteria import LARGEST_CLASS, ODDS, Trial, prior_log_odds
+from pipeline.identification.selection.evidence import Structure
 from pipeline.statistics.resampling import CONFIDENCE
 
-START = 0.01
+START: Shown = 0.01
 """First size that is looked at, in parts of an effect's bounds."""
-STEPS, AGREEMENT = 6, 0.05
-"""Predictions at most, and relative error of the size that is good enough."""
+STEPS: Fineness = 6
+"""Predictions at most."""
+AGREEMENT: Shown = 0.05
+"""Relative error of the size that is good enough."""
 
 
 @dataclass(frozen=True)
@@ -47,19 +51,17 @@ def detection_limits(fitter: Fitter, base: Trial, testable: Mapping[str, Candida
     resampled: its sandwich variance, at least that of noise, says how far the size scatters from one such record to
     the next. Named is what leaves at most two other effects as probable.
     """
-    searches = {name: _Sought(fitter, base, effect, len(testable)) for name, effect in testable.items()}
-    patterns = np.column_stack([item.pattern for item in searches.values()])
-    products = base.evidence.information(patterns)
-    priors = np.array([item.prior for item in searches.values()])
+    searches = [_Sought(fitter, base, effect, len(testable)) for effect in testable.values()]
+    products = base.evidence.information(np.column_stack([item.pattern for item in searches]))
     limits = []
-    for number, item in enumerate(searches.values()):
+    for number, item in enumerate(searches):
         own_product = products[number, number]
-        rivals = [k for k in range(len(patterns.T)) if k != number and products[k, k] > 0]
-        products_left = sorted(
-            own_product - products[number, k] ** 2 / (products[k, k] + 1 / priors[k] ** 2) for k in rivals
-        )
-        product_apart = products_left[LARGEST_CLASS - 1] if len(products_left) >= LARGEST_CLASS else own_product
-        limits.append(item.limit(own_product, max(product_apart, 1e-12 * own_product)))
+        apart = [
+            (max(own_product - products[number, k] ** 2 / (products[k, k] + 1 / rival.prior**2), 1e-12), rival)
+            for k, rival in enumerate(searches)
+            if k != number and products[k, k] > 0
+        ]
+        limits.append(item.limit([(item.cost - rival.cost, product) for product, rival in apart]))
     return tuple(limits)
 
 
@@ -71,6 +73,9 @@ class _Sought:
     pattern : (n_cells,) [arcmin] change of the angle at that size, or at the bound.
     amplitude : that size as a share of the bound.
     prior : prior standard deviation of the size, in that size.
+    scatter : standard deviation of the size from one record to the next, over that of noise; at least 1.
+    cost : logarithm of what the evidence asks for the parameters of the effect.
+    structure : beside a model without effects that takes up most of the pattern for what it costs.
     """
 
     def __init__(self, fitter: Fitter, base: Trial, effect: Candidate, n_tried: int):
@@ -78,7 +83,8 @@ class _Sought:
         self.bounds = fitter.problem.bounds(effect)
         self.grows = next((k for k, (low, high) in enumerate(self.bounds) if low <= 0 <= high), 0)
         self.base_angle = fitter.predict(Model(), base.fit.unknowns).angle
-        self.scatter, self.is_noticed, self.amplitude = 1.0, False, START
+        self.scatter, self.cost, self.is_noticed, self.amplitude = 1.0, 0.0, False, START
+        self.structure = base.evidence.structure
         self.pattern = np.zeros_like(self.base_angle)
         self._search()
 
@@ -101,34 +107,79 @@ class _Sought:
         return prediction.angle - self.base_angle if prediction.sound else None
 
     def _search(self) -> None:
+        self._follow()
+        if len(self.bounds) > 1 and self.is_noticed:
+            self.cost = self._cost_of_all()
+
+    def _follow(self) -> None:
+        """Follow the size to where it is noticed, its other parameters as they are."""
+        evidence = self.base.evidence
         for _ in range(STEPS):
             change = self._change(self.amplitude)
             if change is None or not np.all(np.isfinite(change)):
                 self.is_noticed = False
                 return
             self.pattern = change
-            information = float(self.base.evidence.information(change[:, None])[0, 0])
-            scores = self.base.evidence.scores(change[:, None])[:, 0]
+            information = float(evidence.information(change[:, None])[0, 0])
+            scores = evidence.scores(change[:, None])[:, 0]
+            self.cost = self._cost_of_parameters(change[:, None] * self.prior)
             self.scatter = float(np.sqrt(max(1.0, np.sum(scores**2) / max(information, 1e-300))))
-            ratio = self._root_of_needed_information(information) / np.sqrt(max(information, 1e-12))
+            self.structure = evidence.best_structure(self._needed_share, self.structure)
+            ratio = self._needed_share(self.structure)
             self.is_noticed = ratio <= 1 + AGREEMENT
             if abs(ratio - 1) < AGREEMENT or (ratio > 1 and self.amplitude >= 1.0):
                 return
             self.amplitude = float(np.clip(ratio * self.amplitude, 1e-6, 1.0))
 
-    def _root_of_needed_information(self, information: float) -> float:
-        """Root of the information that rejects "no effect" with 95 % probability."""
-        cost = 0.5 * np.log1p(information * self.prior**2) - prior_log_odds(1, self.n_tried)
-        return float(np.sqrt(2 * (ODDS + cost)) + ndtri(CONFIDENCE) * self.scatter)
+    def _needed_share(self, structure: Structure) -> float:
+        """Share of the pattern that rejects "no effect" with a structure, with 95 % probability.
 
-    def limit(self, own_product: float, product_apart: float) -> DetectionLimit:
-        """Both sizes, from the information of the pattern and of what the third rival leaves of it."""
+        A larger structure beside the model without effects takes up more of the pattern, but is less probable where the
+        pattern is not there.
+        """
+        evidence = self.base.evidence
+        odds = ODDS + self.cost - prior_log_odds(1, self.n_tried) - evidence.fall(structure)
+        return self._share_for(odds, float(evidence.information(self.pattern[:, None], structure)[0, 0]))
+
+    def _share_for(self, odds: float, information: float) -> float:
+        """Share of the pattern that has some odds with 95 % probability, by its information; 0 where none is needed."""
+        if odds <= 0:
+            return 0.0
+        return float((np.sqrt(2 * odds) + ndtri(CONFIDENCE) * self.scatter) / np.sqrt(max(information, 1e-12)))
+
+    def _cost_of_parameters(self, changes: Real) -> float:
+        """Fall of the evidence by parameters whose prior deviations make ``changes`` (n_cells, n_parameters)."""
+        information = np.eye(changes.shape[1]) + self.base.evidence.information(changes)
+        halves = sum(low == 0 for low, _ in self.bounds)
+        return float(0.5 * np.linalg.slogdet(information)[1] - halves * np.log(2))
+
+    def _cost_of_all(self) -> float:
+        """As ``_cost_of_parameters``, of all parameters at the size that was found: phases and times are fitted too."""
+        fitter, model = self.fitter, Model((self.effect,))
+        base = self.base.fit
+        unknowns = replace(base.unknowns, shares=shares_of_values(self.bounds, self._values(self.amplitude)))
+        prediction = fitter.predict(model, unknowns)
+        known_derivatives = base.unknowns.scales, base.jacobian
+        weight = 1 / fitter.problem.data.sigma**2
+        first = len(unknowns.scales)
+        jacobian, _ = fitter.jacobian(model, unknowns, prediction, fitter.positions, weight, known_derivatives)
+        return self._cost_of_parameters(OPEN_SHARE * jacobian[:, first : first + len(self.bounds)])
+
+    def limit(self, rivals: Sequence[tuple[float, float]]) -> DetectionLimit:
+        """Both sizes.
+
+        Parameters
+        ----------
+        rivals : of each other effect, how much less its parameters cost, and the information of the pattern that it
+            does not take up.
+        """
         parameter = self.effect.parameters[self.grows]
         size = abs(self._values(self.amplitude)[self.grows])
         bound = max(abs(low_or_high) for low_or_high in self.bounds[self.grows])
-        told_apart = np.sqrt(2 * ODDS) + ndtri(CONFIDENCE) * self.scatter
-        noticed_size = size * self._root_of_needed_information(own_product) / np.sqrt(max(own_product, 1e-12))
-        named_size = max(noticed_size, size * told_apart / np.sqrt(product_apart))
+        noticed_size = size * self._needed_share(self.structure)
+        as_probable = [self._share_for(cost - ODDS, information) for cost, information in rivals]
+        told_apart = sorted((self._share_for(cost + ODDS, information) for cost, information in rivals), reverse=True)
+        named_size = max([noticed_size, *(size * share for share in as_probable + told_apart[LARGEST_CLASS - 1 :])])
         noticed_size = float(min(noticed_size, bound)) if self.is_noticed else float("nan")
         named_size = float(named_size) if self.is_noticed and named_size <= bound else float("nan")
         return DetectionLimit(self.effect.name, parameter.name, parameter.unit, noticed_size, named_size)

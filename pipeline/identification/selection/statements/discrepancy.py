@@ -16,6 +16,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Rounding
 from pipeline.identification.fitting.fitter import STEP, Fitter
 from pipeline.identification.fitting.parameters import Fit, values_at_shares
 from pipeline.statistics.curve_scatter import dummies
@@ -26,7 +27,7 @@ REACHES = (0.03, 1.0)
 """Reach of the process in largest torques: cells are as wide as the first, a shape as wide as the last."""
 SIZES = (1e-3, 1e3)
 """Sizes of the process in standard deviations of noise."""
-JITTER = 1e-9
+JITTER: Rounding = 1e-9
 """Share of the noise's variance that keeps matrices definite."""
 
 

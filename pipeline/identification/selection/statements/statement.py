@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Shown
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
@@ -23,7 +24,7 @@ from pipeline.identification.selection.statements.verdict import (
 )
 from pipeline.statistics.resampling import CONFIDENCE
 
-EXPECTED_RATIO = 1.1
+EXPECTED_RATIO: Shown = 1.1
 """Expected error in noise from which it is said."""
 MEASURE_MORE = {
     "loop": "Measure the same cycle at least three times, and at two or more other crank angles: whole positions can "

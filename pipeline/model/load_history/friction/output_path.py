@@ -69,17 +69,21 @@ class OutputPath(NamedTuple):
         return self.corners[1:, self.turns]
 
 
+_Slides = tuple[Real, Real, Real]
+"""Stiffness, limit and coefficient of the sliders (n_sliders,)."""
+_Waves = tuple[float, float, float]
+"""Amplitude, waves and phase of a ripple."""
+
+
 @part
-def _sine(angle: float, ripple: tuple[float, float, float]) -> float:
+def _sine(angle: float, ripple: _Waves) -> float:
     """The ripple's torque over its amplitude; 0 without one."""
     amplitude, waves, phase = ripple
     return np.sin(waves * angle + phase) if amplitude != 0.0 else 0.0
 
 
 @part
-def _resistance(
-    angle: float, carried_torque: float, slides: tuple[Real, Real, Real], ripple_torque: float, anchor: Real
-) -> float:
+def _resistance(angle: float, carried_torque: float, slides: _Slides, ripple_torque: float, anchor: Real) -> float:
     """Torque of the sliders, and of the ripple as it is ``ripple_torque`` there."""
     stiffness, limit, coefficient = slides
     resistance = ripple_torque
@@ -90,7 +94,7 @@ def _resistance(
 
 
 @part
-def _drag(angle: float, carried_torque: float, slides: tuple[Real, Real, Real], anchor: Real) -> None:
+def _drag(angle: float, carried_torque: float, slides: _Slides, anchor: Real) -> None:
     """Let the anchors follow where the resistance is at its limit."""
     stiffness, limit, coefficient = slides
     for s in range(stiffness.shape[0]):
@@ -100,18 +104,11 @@ def _drag(angle: float, carried_torque: float, slides: tuple[Real, Real, Real], 
 
 @part
 def _to_bend(
-    sense: float,
-    angle: float,
-    carried_torque: float,
-    width: float,
-    height: float,
-    slides: tuple[Real, Real, Real],
-    stride: float,
-    anchor: Real,
+    sense: float, angle: float, carried_torque: float, width: float, height: float, slides: _Slides, anchor: Real
 ) -> float:
     """Angle up to the next bend of the resistance on a segment of the backbone of some width and height."""
     stiffness, limit, coefficient = slides
-    bend = stride
+    bend = np.inf
     to_zero = -sense * carried_torque * width / height
     unloads = to_zero > START_SHARE * width
     for s in range(stiffness.shape[0]):
@@ -134,7 +131,7 @@ def _stretch(
     angle: float,
     carried_torque: float,
     curve: tuple[Real, Real],
-    slides: tuple[Real, Real, Real],
+    slides: _Slides,
     stride: float,
     anchor: Real,
 ) -> tuple[int, float, float]:
@@ -149,10 +146,8 @@ def _stretch(
     if step <= 0.0:
         step = 1.0  # beyond the end
     if width > 0.0:
-        step = min(
-            step,
-            _to_bend(sense, angle, carried_torque, width, height, slides, stride, anchor=anchor) / width,
-        )
+        bend = _to_bend(sense, angle, carried_torque, width, height, slides, anchor)
+        step = min(step, min(stride, bend) / width)
     end = x + sense * step
     if abs(end - np.rint(end)) < 1e-14:
         end = np.rint(end)
@@ -161,7 +156,7 @@ def _stretch(
 
 @part
 def _share_to_peak(
-    sense: float, angle: float, turn: float, gain: float, rise: float, ripple: tuple[float, float, float]
+    sense: float, angle: float, turn: float, gain: float, rise: float, ripple: _Waves
 ) -> float:
     """Share of a piece at which a ripple, its sine rising by ``rise``, throws the output back; 1 if it does not."""
     amplitude, waves, phase = ripple
@@ -178,14 +173,7 @@ def _share_to_peak(
 
 @part
 def _share_to_goal(
-    goal: float,
-    low: float,
-    high: float,
-    sense: float,
-    angle: float,
-    turn: float,
-    rise: float,
-    ripple: tuple[float, float, float],
+    goal: float, low: float, high: float, sense: float, angle: float, turn: float, rise: float, ripple: _Waves
 ) -> float:
     """Share of a piece, from ``low`` below to ``high`` above the goal, at which the torque is the goal's.
 
@@ -216,12 +204,7 @@ def _share_to_goal(
 
 @entry
 def _trace_path(
-    turns: Real,
-    curve: tuple[Real, Real],
-    slides: tuple[Real, Real, Real],
-    ripple: tuple[float, float, float],
-    corners: Real,
-    corner_of_turn: Whole,
+    turns: Real, curve: tuple[Real, Real], slides: _Slides, ripple: _Waves, corners: Real, corner_of_turn: Whole
 ) -> int:
     """Corners (torque, angle, carried) of the path from turn to turn, and that of each turn; -1 if there is no room."""
     nodes, angles = curve

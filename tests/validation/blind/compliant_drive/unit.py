@@ -118,9 +118,8 @@ class Unit:
         noise = cell * np.sqrt(max(in_cell, 3.0) * (1 - kept) / (1 + kept))
         self.cell_noise = cell
         step = float(rng.uniform(0.2, 1.0)) * noise
-        self.bench = Bench(
-            courses, cranks, bool(rng.random() < 0.5), float(noise), kept, step, 1e-3 * courses[0].top, warmed
-        )
+        common_zero, torque_noise = bool(rng.random() < 0.5), 1e-3 * courses[0].top
+        self.bench = Bench(courses, cranks, common_zero, float(noise), kept, step, torque_noise, warmed=warmed)
         self.truth, self.angles = self._with_cause(np.random.default_rng(of_cause))
 
     def _testable(self, name: str) -> bool:

@@ -1,0 +1,116 @@
+"""Orders of the error of a record: of the shafts, and the largest others, with what grows with the torque."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from pipeline.arrays import Real, Whole
+from pipeline.constant_kinds import ShownCount
+from pipeline.identification.record.evidence import Points
+from pipeline.identification.record.terms import LEAST_WAVES, POINTS_A_WAVE, Covariates
+from pipeline.identification.record.turn_record import TurnRecord
+from pipeline.statistics.resampling import CONFIDENCE, LEVEL
+
+WIDTH = float(ndtri(0.5 + 0.5 * CONFIDENCE))
+"""Half of an interval, in standard deviations."""
+SHOWN_ORDERS: ShownCount = 12
+"""Orders that the page lists beside those of the shafts: the largest."""
+
+
+@dataclass(frozen=True)
+class OrderRow:
+    """An order of the error that all passes share.
+
+    Attributes
+    ----------
+    order : waves per turn of the output.
+    of : what turns so often; empty of an order of no shaft.
+    amplitude, ci_low, ci_high : [arcsec].
+    per_torque : amplitude of what grows with the torque, at the largest one [arcsec].
+    senses : amplitude of half the difference of the senses [arcsec].
+    significant : whether noise alone would give one so large with at most 5 % over all orders.
+    """
+
+    order: float
+    of: str
+    amplitude: float
+    ci_low: float
+    ci_high: float
+    per_torque: float
+    senses: float
+    significant: bool
+
+
+def error_orders(record: TurnRecord, points: Points) -> list[OrderRow]:
+    """Orders of the shafts and the largest others, from the zeros of all intervals."""
+    values = Covariates.from_record(record)
+    torque, sense = (points.means(column[:, None])[:, 0] for column in (values.torque, values.sense))
+    means = np.bincount(points.kind, points.error) / np.bincount(points.kind)
+    residual = points.error - means[points.kind]
+    intervals, interval_of_point = np.unique(points.interval, return_inverse=True)
+    signals = [
+        np.bincount(interval_of_point, residual) / np.bincount(interval_of_point),
+        *(_slopes(column, residual, interval_of_point) for column in (torque, sense)),
+    ]
+    turns = record.span_deg / 360.0
+    place = 2 * np.pi * turns * (intervals + 0.5) / record.n_intervals
+    highest = record.n_intervals / turns / POINTS_A_WAVE
+    grid = np.arange(max(1.0, 1 / turns), highest, 1 / turns)
+    shafts = {order: title for title, order in record.orders.waves.values()} | _mesh_orders(record)
+    named_orders = {order: title for order, title in shafts.items() if LEAST_WAVES <= order * turns <= highest * turns}
+    of_signals = [np.bincount(interval_of_point), *(_squares(column, interval_of_point) for column in (torque, sense))]
+    noise = 60 * float(np.median(points.noise)) * np.sqrt(2 / len(intervals))
+    errors = np.array([noise / np.sqrt(max(float(np.median(square)), 1e-12)) for square in of_signals])
+    threshold = np.sqrt(-2 * np.log(LEVEL / max(len(signals) * len(grid), 1)))
+    half = 0.5 * 2 * np.pi * turns / record.n_intervals
+
+    def amplitudes(order: float) -> Real:
+        columns = np.column_stack([np.cos(order * place), np.sin(order * place), np.ones(len(place))])
+        sizes, *_ = np.linalg.lstsq(columns, np.nan_to_num(np.column_stack(signals)), rcond=None)
+        amplitude: Real = 60 * np.hypot(sizes[0], sizes[1]) / float(np.sinc(order * half / np.pi))
+        return amplitude
+
+    amplitudes_found = {float(order): amplitudes(order) for order in {*named_orders, *grid}}
+    separate_orders = [
+        order for order in grid if all(abs(order - other_order) > 0.5 / turns for other_order in named_orders)
+    ]
+    other_orders = sorted(separate_orders, key=lambda order: -float(np.max(amplitudes_found[float(order)] / errors)))[
+        :SHOWN_ORDERS
+    ]
+    rows = []
+    for order in sorted({*named_orders, *other_orders}):
+        size, growth, lag = amplitudes_found[float(order)].tolist()
+        low, high = max(size - WIDTH * errors[0], 0.0), size + WIDTH * errors[0]
+        strong = bool(np.any(amplitudes_found[float(order)] > threshold * errors))
+        rows.append(
+            OrderRow(
+                order=float(order),
+                of=named_orders.get(order, ""),
+                amplitude=size,
+                ci_low=low,
+                ci_high=high,
+                per_torque=growth,
+                senses=lag,
+                significant=strong,
+            )
+        )
+    return [row for row in rows if row.of or row.significant]
+
+
+def _mesh_orders(record: TurnRecord) -> dict[float, str]:
+    """Multiples of the order of the crank, at which pins and lobes repeat; none of a drive without a known crank."""
+    turns = record.orders.shafts.get("crank")
+    return {times * turns: f"{times} times per turn of the crank" for times in (3, 4)} if turns else {}
+
+
+def _squares(x: Real, group: Whole) -> Real:
+    """Sum of squares (n_groups,) of x about its mean in each group."""
+    about = x - (np.bincount(group, x) / np.bincount(group))[group]
+    return np.asarray(np.bincount(group, about**2), float)
+
+
+def _slopes(x: Real, y: Real, group: Whole) -> Real:
+    """Slopes (n_groups,) of y over x in each group; zeros where x does not vary."""
+    about = x - (np.bincount(group, x) / np.bincount(group))[group]
+    return np.bincount(group, about * y) / np.maximum(np.bincount(group, about**2), 1e-12)
