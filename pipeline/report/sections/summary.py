@@ -12,6 +12,7 @@ from pipeline.arrays import Truth
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.labels import LIMITED_METRICS
 from pipeline.figures.yields import failures_figure
+from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
 from pipeline.report.frames import Drawing, Frames
 from pipeline.report.layout import count_text, interval, percent, percent_interval
@@ -108,6 +109,9 @@ class Verdict:
         target = next_target(self.results.estimate(ALL_LIMITS, "yield")[0])
         command = f"make allocate STUDY={study.name} YIELD={target:g}"
         needs = "" if study.costs.of_dimensions else " First state under [costs] what tolerances cost."
+        of_turn = [f"limits.{name}" for name in study.limits.of_metrics if name not in library()]
+        if of_turn:
+            needs += f" Use a copy of the study without {' and '.join(of_turn)}: an allocation uses metrics of a loop."
         return (
             f"To find the cheapest tolerances for a yield of {percent(target)}, run: {command}.{needs} It changes all "
             "priced tolerances together and checks the result on new load-solved units."

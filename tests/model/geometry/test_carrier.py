@@ -17,6 +17,7 @@ from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Bearing, nominal_reducer
+from pipeline.model.geometry.rigid_play import vertex_program
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play
 from pipeline.model.geometry.rigid_play.vertex_program import optimal_points
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
@@ -128,6 +129,23 @@ def test_play_without_input_bearings_is_that_of_the_general_program(cranks, disk
         assert np.all(pose @ reducer.contact_jacobian.T <= gap + play.overlap[:, None] + 1e-12)
     alone = rigid_play(reducer, gap[7:8], np.zeros(1))  # an answer does not depend on the units before it
     np.testing.assert_array_equal(alone.pose_plus, play.pose_plus[7:8])
+
+
+def test_programs_that_are_given_up_are_solved_by_the_general_one(monkeypatch):
+    rng, solve = np.random.default_rng(8), vertex_program._solve
+    rows, objective = rng.standard_normal((30, 4)), np.array([0.0, 0.0, 0.0, 1.0])
+    limits = rng.uniform(-0.3, 3.0, (12, 30))
+    points, exist = optimal_points(objective, rows, limits, np.zeros((12, 0)))
+
+    def gives_up(*arguments, **names):
+        solve(*arguments, **names)
+        arguments[-1][:] = 2
+
+    monkeypatch.setattr(vertex_program, "_solve", gives_up)
+    others, others_exist = optimal_points(objective, rows, limits, np.zeros((12, 0)))
+    np.testing.assert_array_equal(others_exist, exist)
+    assert 0 < exist.sum() < 12
+    np.testing.assert_allclose(others[exist] @ objective, points[exist] @ objective, rtol=1e-8)
 
 
 def test_a_motion_that_nothing_stops_is_no_play():

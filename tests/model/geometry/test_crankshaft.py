@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from reducers import STEEL
 
+from pipeline import load_study
 from pipeline.config.mechanisms.carrier import Carrier
 from pipeline.config.mechanisms.crankshaft import Crankshaft, FirstStage
 from pipeline.model.elastic.beam import shaft_flexibility
@@ -20,6 +21,8 @@ LOBES, SUN, PLANET, RADIUS, K = 39, 20, 40, 45.0, 3e5
 PITCH = RADIUS * PLANET / (SUN + PLANET)
 TORQUE = 4e5
 SUPPORTS = (2.5e5, 1.6e5)
+RV_80E = load_study("rv_80e").design.output.model_copy(update={"crankshaft": None})
+"""The shipped mechanism with rigid shafts, whose disks share the load alike."""
 
 
 def shaft(clearance=None, planet_plane=-8.0, plane=11.0, supports=SUPPORTS):
@@ -75,10 +78,11 @@ def both_sided(mechanism, reducer, gap=0.0):
 
 def forces_on_holes(mechanism, reducer):
     """Force (n_disks, n_cranks) complex of each crank on its hole of perfect disks, by the balance of moments alone."""
-    n, disks = mechanism.cranks, reducer.n_disks
-    tangential = TORQUE * PLANET * LOBES / (SUN + PLANET * 40) / (disks * n * RADIUS)
-    of_pins = -n * RADIUS * tangential / (1.5 * LOBES)  # all their normals pass through the pitch point
-    outwards = mechanism.centres() / RADIUS * np.exp(1j * reducer.disks[0].rotation)
+    n, disks, radius = mechanism.cranks, reducer.n_disks, mechanism.crank_circle_radius_mm
+    sun, planet = mechanism.first_stage.sun_teeth, mechanism.first_stage.planet_teeth
+    tangential = TORQUE * planet * LOBES / (sun + planet * 40) / (disks * n * radius)
+    of_pins = -n * radius * tangential / (1.5 * LOBES)  # all their normals pass through the pitch point
+    outwards = mechanism.centres() / radius * np.exp(1j * reducer.disks[0].rotation)
     pins = np.array([of_pins * 1j * np.exp(1j * disk.crank) for disk in reducer.disks])
     return -pins[:, None] / n + 1j * outwards * tangential
 
@@ -86,16 +90,18 @@ def forces_on_holes(mechanism, reducer):
 def closed_forms(mechanism, reducer, v):
     """Rotation of the output by the displacement ``v`` of each element of a dimension, by virtual work."""
     force, u = forces_on_holes(mechanism, reducer) / TORQUE, np.exp([1j * disk.crank for disk in reducer.disks])
-    rotation = np.exp(1j * reducer.disks[0].rotation)
-    outwards = mechanism.centres() / RADIUS * rotation
-    mesh = -1.5 * np.imag(np.conj(u)[:, None] * force).sum(axis=0) / PITCH  # the moment of its eccentrics
-    np.testing.assert_allclose(mesh.sum(), -1 / (PITCH * (40 + SUN / PLANET)), rtol=1e-12)
+    rotation, pitch = np.exp(1j * reducer.disks[0].rotation), mechanism.planet_pitch_radius_mm
+    outwards = mechanism.centres() / mechanism.crank_circle_radius_mm * rotation
+    ratio = 40 + mechanism.first_stage.sun_teeth / mechanism.first_stage.planet_teeth
+    mesh = -1.5 * np.imag(np.conj(u)[:, None] * force).sum(axis=0) / pitch  # the moment of its eccentrics
+    np.testing.assert_allclose(mesh.sum(), -1 / (pitch * ratio), rtol=1e-12)
     tangent = 1j * outwards
 
     def along(of, way):
         return np.real(np.conj(of) * way)
 
-    sun_angle = reducer.disks[0].rotation * (1 + PLANET * 40 / SUN)
+    stage = mechanism.first_stage
+    sun_angle = reducer.disks[0].rotation * (1 + stage.planet_teeth * 40 / stage.sun_teeth)
     return {
         "crank_eccentricity": -along(force, u[:, None] * v).ravel(),
         "crank_phase": -along(force, 1j * u[:, None] * v).ravel(),
@@ -110,10 +116,10 @@ def closed_forms(mechanism, reducer, v):
 
 
 @pytest.mark.parametrize("disks", [1, 2])
-@pytest.mark.parametrize("cranks", [2, 3])
+@pytest.mark.parametrize("mechanism", [carrier(2), carrier(3), RV_80E], ids=["two", "three", "rv_80e"])
 @pytest.mark.parametrize("turn", [0.6, 2.9, 70.1])
-def test_every_error_turns_the_output_as_its_closed_form_says(cranks, disks, turn):
-    mechanism, size, way = carrier(cranks), 1e-3, 1e-3 * np.exp(0.7j)
+def test_every_error_turns_the_output_as_its_closed_form_says(mechanism, disks, turn):
+    cranks, size, way = mechanism.cranks, 1e-3, 1e-3 * np.exp(0.7j)
     reducer = nominal_reducer(PROFILE, mechanism, turn, disks=disks)
     directed = ("crank_position", "planet_runout", "sun_runout", "hole_position", "bore_runout")
     forms_of = {v: closed_forms(mechanism, reducer, v) for v in (size, way)}

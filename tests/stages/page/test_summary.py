@@ -15,6 +15,7 @@ from pipeline.report.frames import Frames
 from pipeline.report.layout import percent
 from pipeline.report.results import Results
 from pipeline.report.sections.results import ESTIMATES, ConvergenceTable
+from pipeline.report.sections.summary import Verdict
 from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges, next_target
 from pipeline.statistics.intervals import pass_share
 
@@ -76,6 +77,15 @@ def test_one_sentence_names_the_limit_that_fails_and_its_driver(frames):
         "these on peak Hertz pressure; its main contributor is the tangential pin position (94.0 % of its variance, "
         "interactions included)."
     ) in page
+
+
+def test_the_next_step_names_limits_that_an_allocation_refuses(frames):
+    failing = failing_on_pressure(frames)
+    assert "an allocation uses metrics of a loop" not in written(failing)
+    limits = failing.study.limits.model_copy(update={"transmission_error_arcsec": 1e6})
+    study, units = failing.study.model_copy(update={"limits": limits}), failing.units
+    both = replace(failing, study=study, units=units.assign(transmission_error_arcsec=1.0))
+    assert "copy of the study without limits.transmission_error_arcsec" in Verdict(both, Results(both)).advice
 
 
 def test_the_page_says_which_share_of_the_variance_a_contributor_has(frames):

@@ -86,7 +86,7 @@ def cut_program(objective: Real, rows: Real, limits: Real, radii: Real) -> np.nd
         If the program is unbounded, the solver fails or ``MOST_CUTS`` tangents are not enough.
     """
     tangents = _Tangents(np.zeros((0, len(objective))), np.zeros(0), np.zeros((0, len(radii))))
-    while len(tangents.radii) < MOST_CUTS * len(radii):
+    while len(tangents.radii) < MOST_CUTS * max(len(radii), 1):
         bounded = np.append(limits, tangents.radii)
         optimum = _program(objective, np.vstack([rows, tangents.normals]), bounded, radii)
         if optimum is None:

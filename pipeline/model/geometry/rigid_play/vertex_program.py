@@ -12,7 +12,7 @@ import scipy  # its functions are slow to import: they are when they are called
 
 from pipeline.arrays import Index, Real
 from pipeline.model.compiled import algebraic_part, entry
-from pipeline.model.geometry.rigid_play.disc_program import CONE_TOLERANCE
+from pipeline.model.geometry.rigid_play.disc_program import CONE_TOLERANCE, cut_program
 
 FEASIBLE = 1e-10
 """Violation of a limit, in the unit of the limits over that of the rows, that is rounding."""
@@ -95,8 +95,8 @@ def _violated_rows(
 
 @algebraic_part
 def _most_violated(rows: Real, limit: Real, x: Real, candidates: Index, count: int) -> tuple[int, float]:
-    """The most violated of the ``candidates``, -1 if none, and by how much."""
-    entering, worst = -1, FEASIBLE
+    """The most violated of the ``candidates``, -1 if none, and by how much; what was above rounding before still is."""
+    entering, worst = -1, 0.5 * FEASIBLE
     for j in range(count):
         i = candidates[j]
         violation = -limit[i]
@@ -189,7 +189,11 @@ def optimal_points(objective: Real, rows: Real, limits: Real, radii: Real) -> tu
     Raises
     ------
     ArithmeticError
-        If the programs are unbounded, or one is given up.
+        If the programs are unbounded.
+
+    Notes
+    -----
+    What is given up, since rounding leads its pivots in a circle, is solved by a general program.
     """
     discs, size = radii.shape[1], rows.shape[1]
     scale = np.abs(rows).max(axis=0)
@@ -197,14 +201,16 @@ def optimal_points(objective: Real, rows: Real, limits: Real, radii: Real) -> tu
     box = np.repeat(np.eye(size)[: 2 * discs], 2, axis=0)
     box[1::2] *= -1.0
     scaled, direction = np.vstack([rows / scale, box]), objective / scale
-    limits = np.hstack([limits, np.repeat(radii, 4, axis=1)]) if discs else limits
+    all_limits = np.hstack([limits, np.repeat(radii, 4, axis=1)]) if discs else limits
     basis = _optimal_basis(direction, scaled)
     room = np.vstack([scaled, np.zeros((MOST_TANGENTS * discs, size))])
-    points, state = _points(direction, basis, room, limits, radii)[:2]
-    if np.any(state == 2):
-        effort = f"{MOST_PIVOTS} pivots per unknown and {MOST_TANGENTS} tangents of a disc"
-        raise ArithmeticError(f"a linear program is not solved within {effort}")
-    return points / scale, state == 0
+    points, state = _points(direction, basis, room, all_limits, radii)[:2]
+    points, exists = points / scale, state == 0
+    for k in np.flatnonzero(state == 2):
+        point = cut_program(objective, rows, limits[k], radii[k])
+        exists[k] = point is not None
+        points[k] = point if point is not None else points[k]
+    return points, exists
 
 
 def _points(objective: Real, basis: Index, rows: Real, limits: Real, radii: Real) -> tuple[Real, Index, Index]:
