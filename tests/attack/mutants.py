@@ -189,6 +189,7 @@ def _tests_of(home: Path, options: Sequence[str], seconds: int = 10_000) -> subp
     """Run tests on the project in a folder; its processes end after so many seconds of processor time."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(home / ".compiled"), "PYTHONPATH": str(home)}
     environment["COVERAGE_FILE"] = str(STORED / "lines")
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # sources are parsed once, not for every mutant
     return subprocess.run(
         [sys.executable, *PYTEST, *options],
         cwd=home,
