@@ -118,11 +118,11 @@ def _along(
 ) -> tuple[LoadPath, bool]:
     """The way with friction; whether it is sound."""
     (torque, edges), nodes, sound = torques, curve.torque, True
-    mean, slope, at_turns = np.empty((2, len(edges))), np.empty((2, len(edges))), torque.copy()
+    mean, slope, at_turns = np.full((2, len(edges)), np.nan), np.full((2, len(edges)), np.nan), torque.copy()
     path = LoadPath(mean[0], slope[0], mean[1], at_turns)
     repeated_torque = np.arange(len(torque) - 1)
     if drive.sliders.at_contacts and (drive.lean or course.crank):
-        return path, False  # not solved together
+        return path, False  # not solved together: no number
     if drive.sliders.at_contacts:
         repeated_torque = _repeats(torque)
         loads = np.sign(nodes) * np.maximum(np.abs(nodes), NO_LOAD * drive.rated_torque)  # ends of play carry none

@@ -335,3 +335,13 @@ def test_a_pattern_that_no_measured_unit_has_is_an_effect_though_its_mean_gap_is
     nominal = exact_unit.nominal[0].first_state
     shifted = lobes.effects[0].apply(nominal, [-1.7, -1.2], Conditions.run_in(1)).gap - nominal.gap
     assert 1e3 * np.mean(np.abs(shifted[:, : nominal.reducer.n_pins])) < 1.5
+
+
+def test_frictions_that_are_not_solved_together_have_no_prediction(exact_unit):
+    """Friction at the contacts beside one that differs between drive and backdrive: no number, not one of chance."""
+    fitter = Fitter(exact_unit)
+    model = Model((candidates()["contact_friction"], candidates()["directional_load_friction"]))
+    prediction = fitter.predict(model, fitter.start(model))
+    assert not prediction.sound
+    assert np.all(np.isnan(prediction.angle))
+    assert not np.isfinite(fitter.fit(model, everything(exact_unit), fitter.start(model)).cost)
