@@ -59,6 +59,15 @@ def test_an_amplitude_in_any_direction_is_a_disc():
     assert result.play == pytest.approx(2 + np.sqrt(2) * 0.3, rel=1e-3)
 
 
+@pytest.mark.parametrize(("clearances", "play"), [((3.0, 0.5), 2 * 1.5), ((0.5, 3.0), 2 * 1.5), ((3.0, 2.0), 2 * 3.0)])
+def test_each_disk_gives_way_within_the_clearance_of_its_own_bearing(clearances, play):
+    """Two disks between two contacts each, gaps of 1: the output turns by what the tighter one leaves, either way."""
+    jacobian = np.zeros((4, 5))
+    jacobian[:2, 0], jacobian[2:, 3], jacobian[:, 4] = (1.0, -1.0), (1.0, -1.0), (1.0, -1.0, 1.0, -1.0)
+    result = largest_play(jacobian, 4, np.ones(4), np.empty((4, 0)), [], np.array(clearances))
+    assert result.play == pytest.approx(play, rel=1e-9)
+
+
 def few_errors(**tolerances):
     """The quick study with these tolerances alone, all others at their allowances."""
     study = load_study("quick", ROOT)
