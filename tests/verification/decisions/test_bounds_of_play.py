@@ -64,7 +64,7 @@ def test_each_disk_gives_way_within_the_clearance_of_its_own_bearing(clearances,
     """Two disks between two contacts each, gaps of 1: the output turns by what the tighter one leaves, either way."""
     jacobian = np.zeros((4, 5))
     jacobian[:2, 0], jacobian[2:, 3], jacobian[:, 4] = (1.0, -1.0), (1.0, -1.0), (1.0, -1.0, 1.0, -1.0)
-    result = largest_play(jacobian, 4, np.ones(4), np.empty((4, 0)), [], np.array(clearances))
+    result = largest_play(jacobian, 4, np.ones(4), np.zeros((4, 1)), [], np.array(clearances))
     assert result.play == pytest.approx(play, rel=1e-9)
 
 
