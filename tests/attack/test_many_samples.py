@@ -35,7 +35,7 @@ def test_time_and_memory_of_a_million_samples(tmp_path: Path) -> None:
     for count in (100_000, 1_000_000):
         outputs = run(STAGES, study_of(count), ["report"], tmp_path, Resources(2, 512))
         timings.append(seconds(outputs))
-        page = outputs["report"].path / "report.html"
+        page = outputs["report"].path("report.html")
         written = sum(file.stat().st_size for file in tmp_path.rglob("*") if file.is_file())
         peak = max(output.record["peak_memory_bytes"] for output in outputs.values())
         print(f"{count:,} samples: {timings[-1]:.0f} s, peak of all processes {peak / GIB:.2f} GiB")
