@@ -14,7 +14,7 @@ from pydantic import Field
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.config.files.section import Millimetres, Mistake, Positive
-from pipeline.config.mechanisms.crankshaft import Crankshaft, FirstStage
+from pipeline.config.mechanisms.crankshaft import Crankshaft, FirstStage, kept_flexibility
 from pipeline.config.mechanisms.mechanism import Circles, Holes, LawInputs, OutputMechanism, Panel, Points, Words
 from pipeline.model.contact.laws import ContactLaws, Material, concatenated_laws
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined_contacts
@@ -302,7 +302,7 @@ class Carrier(OutputMechanism):
         material = materials[self.crankshaft.material]
         for crank, factor in enumerate(self.bearing_factors.tolist()):
             rows = np.flatnonzero((contacts.end == crank) & (contacts.interface != SUPPORT))
-            shaft = _flexibility(self.crankshaft, disks, material, factor)[np.ix_(plane[rows], plane[rows])]
+            shaft = kept_flexibility(self.crankshaft, disks, material, factor)[np.ix_(plane[rows], plane[rows])]
             full[np.ix_(rows, rows)] = shaft * np.real(np.conj(push[rows])[:, None] * push[rows])
         return full
 
@@ -386,12 +386,6 @@ def _turned(contacts: Contacts, disk: DiskPose, shift: complex) -> Contacts:
     """Contacts that turn with a disk and the carrier from rotation 0, and are shifted [mm]."""
     turn = np.exp(1j * disk.rotation)
     return replace(contacts, point=shift + contacts.point * turn, normal=contacts.normal * turn)
-
-
-@lru_cache
-def _flexibility(shaft: Crankshaft, disks: int, material: Material, factor: float) -> Real:
-    """`Crankshaft.flexibility`, kept."""
-    return shaft.flexibility(disks, {shaft.material: material}, factor)
 
 
 @lru_cache

@@ -1,6 +1,7 @@
 """Shafts with eccentrics between two support bearings: a plain reducer's input, a carrier's cranks; and their gears."""
 
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
@@ -108,3 +109,9 @@ class Crankshaft(Shaft):
         if not self.has_clearance and self.support_exponent != 1:
             requirement = "must be 1 of preloaded supports; add support_clearance_um, 0 of supports that just touch"
             yield Mistake(f"{key}.support_exponent", self.support_exponent, requirement)
+
+
+@lru_cache
+def kept_flexibility(shaft: Crankshaft, disks: int, material: Material, factor: float) -> Real:
+    """`Crankshaft.flexibility`, kept."""
+    return shaft.flexibility(disks, {shaft.material: material}, factor)

@@ -15,7 +15,6 @@ Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -25,7 +24,7 @@ from scipy.special import gammaincinv
 from pipeline.arrays import Real, Truth, Whole
 from pipeline.constant_kinds import Fineness
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
-from pipeline.identification.record.passes import RecordCells
+from pipeline.identification.record.passes import RecordCells, drift_of_repeats, shift_of_repeats
 from pipeline.identification.record.terms import Term
 from pipeline.identification.record.turn_record import TurnRecord
 from pipeline.statistics.resampling import CONFIDENCE
@@ -106,6 +105,7 @@ def points_of(record: TurnRecord, under_load: bool = True) -> Points:
     of_repeats = cells.error - error[number]
     of_pass = np.bincount(cells.owner, of_repeats) / np.maximum(np.bincount(cells.owner), 1)
     residual = of_repeats - of_pass[cells.owner]
+    shift, repeats = shift_of_repeats(of_pass[np.unique(cells.owner)], passes.kind[np.unique(cells.owner)])
     is_repeated = count[number] > 1
     freedom = float(np.sum((count - 1)[count > 1])) - len(np.unique(cells.owner[is_repeated]))
     if freedom > 0:
@@ -127,27 +127,10 @@ def points_of(record: TurnRecord, under_load: bool = True) -> Points:
         place=np.unique(keys % record.n_intervals + record.n_intervals * passes.level[owner], return_inverse=True)[1],
         cells=chosen_rows,
         of_cells=number,
-        drift=_drift(of_repeats, cells, is_repeated, record.n_intervals) if freedom > 0 else np.inf,
-        **_shift(of_pass[np.unique(cells.owner)], passes.kind[np.unique(cells.owner)]),
+        drift=drift_of_repeats(of_repeats, cells, is_repeated, REACH * record.n_intervals) if freedom > 0 else np.inf,
+        shift=shift,
+        repeats=repeats,
     )
-
-
-def _shift(of_pass: Real, kind: Whole) -> dict[str, Any]:
-    """Fields ``shift`` and ``repeats`` of the points, by the means of passes about that of their kind (n_passes,)."""
-    count = np.unique(kind, return_counts=True)[1]
-    freedom = int(np.sum(count - 1))
-    size = np.sqrt(np.sum(of_pass**2) / freedom * np.mean(1 / count)) if freedom else 0.0
-    return {"shift": float(size), "repeats": freedom}
-
-
-def _drift(residual: Real, cells: RecordCells, is_repeated: Truth, n_intervals: int) -> float:
-    """Standard deviation [arcmin] of the mean of two passes of a kind over the angle, by how repeats differ (n_cells,).
-
-    Two passes lie by half of their difference off the mean, and that mean by as much off the kind's own.
-    """
-    part = cells.owner * n_intervals + (cells.interval / (REACH * n_intervals)).astype(np.int64)
-    _, part = np.unique(part[is_repeated], return_inverse=True)
-    return float(np.sqrt(np.mean((np.bincount(part, residual[is_repeated]) / np.bincount(part)) ** 2)))
 
 
 @dataclass(frozen=True)

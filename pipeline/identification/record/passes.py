@@ -332,3 +332,25 @@ def _narrow_groups(values: Real, width: float) -> Whole:
             start, number = (values[place], number + 1) if values[place] - start > width else (start, number)
             group[place] = number
     return group
+
+
+def shift_of_repeats(of_pass: Real, kind: Whole) -> tuple[float, int]:
+    """Standard deviation [arcmin] of the mean of a kind by what whole passes are shifted, and its degrees of freedom.
+
+    ``of_pass``: means of the passes about that of their kind (n_passes,) [arcmin]; 0 and 0 without repeats.
+    """
+    count = np.unique(kind, return_counts=True)[1]
+    freedom = int(np.sum(count - 1))
+    size = np.sqrt(np.sum(of_pass**2) / freedom * np.mean(1 / count)) if freedom else 0.0
+    return float(size), freedom
+
+
+def drift_of_repeats(residual: Real, cells: RecordCells, is_repeated: Truth, reach: float) -> float:
+    """Standard deviation [arcmin] of the mean of two passes of a kind over the angle, by how repeats differ.
+
+    ``residual``: of every cell (n_cells,) [arcmin]; ``reach``: intervals over which the drift is alike. Two passes lie
+    by half of their difference off the mean, and that mean by as much off the kind's own.
+    """
+    part = cells.owner * MOST_INTERVALS + (cells.interval / reach).astype(np.int64)
+    _, part = np.unique(part[is_repeated], return_inverse=True)
+    return float(np.sqrt(np.mean((np.bincount(part, residual[is_repeated]) / np.bincount(part)) ** 2)))
