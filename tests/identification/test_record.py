@@ -4,6 +4,7 @@ import html
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.record.answer import effect_values, record_answer
+from pipeline.identification.record.passes import drift_of_repeats, shift_of_repeats
 from pipeline.identification.record.results import sentences, write
 from pipeline.identification.record.turn_record import TurnRecord
 from pipeline.report.unit.record import write_record_page
@@ -304,3 +306,23 @@ def test_loops_of_a_carrier_are_refused_with_the_way_out(tmp_path):
     (folder / "unit.toml").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match='give a record of both encoders with locked = "neither"'):
         load_measured_unit(folder, ROOT)
+
+
+@pytest.mark.parametrize("repeats", [2, 4])
+def test_shift_and_drift_are_the_scatter_of_the_mean_of_repeats(repeats):
+    """Passes of 3000 kinds, shifted by 0.7 and drifting by 0.4 in each tenth beside 0.6 of noise in each cell."""
+    kinds, parts, reach = 3000, 10, 5
+    rng, kind = np.random.default_rng(3), np.repeat(np.arange(3000), repeats)
+    shifts = 0.7 * rng.standard_normal((kinds, repeats))
+    shift, freedom = shift_of_repeats((shifts - shifts.mean(axis=1, keepdims=True)).ravel(), kind)
+    assert freedom == kinds * (repeats - 1)
+    assert shift == pytest.approx(0.7 / np.sqrt(repeats), rel=0.03)
+    if repeats == 2:  # two passes lie by half of their difference off the mean
+        drifts = 0.4 * rng.standard_normal((kinds, repeats, parts))
+        scattered = np.repeat(drifts, reach, axis=2) + 0.6 * rng.standard_normal((kinds, repeats, parts * reach))
+        residual = (scattered - scattered.mean(axis=1, keepdims=True)).ravel()
+        owner = np.repeat(np.arange(kinds * repeats), parts * reach)
+        interval = np.tile(np.arange(parts * reach), kinds * repeats)
+        cells = SimpleNamespace(owner=owner, interval=interval)
+        drift = drift_of_repeats(residual, cells, np.ones(len(residual), bool), reach)
+        assert drift == pytest.approx(np.hypot(0.4, 0.6 / np.sqrt(reach)) / np.sqrt(2), rel=0.03)
