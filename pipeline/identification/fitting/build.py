@@ -40,8 +40,8 @@ POPULATION = 192
 """Units drawn from the study's distributions where the dimensions are not measured."""
 WAYS, STILL_ALONE = frozenset({LOOPS, RATE, STILL}), frozenset({STILL})
 """Needs of effects that a crank which turns under a held torque, or within a loop, does not meet."""
-RESOLUTION = 0.2
-"""Share of the noise floor below which a mode of the tolerances is left out."""
+RESOLUTION = 0.02
+"""Share of the noise floor by which the modes of the tolerances that are left out move the nominal curves together."""
 
 
 def refittable_keys(design: Design) -> tuple[str, ...]:

@@ -307,10 +307,11 @@ class PriorModes:
     def weights(self, resolution: float) -> Real:
         """What each mode has of each unit (n_modes, n_units): amounts times these are a combination of units.
 
-        Modes of the population's curves, not of its gaps, so that few are left: those that change the curves by less
-        than the ``resolution`` [arcmin rms] are left out.
+        Modes of the population's curves, not of its gaps, so that fewer are left: the smallest, which together change
+        the curves by less than the ``resolution`` [arcmin rms], are left out.
         """
         n = len(self.units)
-        large = self.sizes > resolution * np.sqrt(n * self.nodes)
+        left_out_with = np.sqrt(np.cumsum(self.sizes[::-1] ** 2)[::-1] / (n * self.nodes))
+        large = left_out_with > resolution
         # a unit's coefficient of mode m is its row of units times sqrt(n - 1), of variance 1
         return self.units[:, large].T * np.sqrt(1 / (n - 1)) if np.any(large) else np.zeros((0, n))

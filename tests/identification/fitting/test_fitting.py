@@ -267,6 +267,22 @@ def test_modes_have_unit_variance_over_their_population_and_span_its_curves():
     assert [len(mode) for mode in PriorModes.from_population(gaps, influence).above(1e9)] == [0, 0]
 
 
+def test_modes_that_are_left_out_change_the_curves_together_by_less_than_the_resolution():
+    rng = np.random.default_rng(1)
+    gaps, influence = [rng.normal(size=(192, 40)) * 1e-3], [rng.normal(size=(60, 40))]
+    population = PriorModes.from_population(gaps, influence)
+    curves = ARCMIN * (gaps[0] - gaps[0].mean(0)) @ influence[0].T
+    resolution = 0.3 * float(np.sqrt(np.mean(curves**2)))
+
+    def left_out(n_modes):
+        spanned = population.units[:, :n_modes]
+        return np.sqrt(np.mean((curves - spanned @ (spanned.T @ curves)) ** 2))
+
+    n_modes = len(population.above(resolution)[0])
+    assert 0 < n_modes < 40
+    assert left_out(n_modes) <= resolution < left_out(n_modes - 1)
+
+
 def test_held_out_cells_have_no_influence_on_a_fit(exact_unit):
     fitted = exact_unit.data.position < 2
     fit = Fitter(exact_unit).fit(COULOMB, fitted, Fitter(exact_unit).start(COULOMB, [0.1]))
