@@ -205,7 +205,7 @@ def failed_test(home: Path, tests: Sequence[str]) -> str | None:
     ran = _tests_of(home, ["-x", "-n", "0", *tests], 6 * LONGEST) if tests else None
     if ran is None or ran.returncode in (0, NOTHING_TO_RUN):
         return None
-    found = re.search(r"^(?:FAILED|ERROR) (\S+)", ran.stdout, re.M)
+    found = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", ran.stdout, re.M)  # a name may have spaces
     return found[1] if found else ""
 
 

@@ -153,6 +153,11 @@ def prior_log_odds(n_effects: int, n_tried: int) -> float:
     return -float(np.log(max(comb(n_tried, n_effects), 1)))
 
 
+def least_fall(n_effects: int, n_tried: int) -> float:
+    """Fall of the sum of squares, in the noise, from which so many effects, of ``n_tried``, can have the odds."""
+    return 2 * (ODDS - prior_log_odds(n_effects, n_tried))
+
+
 @dataclass(frozen=True)
 class Choice:
     """What the clauses choose of some models; attributes as of ``Selection``."""

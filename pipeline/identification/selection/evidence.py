@@ -61,6 +61,11 @@ class Structure:
         """Standard deviation of all that is alike in neighbouring torques and in every cycle."""
         return float(np.hypot(self.common, self.own_size))
 
+    @property
+    def square(self) -> float:
+        """Mean square of all that is correlated, what differs between cycles included."""
+        return self.size**2 + self.cycle_size**2
+
 
 FIRST = Structure(SIZES[2], SIZES[2], REACHES[0], CORRELATIONS[0])
 """From where the structure of the largest evidence is sought."""

@@ -12,7 +12,7 @@ from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases
-from pipeline.identification.selection.criteria import ODDS, Judge, Selection, Trial, prior_log_odds
+from pipeline.identification.selection.criteria import MOST_NAMED, Judge, Selection, Trial, least_fall
 from pipeline.identification.selection.evidence import Covariance, Evidence
 from pipeline.identification.selection.pairs import promising_pairs
 from pipeline.identification.selection.screening import RIVAL, Promise, screen_effects
@@ -103,18 +103,26 @@ class Selector:
         base = self.trial(self.recalibrate(cells), cells, covariance)
         promises = self.screen(cells, base.fit)
         fits = self.fits(base.fit, cells, promises)
-        least_fall = 2 * (ODDS - prior_log_odds(2, len(self.testable)))
-        for model, start in promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, least_fall):
+        fall = least_fall(MOST_NAMED, len(self.testable))
+        for model, start in promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, fall):
             fits.append(self.fitter.fit_from_best(model, cells, [start], rival_cost=_rival_cost(fits)))
         trials = {fit.model.name: self.trial(fit, cells, covariance, base) for fit in fits if np.isfinite(fit.cost)}
         selection = judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
         return self._with_additions(selection, cells, covariance, judge)
 
     def _with_additions(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
-        """The selection with effects added to its most probable model while structure is left: most only describe."""
+        """The selection with effects added to its most probable model: while more can be named, and to describe it.
+
+        A second one while what is left could give it the odds, in squares of the noise; further ones while structure
+        is left that is not the form of the model.
+        """
         current = selection.answer
         while current.fit.model.effects and current.fit.model.n_effects < self.most_effects:
-            if current.evidence.structure.size <= selection.limit:
+            structure = current.evidence.structure
+            can_be_named = current.fit.model.n_effects < MOST_NAMED
+            if can_be_named and cells.sum() * structure.square < least_fall(MOST_NAMED, len(self.testable)):
+                break
+            if not can_be_named and structure.size <= selection.limit:
                 break
             promises = self.screen(cells, current.fit)
             best_additions = dict(sorted(promises.items(), key=lambda item: item[1].misfit)[:ADDITIONS])

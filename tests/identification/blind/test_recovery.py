@@ -8,6 +8,7 @@ from synthetic_unit import CRANKS, Bench, exactly_known, make_unit, problem_of
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.selection import model_selection
 from pipeline.identification.selection.model_selection import Selector
 from pipeline.model.effects.effect import FLANGE, MOVES
 
@@ -66,3 +67,18 @@ def test_an_effect_is_found_again(name, tmp_path, condensed):
     assert fit.sound
     assert np.sqrt(np.mean(((problem.data.angle - fit.predicted_angle) / problem.data.sigma) ** 2)) < 1.2
     np.testing.assert_allclose(fit.values, values, rtol=tolerance_range)
+
+
+def test_a_second_effect_is_found_beside_the_best_one_where_no_pair_was_promised(tmp_path, condensed, monkeypatch):
+    """A drift of the angle differs between cycles alone, which the limit of the form of the model does not count."""
+    monkeypatch.setattr(model_selection, "promising_pairs", lambda *_: [])
+    effects = {"coulomb": (0.3,), "angle_drift": (0.4,)}
+    bench = replace(TWO, cycles=3, seconds=5.0)
+    problem = exactly_known(problem_of(make_unit(tmp_path / "u", effects, bench, condensed), condensed))
+    all_cells = np.ones(len(problem.data), bool)
+    selector = Selector(Fitter(problem), all_cells)
+    selector.testable = {name: selector.testable[name] for name in (*effects, "torque_zero")}
+    selection = selector.select(all_cells)
+    assert selection.odds["coulomb"] > selection.odds["angle_drift"]
+    assert selection.trials["coulomb"].evidence.structure.size <= selection.limit
+    assert selection.members == ("angle_drift+coulomb",)
