@@ -3,6 +3,7 @@
 import json
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -12,8 +13,11 @@ from scipy import stats
 
 from pipeline import cli, settings
 from pipeline.errors import InputError
+from pipeline.identification.change import results
 from pipeline.identification.change.comparison import CHANGE_SHOWN, NO_CHANGE
-from pipeline.identification.change.loops import State
+from pipeline.identification.change.kinds import friction_torque
+from pipeline.identification.change.loops import Loop, State
+from pipeline.identification.change.pattern import pattern as pattern_of
 from pipeline.identification.change.results import ChangeAnswer, answer, write
 from pipeline.identification.change.scatter import POWER
 from pipeline.identification.change.table import loop_table
@@ -313,3 +317,27 @@ def test_the_known_interventions_are_named_and_a_drive_measured_twice_is_not(rig
         others = [rig(name) for name in ("conic_onyx_runin", "conic_onyx_1pre")]
         assert answer(rig(state_before), rig(state_after), others).comparison.verdict == NO_CHANGE
     assert answer(rig("conic_onyx_runin"), rig("conic_onyx_runin", repeat=True)).comparison.verdict == NO_CHANGE
+
+
+def test_the_friction_of_a_loop_is_its_loss_over_twice_its_travel():
+    """Coulomb friction of 0.5 N m beside a spring of 4 arcmin per N m: the senses are 4 arcmin apart."""
+    torque = np.linspace(-3, 3, 7)
+    loop = Loop(torque, 4 * (torque - 0.5), 4 * (torque + 0.5))
+    assert friction_torque(loop) == pytest.approx(0.5)
+
+
+def test_of_three_positions_the_true_pairing_is_one_of_six():
+    """The share of pairings that agree at least as well holds the true one."""
+    torque, size = np.linspace(-1, 1, 9), object()
+    loops = [{size: Loop(torque, number * torque, number * torque + 0.1)} for number in (1, 2, 4, 1.1, 2.3, 3.8)]
+    table = SimpleNamespace(
+        numbers=[SimpleNamespace(size=size)], loops=loops, state=np.repeat([0, 1], 3), label=["a", "b", "c"] * 2
+    )
+    found = pattern_of(table, ["a", "b", "c"])
+    assert found.p == pytest.approx(1 / 6)
+    assert found.persists
+
+
+@pytest.mark.parametrize(("unit", "text"), [("1", "+12 %"), ("N m", "+0.12 N m")])
+def test_a_change_is_told_in_percent_or_in_its_unit(unit, text):
+    assert results._percent_or_unit(0.12, SimpleNamespace(unit=unit), sign="+") == text

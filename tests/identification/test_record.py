@@ -12,7 +12,8 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.record.answer import effect_values, record_answer
+from pipeline.identification.record import answer
+from pipeline.identification.record.answer import LevelRow, effect_values, record_answer
 from pipeline.identification.record.passes import drift_of_repeats, shift_of_repeats
 from pipeline.identification.record.results import sentences, write
 from pipeline.identification.record.turn_record import TurnRecord
@@ -93,6 +94,13 @@ def record_of(folder: Path) -> TurnRecord:
 def waving(tmp_path_factory):
     """The answer on a drive whose friction varies with the crank."""
     return record_answer(record_of(unit_of(tmp_path_factory.mktemp("waving") / "u", Drive(friction_wave=1.2).table())))
+
+
+def test_rigidity_is_read_between_the_largest_torque_and_the_next_beyond_its_half():
+    """Of a hardening drive the pair of torques decides: 8 arcmin at 40 N m, 14 at 100."""
+    levels = [LevelRow(torque, mean, 0.0, 1.0, 0.0) for torque, mean in ((10.0, 3.0), (40.0, 8.0), (100.0, 14.0))]
+    (rigidity,) = answer._rigidities(SimpleNamespace(largest_torque=100.0), levels)
+    assert rigidity.value == pytest.approx(60 / 6)
 
 
 def test_rigidity_and_lost_motion_are_those_of_the_drive(waving):

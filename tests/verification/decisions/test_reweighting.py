@@ -118,6 +118,14 @@ def test_its_interval_holds_the_truth_as_often_as_it_says() -> None:
     assert np.mean(covered) > 0.92  # 0.95 within three standard errors
 
 
+def test_equal_weights_have_jeffreys_interval_of_their_number() -> None:
+    share = weighted_share(np.arange(50) < 40, np.full(50, 0.3), 0.95)
+    assert (share.value, share.n) == (pytest.approx(0.8), 50)
+    assert (share.ci_low, share.ci_high) == pytest.approx(tuple(stats.beta.ppf([0.025, 0.975], 40.5, 10.5)))
+    half = weighted_share(np.array([True, False] * 50), np.repeat([1.0, 3.0], 50), 0.95)
+    assert half.n == 80  # 0.25 over sum w^2 0.25 / (sum w)^2, with 50 weights of 1 and 50 of 3
+
+
 def test_a_ring_keeps_next_to_nothing_and_is_refused() -> None:
     """One of 80 normal elements at 0.8 sigma keeps 1/E(w^2) = 0.8 sqrt(2 - 0.64) = 93 %, all of them 0.4 %."""
     normal = library()["normal"]

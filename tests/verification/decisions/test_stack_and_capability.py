@@ -43,6 +43,7 @@ def test_capability_of_normal_values_is_their_yield_and_of_others_is_not():
     assert result.is_normal_plausible
     lower = capability("torsional_rigidity_Nm_per_arcmin", -values, -2.0, 0.95)
     assert lower.cpk == pytest.approx(result.cpk)
+    assert capability("lost_motion_arcmin", values + 5, 7.0, 0.95).cpk == pytest.approx(result.cpk)
     assert not capability(
         "lost_motion_arcmin", np.exp(2 * values), float(np.exp(2 * norm.ppf(0.98))), 0.95
     ).is_normal_plausible
