@@ -117,6 +117,12 @@ class Selection:
         return max([self.answer, *self.trials.values()], key=lambda trial: trial.evidence.value)
 
     @property
+    def best_single(self) -> Trial | None:
+        """The trial of the most probable single effect; None where "no effect" is not rejected."""
+        names = [name for name in self.odds if self.trials[name].fit.model.n_effects == 1] if self.best_model else []
+        return self.trials[max(names, key=lambda name: self.odds[name])] if names else None
+
+    @property
     def limit(self) -> float:
         """Structure, in the noise of a cell, that the form of the model may leave."""
         return form_limit(self.base.rms)

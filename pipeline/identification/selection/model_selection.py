@@ -111,30 +111,37 @@ class Selector:
         return self._with_additions(selection, cells, covariance, judge)
 
     def _with_additions(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
-        """The selection with effects added to its most probable model: while more can be named, and to describe it.
+        """The selection with further effects beside its most probable single one, and beside its most probable model.
 
-        A second one while what is left could give it the odds, in squares of the noise; further ones while structure
-        is left that is not the form of the model.
+        A second one while what is left could give a pair the odds, in squares of the noise; further ones, which only
+        describe, while structure is left that is not the form of the model.
         """
-        current = selection.answer
-        while current.fit.model.effects and current.fit.model.n_effects < self.most_effects:
-            structure = current.evidence.structure
-            can_be_named = current.fit.model.n_effects < MOST_NAMED
-            if can_be_named and cells.sum() * structure.square < least_fall(MOST_NAMED, len(self.testable)):
+        single = selection.best_single
+        if single is not None:
+            left_square = cells.sum() * single.evidence.structure.square
+            if left_square >= least_fall(MOST_NAMED, len(self.testable)):
+                selection, _ = self._extended(selection, single, cells, covariance, judge)
+        current = selection.description
+        while MOST_NAMED <= current.fit.model.n_effects < self.most_effects:
+            if current.evidence.structure.size <= selection.limit:
                 break
-            if not can_be_named and structure.size <= selection.limit:
-                break
-            promises = self.screen(cells, current.fit)
-            best_additions = dict(sorted(promises.items(), key=lambda item: item[1].misfit)[:ADDITIONS])
-            fits = [fit for fit in self.fits(current.fit, cells, best_additions) if np.isfinite(fit.cost)]
-            added_trials = {fit.model.name: self.trial(fit, cells, covariance, current) for fit in fits}
-            trials = {**selection.trials, **added_trials}
-            selection = judge.select(selection.base, trials, selection.promised_misfits)
-            further = max(added_trials.values(), key=lambda trial: trial.evidence.value, default=current)
+            selection, further = self._extended(selection, current, cells, covariance, judge)
             if further.evidence.value <= current.evidence.value:
                 break
             current = further
         return selection
+
+    def _extended(
+        self, selection: Selection, current: Trial, cells: Truth, covariance: Covariance, judge: Judge
+    ) -> tuple[Selection, Trial]:
+        """The selection with effects added to one of its trials, and the most probable of these, or the trial."""
+        promises = self.screen(cells, current.fit)
+        best_additions = dict(sorted(promises.items(), key=lambda item: item[1].misfit)[:ADDITIONS])
+        fits = [fit for fit in self.fits(current.fit, cells, best_additions) if np.isfinite(fit.cost)]
+        added_trials = {fit.model.name: self.trial(fit, cells, covariance, current) for fit in fits}
+        trials = {**selection.trials, **added_trials}
+        further = max(added_trials.values(), key=lambda trial: trial.evidence.value, default=current)
+        return judge.select(selection.base, trials, selection.promised_misfits), further
 
     def recalibrate(self, cells: Truth) -> Fit:
         """Calibrated numbers and tolerances alone, the best from several starts."""
