@@ -53,7 +53,8 @@ class Choice:
     def has_more_preload(self, other: "Choice", confidence: float) -> bool:
         """Whether more units are preloaded than with another choice, beyond what the units of the checks leave open."""
         shares = (choice.check[PRELOADED] for choice in (other, self))
-        return share_difference(*(np.arange(s.n) < round(s.n * s.value) for s in shares), confidence, False)[0] > 0
+        before, now = (np.arange(share.n) < round(share.n * share.value) for share in shares)
+        return share_difference(before, now, confidence, are_paired=False)[0] > 0
 
 
 @dataclass(frozen=True)

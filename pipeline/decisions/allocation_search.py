@@ -137,7 +137,7 @@ class Search:
         values = fresh_values(at_scale, start, self.units, self.solve, self.jobs)
         shares = yields(self.study, values)
         self.tell(f"check: {yield_text(shares[ALL_LIMITS], self.units)} at cost {self.cost(scale):.3g}")
-        return shares | {PRELOADED: pass_share(values[PRELOADED], self.study.metrics.confidence)}
+        return shares | {PRELOADED: pass_share(values[PRELOADED] != 0, self.study.metrics.confidence)}
 
     def trial(self, scale: Real) -> Trial:
         """A fresh set of units, load-solved at scales (n_groups,), and the linear model about them."""

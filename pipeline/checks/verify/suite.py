@@ -105,8 +105,8 @@ def why_not(name: str, study: Study) -> str:
     if name in OF_OWN_DESIGNS and not (name == "RV reducer" and isinstance(design.output, Carrier)):
         return "it is of a design of its own, the same for every study; run make verify without one"
     if name in ONE_PLATE and not isinstance(design.output, RollerPlate):
-        output = design.output.mechanism.replace("_", " ")
-        return f"it solves one disk and a sliding plate; this design has {design.disk.count} and the output {output}"
+        with_what = f"{design.disk.count} and the output {design.output.name}"
+        return f"it solves one disk and a sliding plate; this design has {with_what}"
     if name in ONE_ELASTIC_DISK and design.disk.count > 1:
         return f"it condenses one disk; this design has {design.disk.count}"
     if name in ONE_ELASTIC_DISK and study.reduce.disk == "rigid":
