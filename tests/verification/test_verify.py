@@ -148,6 +148,18 @@ def test_a_run_with_a_skipped_check_leaves_the_committed_page(monkeypatch, tmp_p
     assert "is left as it is: skipped were program" in capsys.readouterr().out
 
 
+def test_the_laws_and_bearings_of_a_study_decide_which_checks_apply(crude):
+    assert [name for name in CHECKS if suite.why_not(name, crude.study) and name not in suite.OF_OWN_DESIGNS] == []
+    assert "the law linear" in suite.why_not("contact laws", load_study("li_guan", ROOT))
+    design = crude.study.design.with_section("bearing", clearance_um=1.0)
+    loose = crude.study.model_copy(update={"design": design})
+    assert "without clearance" in suite.why_not("equilibrium", loose)
+    assert suite.why_not("linear springs", loose) == ""
+    one_disk_rv = load_study("rv", ROOT)
+    assert "two opposed disks; this design has 1" in suite.why_not("RV reducer", one_disk_rv)
+    assert "this one has holes" in suite.why_not("turn", one_disk_rv)
+
+
 def test_of_an_rv_reducer_every_check_holds_or_says_why_it_does_not_apply(monkeypatch, tmp_path, capsys):
     """Ratio, crank bearings and first stage in closed form; what knows one disk or a plate alone gives its reason."""
     checks = {name: check for name, check in suite.CHECKS.items() if name not in ("profile", "contact laws")}

@@ -13,8 +13,15 @@ from numpy.typing import ArrayLike
 from pipeline import assembly
 from pipeline.arrays import Complex, Real
 from pipeline.checks.specimen import Finding, Specimen, largest_difference, relative, skipped_check, vanishing
+from pipeline.config.designs.design import Design
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, FlankModification, disk_rotation, pin_contacts
+from pipeline.model.geometry.cycloid_profile import (
+    NOMINAL,
+    CycloidProfile,
+    FlankModification,
+    disk_rotation,
+    pin_contacts,
+)
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 
 CRANKS = 64
@@ -80,9 +87,8 @@ def blanche_yang_flank(profile: CycloidProfile, phi: Real) -> Complex:
     return flank
 
 
-def _envelope(specimen: Specimen) -> tuple[Real, Real]:
+def _envelope(design: Design, profile: CycloidProfile) -> tuple[Real, Real]:
     """Distance of every nominal pin from the nominal flank [mm] at every crank angle: by search, and by the model."""
-    profile, design = specimen.profile, specimen.study.design
     no_errors = Errors.zero(profile.pins, profile.lobes, design.output.contacts)
     searched_points, model_points = [], []
     for crank in np.degrees(2 * np.pi * np.arange(CRANKS) / CRANKS):
@@ -110,8 +116,8 @@ def _arms(profile: CycloidProfile) -> tuple[Real, Real]:
 
 def check_profile(specimen: Specimen) -> Iterator[Finding]:
     """Profile, normals, curvature, arms."""
-    profile = specimen.profile
-    searched_points, model_points = _envelope(specimen)
+    profile = replace(specimen.profile, modification=NOMINAL)
+    searched_points, model_points = _envelope(specimen.study.design, profile)
     yield vanishing("distance of nominal pins from the flank, 64 crank angles [mm]", searched_points, 1e-9)
     yield vanishing("gaps of the nominal reducer, 64 crank angles [mm]", model_points, 1e-9)
     psi = 2 * np.pi * ((np.arange(4000) + 0.3) / 4000 - 0.5)
