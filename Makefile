@@ -132,8 +132,8 @@ paper: $(VENV)/installed  ## compare the paper's Table 2, contacts and figures w
 calibrate: $(VENV)/installed  ## fit numbers of the design to Table 2, with intervals and what is not determined
 	$(PIPELINE) calibrate
 
-verify: $(VENV)/installed  ## compare the mechanics with exact answers and independent solvers: make verify MESH=coarse
-	$(PIPELINE) verify --mesh $(if $(MESH),"$$MESH",paper)
+verify: $(VENV)/installed  ## compare the mechanics with exact answers and independent solvers: make verify MESH=coarse, or STUDY=rv_80e
+	$(PIPELINE) verify $(if $(filter override,$(origin STUDY)),--study "$$STUDY",--mesh $(if $(MESH),"$$MESH",paper))
 
 flank: $(VENV)/installed  ## write a design's flank as CSV and DXF: make flank DESIGN=pham2017 OUT=flank
 	$(PIPELINE) flank --design $(if $(DESIGN),"$$DESIGN",$(error say which design: make flank DESIGN=<file> OUT=<folder>)) \

@@ -14,6 +14,7 @@ from pipeline.engine.stage import Job, Stage, WholeTables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import TurnReadings, turn_library
+from pipeline.sampling.pick_freeze import drawn_units
 from stages.tables import turn
 from stages.tables.convergence import (
     CONVERGENCE,
@@ -38,6 +39,8 @@ SAMPLES_AT_ONCE = 10_000
 """Samples that are read together at most."""
 ROWS_AT_ONCE = 2_000_000
 """Rows of a table that are read together at most: many crank angles leave fewer samples."""
+UNITS_AT_ONCE = 65_536
+"""Rows of the table of units that are written together at most: each is held four times while it is."""
 READ_IN_BLOCKS = (("clearance", "kinematic"), ("hysteresis", "loops"), ("hysteresis", "bearings"))
 """Stage and table of what is read of some samples at a time."""
 METRICS = Table(
@@ -152,10 +155,11 @@ class _Block:
             for stride in strides_of(study)
         }
 
-    def units(self, search: Columns, of_turn: Mapping[str, np.ndarray]) -> Columns:
+    def units(self, of_turn: Mapping[str, np.ndarray]) -> Columns:
         """Rows of the table of units: worst, mean and best over the turn; missing where some angle has no result."""
         study: Study = self.job.study
         angles = len(study.cycle.crank_deg)
+        search = self._read("worst", "found") if study.cycle.has_turn_search else {}
         of_angles, searched_columns = turn.over_turn_columns(self.turns), turn.found_columns(study, self.turns, search)
         status = turn.unit_status(self.metrics["status"], angles)
         lost = np.any(
@@ -194,32 +198,47 @@ def _samples_at_once(job: Job) -> int:
 
 @dataclass(frozen=True)
 class _Columns:
-    """What is kept of every sample (n,): rows of the table of units, the worst of the angles, and by stride."""
+    """What is kept of samples (n,), filled block by block: blocks that are joined at the end would be held twice.
+
+    Attributes
+    ----------
+    units : rows of the table of units.
+    of_angles : worst, mean and best over the angles of the study alone, of the samples that drivers need.
+    of_strides : the worst of every metric and the metrics of the turn, by stride.
+    """
 
     units: Columns
     of_angles: Columns
-    of_strides: Mapping[int, Mapping[str, np.ndarray]]
+    of_strides: Mapping[int, Columns]
 
 
 def _columns(job: Job, per_angle: PerAngle) -> _Columns:
     """The columns of all samples, read block by block; the metrics at each crank angle go to ``per_angle``."""
     study: Study = job.study
-    search = job.read("worst", "found") if study.cycle.has_turn_search else {}
-    units: list[Columns] = []
-    angles: list[Columns] = []
-    strides: list[dict[int, dict[str, np.ndarray]]] = []
+    rows, drawn_rows = study.samples.rows, int(study.samples.nominal_first) + drawn_units(study)
+    kept = _Columns({}, {}, {stride: {} for stride in strides_of(study)})
     for block in _blocks(job):
         per_angle.add(block.metrics)
-        strides.append(block.of_strides())
-        part = {name: values[block.start : block.stop] for name, values in search.items()}
-        units.append(block.units(part, strides[-1][1]))
-        angles.append(turn.over_turn_columns(block.turns))
-    return _Columns(_join(units), _join(angles), {k: _join([part[k] for part in strides]) for k in strides[0]})
+        of_strides = block.of_strides()
+        for stride, columns in of_strides.items():
+            _fill(kept.of_strides[stride], columns, block.start, rows)
+        _fill(kept.units, block.units(of_strides[1]), block.start, rows)
+        _fill(kept.of_angles, turn.over_turn_columns(block.turns), block.start, min(drawn_rows, rows))
+    return kept
 
 
-def _join(parts: list[Columns] | list[dict[str, np.ndarray]]) -> Columns:
-    """Columns one after the other; the parts are emptied."""
-    return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
+def _fill(kept: Columns, columns: Mapping[str, np.ndarray], start: int, rows: int) -> None:
+    """Put the columns of a block in its place, from ``start``, among the first ``rows`` that are kept."""
+    for name, values in columns.items():
+        if name not in kept:
+            kept[name] = np.empty(rows, values.dtype)
+        kept[name][start : start + len(values)] = values[: max(0, rows - start)]
+
+
+def _parts(units: Columns) -> Iterator[Columns]:
+    """Rows of the table of units, as many as are written together."""
+    for start in range(0, len(units["sample"]), UNITS_AT_ONCE):
+        yield {name: values[start : start + UNITS_AT_ONCE] for name, values in units.items()}
 
 
 def _run(job: Job) -> WholeTables:
@@ -228,7 +247,7 @@ def _run(job: Job) -> WholeTables:
     with tempfile.TemporaryFile(dir=job.folder) as file:  # without a name: nothing is left of it, however this ends
         per_angle = PerAngle(file, (*library(), "preloaded"), len(study.cycle.crank_deg))
         columns = _columns(job, per_angle)
-        units = pd.DataFrame(columns.units)
+        units = pd.DataFrame(columns.units, copy=False)
         audit = job.read("worst", "audit")
         missed, between = {turn.WHOLE_TURN: turn.shortfalls(units, audit)}, turn.left_between(audit)
         if between is not None:
@@ -240,7 +259,7 @@ def _run(job: Job) -> WholeTables:
     fits_memory = study.samples.rows <= _samples_at_once(job)
     return {
         "metrics": next(_blocks(job)).metrics if fits_memory else (block.metrics for block in _blocks(job)),
-        "units": columns.units,
+        "units": columns.units if study.samples.rows <= UNITS_AT_ONCE else _parts(columns.units),
         "distributions": distributions,
         "convergence": convergence_rows(study, columns.of_strides, is_counted, columns.units),
         "sample_convergence": sample_convergence_rows(study, over_turn(units, study.limits.over)),

@@ -14,7 +14,7 @@ from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
 from pipeline.figures.labels import METRICS
 from pipeline.report.explorer import kept_samples
-from pipeline.report.frames import OK, ROWS_SHOWN, Drawing, Frames, drawn_samples, unsolved_rows
+from pipeline.report.frames import OK, ROWS_SHOWN, Drawing, Frames, drawn_samples, unit_columns, unsolved_rows
 from pipeline.report.layout import LinkedPicture, with_pictures
 from pipeline.report.sections.section import Page, StageNote, TableNote, drawings, library, report_page
 from stages.reduce import MESH_FILE
@@ -80,7 +80,7 @@ def _frames(job: Job) -> Frames:
     return Frames(
         study=study,
         metrics=metrics,
-        units=_table(job, "aggregate", "units"),
+        units=pd.DataFrame(job.read("aggregate", "units", unit_columns(study.limits.over)), copy=False),
         distributions=_table(job, "aggregate", "distributions"),
         convergence=_table(job, "aggregate", "convergence"),
         sample_convergence=_table(job, "aggregate", "sample_convergence"),

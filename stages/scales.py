@@ -65,9 +65,11 @@ def _run(job: Job) -> Tables:
     study: Study = job.study
     if not scaled_tolerances(study):
         return {SURROGATE.name: SURROGATE.empty(), YIELDS.name: YIELDS.empty()}
-    surrogate = _surrogate(job, min(study.samples.rows, 1 + units_looked_at(study)))
-    units, distributions = (pd.DataFrame(job.read("aggregate", name)) for name in ("units", "distributions"))
-    solved_values = over_turn(units.iloc[int(study.samples.nominal_first) :], study.limits.over)
+    stop = min(study.samples.rows, 1 + units_looked_at(study))
+    surrogate = _surrogate(job, stop)
+    distributions = pd.DataFrame(job.read("aggregate", "distributions"))
+    units = pd.DataFrame(job.read_items("aggregate", "units", int(study.samples.nominal_first), stop))
+    solved_values = over_turn(units, study.limits.over)
     rows = [
         vars(row)
         for row in scaled_yields(study, pd.DataFrame(surrogate), solved_values, _stated_yields(study, distributions))

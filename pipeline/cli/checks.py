@@ -43,7 +43,12 @@ def fit_design(options: argparse.Namespace) -> None:
 
 def verify_mechanics(options: argparse.Namespace) -> None:
     """Hold the mechanics against exact answers and independent solvers."""
-    failures = verify.verify(options.mesh, settings.ROOT, settings.RUNS / "verify" / "results.csv")
+    folder = settings.RUNS / "verify"
+    if options.study:
+        study = load_study(options.study, settings.ROOT)
+        failures = verify.verify_study(study, folder / f"{study.name}.csv")
+    else:
+        failures = verify.verify(options.mesh, settings.ROOT, folder / "results.csv")
     if failures:
         print(f"{failures} rows failed", file=sys.stderr)
         raise SystemExit(1)

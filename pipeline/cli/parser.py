@@ -220,6 +220,7 @@ def _checks(command: Commands) -> None:
         "verify", "checks.verify_mechanics", "compare the mechanics with exact answers and independent solvers"
     )
     verifying.add_argument("--mesh", choices=("coarse", "paper"), default="paper", help="default: paper")
+    verifying.add_argument("--study", help="in place of the paper's reducer: those checks that apply to this study")
 
     exporting = command("export-ccx", "checks.export_deck", "write a sample of a study as an input deck of CalculiX")
     exporting.add_argument("study", help="study file, or the stem of one in data/studies")

@@ -99,7 +99,7 @@ def _summary_lines(folder: Path) -> list[str]:
     lines += summary(distributions, folder.name)
     if share := yield_estimate(distributions, known_statistics["limits.over"]):
         lines += needed_sentences(share, known_statistics["metrics.confidence"])
-    status = outputs["aggregate"].read("units")["status"]
+    status = outputs["aggregate"].read("units", ["status"])["status"]
     lines.append(f"{len(status)} units, {np.count_nonzero(np.asarray(status) != 'ok')} with a remark in status")
     lines += [
         f"{name}  {output.record['started']}  {output.record['seconds']:.1f} s" for name, output in outputs.items()

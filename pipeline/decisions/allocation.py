@@ -20,9 +20,10 @@ from pipeline.config.changing import toml_of
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation_search import TRUST, Rough, Search, Tell, Trial
 from pipeline.decisions.cheapest import LinearUnits, Priced, cheapest, priced_tolerances, with_scaled_tolerances
-from pipeline.decisions.fresh_units import Solve
+from pipeline.decisions.fresh_units import PRELOADED, Solve
 from pipeline.engine.store import write_tables
 from pipeline.engine.table import Column, Columns, Table, interval_columns
+from pipeline.statistics.differences import share_difference
 from pipeline.statistics.intervals import Estimate
 
 REAIMS = 2
@@ -35,7 +36,10 @@ YIELDS = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998)
 
 @dataclass(frozen=True)
 class Choice:
-    """Scales of the priced tolerances, what they cost, and what fresh units say of them by limit and of all."""
+    """Scales of the priced tolerances, what they cost, and what fresh units say of them by limit and of all.
+
+    The ``check`` holds the yields, and under `PRELOADED` the share of the units that is preloaded at some crank angle.
+    """
 
     scale: Real
     cost: float
@@ -45,6 +49,12 @@ class Choice:
     def yield_estimate(self) -> Estimate:
         """Yield against all limits."""
         return self.check[ALL_LIMITS]
+
+    def has_more_preload(self, other: "Choice", confidence: float) -> bool:
+        """Whether more units are preloaded than with another choice, beyond what the units of the checks leave open."""
+        shares = (choice.check[PRELOADED] for choice in (other, self))
+        before, now = (np.arange(share.n) < round(share.n * share.value) for share in shares)
+        return share_difference(before, now, confidence, are_paired=False)[0] > 0
 
 
 @dataclass(frozen=True)
@@ -203,6 +213,7 @@ CHECK = Table(
         Column("metric", "label", "", "column of metrics; all_limits: all together"),
         Column("yield", "float64", "1", "share of fresh load-solved units within the limit"),
         *interval_columns("1"),
+        Column("preloaded", "float64", "1", "share of all fresh units whose gaps interfere at some crank angle"),
         Column("n", "int32", "1", "units"),
         Column("cost", "float64", "as stated", "of all priced tolerances"),
     ),
@@ -249,10 +260,11 @@ def check_rows(allocation: Allocation) -> Columns:
     """Rows of `CHECK`."""
     choices = {"before": allocation.stated_choice, "equal": allocation.equal, "found": allocation.cheapest}
     rows = [
-        (label, metric, estimate.value, estimate.ci_low, estimate.ci_high, estimate.n, choice.cost)
+        (label, metric, share.value, share.ci_low, share.ci_high, choice.check[PRELOADED].value, share.n, choice.cost)
         for label, choice in choices.items()
         if choice is not None
-        for metric, estimate in choice.check.items()
+        for metric, share in choice.check.items()
+        if metric != PRELOADED
     ]
     return CHECK.columns_of_rows(rows)
 

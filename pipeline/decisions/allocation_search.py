@@ -14,7 +14,7 @@ from joblib import delayed
 from pipeline.arrays import Real
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.cheapest import LinearUnits, Priced, cheapest, with_scaled_tolerances
-from pipeline.decisions.fresh_units import BATCH, Angles, Solve, fresh_study, fresh_yields
+from pipeline.decisions.fresh_units import BATCH, PRELOADED, Angles, Solve, fresh_study, fresh_values, yields
 from pipeline.engine.parallel import worker_results
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import Tail, predicted_turn
@@ -131,12 +131,13 @@ class Search:
         return [(k, min(k + BATCH, stop)) for k in range(start, stop, BATCH)]
 
     def check(self, scale: Real) -> dict[str, Estimate]:
-        """Yields of a fresh set of units at scales (n_priced,)."""
+        """Yields of a fresh set of units at scales (n_priced,), and the share of them that is preloaded."""
         at_scale = with_scaled_tolerances(self.study, self.names, scale)
         start = self.study.samples.count + next(self.sets) * self.units
-        yields = fresh_yields(at_scale, start, self.units, self.solve, self.jobs)
-        self.tell(f"check: {yield_text(yields[ALL_LIMITS], self.units)} at cost {self.cost(scale):.3g}")
-        return yields
+        values = fresh_values(at_scale, start, self.units, self.solve, self.jobs)
+        shares = yields(self.study, values)
+        self.tell(f"check: {yield_text(shares[ALL_LIMITS], self.units)} at cost {self.cost(scale):.3g}")
+        return shares | {PRELOADED: pass_share(values[PRELOADED] != 0, self.study.metrics.confidence)}
 
     def trial(self, scale: Real) -> Trial:
         """A fresh set of units, load-solved at scales (n_groups,), and the linear model about them."""

@@ -15,6 +15,8 @@ Angles = Mapping[str, Real]
 Solve = Callable[[Errors], tuple[Angles, Angles]]
 """Errors of ``n`` units to each metric at the loaded angles (n, n_angles), and over the turn as limits mean it (n,)."""
 
+PRELOADED = "preloaded"
+"""Name, beside the metrics over the turn, of whether a unit has no play at some crank angle."""
 BATCH = 500
 """Units that are solved together."""
 

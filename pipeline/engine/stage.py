@@ -3,7 +3,7 @@
 A body takes columns and returns columns. It opens no file of another stage, names no path and starts no process.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -69,9 +69,9 @@ class Job:
     inputs: Mapping[str, Output]
     cache: Cache
 
-    def read(self, stage: str, table: str) -> Columns:
-        """All rows of an upstream table; raises InputError if its file is damaged, naming file and stage."""
-        return self._input(stage).read(table)
+    def read(self, stage: str, table: str, names: Sequence[str] | None = None) -> Columns:
+        """All rows of an upstream table, of all columns or those named; raises InputError if its file is damaged."""
+        return self._input(stage).read(table, names)
 
     def read_items(self, stage: str, table: str, start: int, stop: int) -> Columns:
         """Rows of an upstream table with `start <= sample < stop`; raises as `read`."""

@@ -14,7 +14,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -153,15 +153,16 @@ class Output:
             self._verified_files.add(name)
         return True
 
-    def read(self, table: str) -> Columns:
-        """All rows of a table.
+    def read(self, table: str, names: Sequence[str] | None = None) -> Columns:
+        """All rows of a table: of all columns, or of those of the given names.
 
         Raises
         ------
         InputError
             If a file is damaged; it is set aside, so that the next run makes it again.
         """
-        return columns_of(pa.concat_tables(self._decode(file, None) for file in self._table(table)["files"]))
+        files = self._table(table)["files"]
+        return columns_of(pa.concat_tables(self._decode(file, None, names) for file in files))
 
     def read_items(self, table: str, start: int, stop: int) -> Columns:
         """Rows of a table with `start <= sample < stop`, without reading the others; raises as `read`."""
@@ -196,8 +197,10 @@ class Output:
             raise TypeError(f"stage {self.folder.name} has no table {name}; it has {list(tables)}")
         return tables[name]
 
-    def _decode(self, file: Mapping[str, Any], items: tuple[int, int] | None) -> pa.Table:
-        return read_parquet(self._sound(file["name"]), items)
+    def _decode(
+        self, file: Mapping[str, Any], items: tuple[int, int] | None, names: Sequence[str] | None = None
+    ) -> pa.Table:
+        return read_parquet(self._sound(file["name"]), items, names)
 
     def _sound(self, name: str) -> Path:
         """Path of a file of which every byte is as it was written; raises InputError, and sets it aside, if not."""
@@ -224,14 +227,16 @@ class Output:
         path.replace(target)
 
 
-def read_parquet(path: Path, items: tuple[int, int] | None = None) -> pa.Table:
-    """Rows of one file; only those of the given items (start, stop), if given.
+def read_parquet(
+    path: Path, items: tuple[int, int] | None = None, names: Sequence[str] | None = None
+) -> pa.Table:
+    """Rows of one file; only those of the given items (start, stop), or columns of the given names, if given.
 
     Decodes the row groups that hold the items and cuts the range out, which the order of the rows allows.
     """
     with pq.ParquetFile(path) as file:
         if items is None:
-            return file.read()
+            return file.read(names)
         column = file.schema_arrow.get_field_index(ITEM)
         bounds = [file.metadata.row_group(g).column(column).statistics for g in range(file.num_row_groups)]
         table = file.read_row_groups([g for g, b in enumerate(bounds) if b and b.min < items[1] and b.max >= items[0]])

@@ -16,7 +16,7 @@ from pipeline.decisions.allocation import Allocation
 from pipeline.decisions.allocation import allocate as cheapest_tolerances
 from pipeline.decisions.box import Box
 from pipeline.decisions.cheapest import priced_tolerances
-from pipeline.decisions.fresh_units import Angles
+from pipeline.decisions.fresh_units import PRELOADED, Angles
 from pipeline.decisions.run_comparison import (
     ComparedRun,
     check_comparable,
@@ -142,13 +142,17 @@ def allocate(
 
 
 def loaded_units(loop_inputs: hysteresis.Shared, sampled_errors: Errors) -> tuple[Angles, Angles]:
-    """Every metric of ``n`` units at the loaded angles (n, n_angles), and over the turn as the limits mean it (n,)."""
+    """Every metric of ``n`` units at the loaded angles (n, n_angles), and over the turn as the limits mean it (n,).
+
+    Over the turn with `PRELOADED`: whether the gaps of some part interfere at some crank angle.
+    """
     study = loop_inputs.study
     loops = hysteresis.solved_loops(replace(loop_inputs, curve=loop_inputs.brief), sampled_errors)
     metrics, ends = loop_metrics(study, loops.columns), rigid_ends(study, sampled_errors)
     turn_values = over_turn_columns(metric_turns(study, metrics, ends[:, 0] - ends[:, 1]))
     angles = {name: metrics[name].reshape(len(sampled_errors), -1) for name in library()}
-    return angles, {name: turn_values[f"{name}_{study.limits.over}"] for name in library()}
+    of_turn = {name: turn_values[f"{name}_{study.limits.over}"] for name in library()}
+    return angles, of_turn | {PRELOADED: np.isnan(ends).any(axis=(1, 2))}
 
 
 def bounds(study: Study | str | Path, jobs: int | Workers | None = None) -> Answer[bounds_results.BoundFindings]:

@@ -14,6 +14,7 @@ from pipeline.config.designs.design import Design
 from pipeline.config.studies.study import Study
 from pipeline.figures.labels import METRICS, centred_loops, spread_frame
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
+from pipeline.model.metrics.turn import turn_library
 from pipeline.model.units import UM_PER_MM
 from pipeline.report.layout import count_text, listed_text, plain_number
 
@@ -39,7 +40,8 @@ class Frames:
     ----------
     study : the settings.
     metrics : of ``aggregate``: at least the rows of the first 40 samples, those that are not "ok", and one with a loss.
-    units, distributions, convergence, sample_convergence, sensitivity : of ``aggregate``, whole.
+    units : of ``aggregate``: at least `unit_columns`.
+    distributions, convergence, sample_convergence, sensitivity : of ``aggregate``, whole.
     tails : of ``tails``, whole; no rows unless the study asks for them.
     n_loops : loops of the run.
     contacts : of ``clearance``: the nominal contacts at every crank angle.
@@ -97,8 +99,8 @@ class Frames:
         """(n,) metrics over the turn as limits mean it, by sample; without the nominal sample and failed ones."""
         nominal = [0] if self.study.samples.nominal_first else []
         columns = {f"{name}_{self.turn_statistic}": name for name in METRICS}
-        solved_units = self.units[self.units[list(columns)].notna().any(axis=1)].set_index("sample")
-        return solved_units.drop(index=nominal, errors="ignore")[list(columns)].rename(columns=columns)
+        metrics = self.units[["sample", *columns]].set_index("sample").rename(columns=columns)
+        return metrics[metrics.notna().any(axis=1)].drop(index=nominal, errors="ignore")
 
     def turn_of(self, sample: int) -> dict[str, float]:
         """Each metric of one sample over the turn, as the limits mean it; NaN where a crank angle has no result."""
@@ -170,6 +172,12 @@ class Frames:
         values = table[column].to_numpy().reshape(n, len(self.study.cycle.curve_crank_deg), -1)
         rows: Real = values[self.band - first_sample, 0]
         return rows
+
+
+def unit_columns(turn_value: str) -> list[str]:
+    """Columns of the table of units that a page names if limits hold for this value (`worst`, ...) over the turn."""
+    of_loops = [f"{name}_{turn_value}" for name in METRICS]
+    return ["sample", *of_loops, *turn_library(), "n_angles", "n_searched", "n_rigid_angles"]
 
 
 def unsolved_rows(metrics: pd.DataFrame) -> pd.DataFrame:

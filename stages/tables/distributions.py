@@ -119,8 +119,9 @@ def over_turn(units: pd.DataFrame, turn_value: str) -> pd.DataFrame:
     Those of the whole turn stand beside them. A metric that does not hold at some crank angle is missing.
     """
     metric_columns = {f"{name}_{turn_value}": name for name in library()}
-    solved_units = units[units[list(metric_columns)].notna().any(axis=1)].set_index("sample")
-    return solved_units[[*metric_columns, *turn_library(), "preloaded"]].rename(columns=metric_columns)
+    needed_units = units[["sample", *metric_columns, *turn_library(), "preloaded"]]  # of a million units few columns
+    is_solved = needed_units[list(metric_columns)].notna().any(axis=1)
+    return needed_units[is_solved].set_index("sample").rename(columns=metric_columns)
 
 
 def distribution_rows(

@@ -244,7 +244,7 @@ def found_columns(study: Study, turns: Mapping[str, Turn], search: Mapping[str, 
 def shortfalls(units: pd.DataFrame, audit: Columns) -> pd.DataFrame:
     """What each metric's worst of the audited units lies beyond that in the table of units, by sample."""
     audit_rows = pd.DataFrame(dict(audit)).set_index("sample")
-    found_rows = units.set_index("sample").loc[audit_rows.index]
+    found_rows = units[units["sample"].isin(audit_rows.index)].set_index("sample").loc[audit_rows.index]
     beyond = {}
     for name, metric in library().items():
         difference = audit_rows[f"{name}_worst"] - found_rows[f"{name}_worst"]

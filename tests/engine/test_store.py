@@ -50,6 +50,12 @@ def test_a_range_of_items_is_cut_out_of_any_parts(output_written, bounds: tuple[
     assert result["sample"].dtype == np.int32
 
 
+def test_columns_by_name_are_read_without_the_others(output_written) -> None:
+    columns = output_written.read("rows", ["x_mm"])
+    assert list(columns) == ["x_mm"]
+    np.testing.assert_array_equal(columns["x_mm"], np.arange(SAMPLES.size))
+
+
 def test_unsorted_rows_are_not_read_by_item(tmp_path: Path) -> None:
     work = Work(tmp_path, "stage", None)
     work.write_whole({"rows": ROWS.part({"sample": [1, 0], "x_mm": [0, 1]})})

@@ -10,6 +10,7 @@ import pytest
 
 from pipeline.config import Study, load_design, load_study, parse_study
 from pipeline.config.studies.study import ALL_LIMITS
+from pipeline.decisions.fresh_units import PRELOADED
 from pipeline.engine.cache import Cache
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.stage import Job
@@ -19,6 +20,7 @@ from pipeline.sampling.errors import draw
 from pipeline.statistics.intervals import Estimate
 from stages import hysteresis
 from stages.chain import STAGES
+from stages.clearance import rigid_plays
 from stages.scales import units_looked_at
 
 ROOT = Path(__file__).parents[2]
@@ -57,7 +59,10 @@ def test_estimates_are_near_load_solved_units_at_twice_the_limits(finished):
     stated = pd.DataFrame(outputs["aggregate"].read("units")).set_index("sample")
     wide = study.tolerances.pin_tangential.scaled_by(2.0)
     solved = study.model_copy(update={"tolerances": study.tolerances.model_copy(update={"pin_tangential": wide})})
-    _, values = loaded_units(replace(shared, study=solved), draw(solved, 1, COUNT + 1))
+    errors = draw(solved, 1, COUNT + 1)
+    _, values = loaded_units(replace(shared, study=solved), errors)
+    interfering = [play.preloaded for _, _, play in rigid_plays(solved, errors)]
+    np.testing.assert_array_equal(values[PRELOADED], np.any(interfering, axis=0))
     moved, here = (
         surrogate.loc[key].set_index("sample").loc[1:] for key in (("pin_tangential", 2.0), (AS_STATED, 1.0))
     )

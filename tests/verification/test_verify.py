@@ -123,7 +123,6 @@ def test_a_failed_row_is_the_commands_failure(monkeypatch, tmp_path, capsys):
         yield skipped_check("needs a program; how to install it")
 
     monkeypatch.setattr(suite, "CHECKS", {"wrong": wrong})
-    monkeypatch.setattr(suite.run_checks, "__defaults__", ({"wrong": wrong},))
     monkeypatch.setattr(settings, "RUNS", tmp_path)
     with pytest.raises(SystemExit) as exit_status:
         cli.main(["verify", "--mesh", "coarse"])
@@ -142,12 +141,40 @@ def test_a_run_with_a_skipped_check_leaves_the_committed_page(monkeypatch, tmp_p
         yield skipped_check("needs a program; how to install it")
 
     monkeypatch.setattr(suite, "CHECKS", {"program": without_program})
-    monkeypatch.setattr(suite.run_checks, "__defaults__", ({"program": without_program},))
     monkeypatch.setattr(suite, "Specimen", lambda study: crude)
     monkeypatch.setattr(suite, "load_study", lambda *names: None)
     assert suite.verify("paper", tmp_path, tmp_path / "results.csv") == 0
     assert not (tmp_path / suite.PAGE).exists()
     assert "is left as it is: skipped were program" in capsys.readouterr().out
+
+
+def test_the_laws_and_bearings_of_a_study_decide_which_checks_apply(crude):
+    assert [name for name in CHECKS if suite.why_not(name, crude.study) and name not in suite.OF_OWN_DESIGNS] == []
+    assert "the law linear" in suite.why_not("contact laws", load_study("li_guan", ROOT))
+    design = crude.study.design.with_section("bearing", clearance_um=1.0)
+    loose = crude.study.model_copy(update={"design": design})
+    assert "without clearance" in suite.why_not("equilibrium", loose)
+    assert suite.why_not("linear springs", loose) == ""
+    one_disk_rv = load_study("rv", ROOT)
+    assert "two opposed disks; this design has 1" in suite.why_not("RV reducer", one_disk_rv)
+    assert "this one has holes" in suite.why_not("turn", one_disk_rv)
+
+
+def test_of_an_rv_reducer_every_check_holds_or_says_why_it_does_not_apply(monkeypatch, tmp_path, capsys):
+    """Ratio, crank bearings and first stage in closed form; what knows one disk or a plate alone gives its reason."""
+    checks = {name: check for name, check in suite.CHECKS.items() if name not in ("profile", "contact laws")}
+    monkeypatch.setattr(suite, "CHECKS", checks)
+    monkeypatch.setattr(settings, "RUNS", tmp_path)
+    assert cli.main(["verify", "--study", "rv_80e"]) == 0
+    with (tmp_path / "verify" / "rv_80e.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert {row["check"] for row in table} == set(checks)
+    judged = {row["check"] for row in table if row["limit"]}
+    assert judged == {"modified flank", "RV reducer"}
+    assert all("does not apply: " in row["quantity"] for row in table if not row["ok"])
+    ratio = next(row for row in table if row["quantity"].startswith("total ratio"))
+    assert float(ratio["reference"]) == 1 + 38 / 10 * 40  # Yang and others: 153
+    assert "it solves one disk and a sliding plate; this design has 2 and the output carrier" in capsys.readouterr().out
 
 
 def test_export_names_a_sample_that_the_study_lacks(capsys):

@@ -8,6 +8,7 @@ import pandas as pd
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.allocation import Allocation, Choice, allocation_rows, check_rows
 from pipeline.decisions.bounds import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS, BoundFindings, table_rows
+from pipeline.decisions.fresh_units import PRELOADED
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import bounds_figure, tradeoff_figure
 from pipeline.figures.labels import METRICS, PARAMETERS
@@ -150,12 +151,28 @@ def sentence(allocation: Allocation) -> str:
         f"The cheapest tolerances found for a yield of {_share(allocation.target)} cost {cheapest.cost:.3g} and give "
         f"{_yield(cheapest)}; those of the study cost {stated_choice.cost:.3g} and give {_yield(stated_choice)}."
     )
+    if preload_sentence(allocation):
+        text += " More of their units are preloaded than of the study's: see the check."
     if allocation.equal is None:
         return f"{text} Scaling all priced tolerances alike does not reach the target."
     saving = 1 - cheapest.cost / allocation.equal.cost
     return (
         f"{text} Scaling all of them alike costs {allocation.equal.cost:.3g} and gives {_yield(allocation.equal)}: the "
         f"allocation is {100 * saving:.1f} % {'cheaper' if saving >= 0 else 'dearer'}."
+    )
+
+
+def preload_sentence(allocation: Allocation) -> str:
+    """That more units are preloaded than with the tolerances of the study; empty where they are not."""
+    cheapest, stated_choice = allocation.cheapest, allocation.stated_choice
+    if not cheapest.has_more_preload(stated_choice, allocation.study.metrics.confidence):
+        return ""
+    shares = [_share(choice.check[PRELOADED].value) for choice in (cheapest, stated_choice)]
+    return (
+        f"Of the units with the cheapest tolerances found {shares[0]} are preloaded, of those with the tolerances of "
+        f"the study {shares[1]}: at some crank angle parts interfere without load. A preloaded unit has no free play "
+        "and may keep every limit, because none counts preload itself. Before these tolerances are used, narrow those "
+        "that were loosened most, or enlarge an allowance."
     )
 
 
@@ -192,11 +209,13 @@ def write_allocation_page(allocation: Allocation, file: str, folder: Path) -> No
                 "title": "All limits" if row["metric"] == ALL_LIMITS else METRICS[row["metric"]].title,
                 "yield": _share(row["yield"]),
                 "ends": f"{_share(row['ci_low'])} to {_share(row['ci_high'])}",
+                "preloaded": _share(row["preloaded"]),
                 "n": f"{row['n']:,}",
                 "cost": rounded_number(row["cost"]),
             }
             for row in checks
         ],
+        preload=preload_sentence(allocation),
         units=allocation.units,
         tradeoff=[(_share(share), rounded_number(cost)) for share, cost in allocation.tradeoff],
         examples=[PARAMETERS[tolerance.name] for tolerance in allocation.priced_dimensions if tolerance.cost.example],

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,11 @@ import pytest
 
 from pipeline import cli, settings
 from pipeline.config import load_study
+from pipeline.config.studies.study import ALL_LIMITS
+from pipeline.decisions.allocation import Choice
+from pipeline.decisions.fresh_units import PRELOADED
+from pipeline.report.decisions.bounds import preload_sentence
+from pipeline.statistics.intervals import Estimate, pass_share
 
 ROOT = Path(__file__).parent.parent.parent.parent
 QUICK = (ROOT / "data/studies/quick.toml").read_text().replace("crank_deg = [0.0, 90.0]", "crank_deg = [0.0]")
@@ -79,7 +85,33 @@ def test_an_allocation_is_cheaper_than_scaling_alike_and_runs(
     assert allocated_study.tolerances.eccentricity.upper_um == pytest.approx(table["upper_um"]["eccentricity"])
     assert allocated_study.tolerances.pin_radial == load_study(study, ROOT).tolerances.pin_radial
     assert allocated_study.design == load_study(study, ROOT).design
-    assert "no cost is stated" in (folder / "report.html").read_text()
+    page = (folder / "report.html").read_text()
+    assert "no cost is stated" in page
+    shares = check["preloaded"].groupby("tolerances").unique()
+    assert all(len(of_choice) == 1 for of_choice in shares)
+    told_cells = "".join(page.split())
+    assert [cell for (value,) in shares if (cell := f'<tdclass="n">{100 * value:.1f}%</td>') not in told_cells] == []
+
+
+def share(value: float, units: int = 4000) -> Estimate:
+    return pass_share(np.arange(units) < round(value * units), 0.95)
+
+
+@pytest.mark.parametrize(
+    ("before", "found", "units", "is_more"),
+    [(0.1, 0.4, 4000, True), (0.1, 0.102, 4000, False), (0.4, 0.1, 4000, False), (0.0, 0.0, 4000, False)]
+    + [(0.0, 0.02, 50, False), (0.0, 0.02, 4000, True)],
+)
+def test_more_preloaded_units_than_before_are_said(before: float, found: float, units: int, is_more: bool) -> None:
+    """Beyond what as many units leave open, and only then."""
+    choices = [
+        Choice(np.ones(1), 1.0, {ALL_LIMITS: share(0.9), PRELOADED: share(value, units)}) for value in (before, found)
+    ]
+    allocation = SimpleNamespace(study=load_study("quick", ROOT), stated_choice=choices[0], cheapest=choices[1])
+    text = preload_sentence(allocation)
+    assert bool(text) == is_more
+    shares = f"{100 * found:.1f} % are preloaded, of those with the tolerances of the study {100 * before:.1f} %"
+    assert (shares in text) == is_more
 
 
 @pytest.mark.parametrize(

@@ -27,12 +27,16 @@ def frames_of(job: Job) -> dict[str, pd.DataFrame]:
     }
 
 
-@pytest.mark.parametrize(("constant", "at_once"), [("SAMPLES_AT_ONCE", 1), ("SAMPLES_AT_ONCE", 4), ("ROWS_AT_ONCE", 9)])
+@pytest.mark.parametrize(
+    ("constant", "at_once"),
+    [("SAMPLES_AT_ONCE", 1), ("SAMPLES_AT_ONCE", 4), ("ROWS_AT_ONCE", 9), ("UNITS_AT_ONCE", 4)],
+)
 def test_blocks_of_samples_give_the_tables_of_all_samples(job, monkeypatch, constant: str, at_once: int) -> None:
     whole = frames_of(job)
     assert len(whole["units"]) == 9
     monkeypatch.setattr(aggregate, constant, at_once)
-    assert len(list(aggregate._blocks(job))) > 1
+    blocks = aggregate._blocks(job) if constant != "UNITS_AT_ONCE" else aggregate.AGGREGATE.run(job)["units"]
+    assert len(list(blocks)) > 1
     for name, frame in frames_of(job).items():
         pd.testing.assert_frame_equal(
             frame.reset_index(drop=True), whole[name].reset_index(drop=True), check_exact=True
