@@ -226,8 +226,11 @@ def play_of_a_fit(errors):
 def test_the_assignment_is_the_best_of_all_and_its_yield_is_verified():
     first, second = lots_for_assembly(6)
     assembly = best_assembly(STUDY, first, second, play_of_a_fit, 1)
-    best = max(sum(assembly.passes[k, j] for k, j in enumerate(order)) for order in permutations(range(6)))
+    orders = [(np.arange(6), np.array(order)) for order in permutations(range(6))]
+    best = max(assembly.passes[order].sum() for order in orders)
     assert assembly.passes[tuple(assembly.pairs.T)].sum() == best
+    margins = [np.clip(assembly.margin, -1, 1)[order].sum() for order in orders if assembly.passes[order].sum() == best]
+    assert np.clip(assembly.margin, -1, 1)[tuple(assembly.pairs.T)].sum() == pytest.approx(max(margins))
     assert len({*assembly.pairs[:, 1].tolist()}) == 6
     expected = np.abs(first.values["disk_profile"] - 10 + second.values["eccentricity"].T) <= 1.0
     assert np.array_equal(assembly.passes, expected)

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.decisions import allocation as allocation
 from pipeline.decisions.allocation_search import Search, Trial, yield_text
-from pipeline.decisions.cheapest import LinearUnits
+from pipeline.decisions.cheapest import LinearUnits, _log_loss, _soft_yield
 from pipeline.statistics.intervals import pass_share
 
 N = 4000
@@ -68,6 +68,16 @@ def test_the_search_ends_at_the_cheapest_point_and_never_below_one_that_it_has_s
     x = np.abs(np.random.default_rng(0).standard_normal((400_000, 2)))
     exact = (8.0 / np.quantile(x.sum(axis=1), TARGET)) ** 0.25  # by symmetry both scales are alike
     assert best.cost == pytest.approx(2 / exact, rel=0.03)
+
+
+@pytest.mark.parametrize("value", [lambda units, logs: _soft_yield(units, 0.9, logs), _log_loss])
+def test_slopes_of_the_soft_yield_and_the_loss_are_their_derivatives(value):
+    rng, step = np.random.default_rng(5), 1e-6
+    units = LinearUnits(np.ones(3), rng.normal(size=(40, 2)), rng.normal(size=(40, 2, 3)))
+    logs = rng.normal(scale=0.1, size=3)
+    slope = value(units, logs)[1]
+    ends = [[value(units, logs + sign * step * axis)[0] for sign in (1, -1)] for axis in np.eye(3)]
+    np.testing.assert_allclose(slope, [(high - low) / (2 * step) for high, low in ends], rtol=1e-5)
 
 
 def test_no_two_rounds_or_checks_share_a_unit(search):
