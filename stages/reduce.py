@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pipeline.model.elastic.condensed_body import ElasticBody
 
 MESH_FILE, PARAVIEW_FILE = "mesh.npz", "mesh.vtu"
+"""Beside them the cache has the picture, mesh.png and mesh.svg."""
 SECTIONS = ("design.cycloid", "design.materials", "design.disk", "design.flank", "design.output", "reduce")
 
 CONTACTS = Table(
@@ -41,9 +42,10 @@ CONTACTS = Table(
 
 
 def _write_mesh(study: Study, disk: "ElasticBody", reducer: Reducer, folder: Path) -> None:
-    """Mesh, patches and the displacement by 1 N on the pin of the longest arm, for the picture and for ParaView."""
+    """Mesh, patches and the displacement by 1 N on the pin of the longest arm, their picture, a file for ParaView."""
     from pipeline import elastic
-    from pipeline.figures.mesh import write_vtk
+    from pipeline.figures.mesh import mesh_figure, write_vtk  # seconds of imports, which no other command waits for
+    from pipeline.figures.style import save
 
     patches = elastic.disk_patches(study, disk, reducer)
     pin = int(np.argmax(np.abs(reducer.disks[0].pins.arm)))
@@ -51,14 +53,15 @@ def _write_mesh(study: Study, disk: "ElasticBody", reducer: Reducer, folder: Pat
     fields = {f"displacement_um_per_N_on_pin_{pin}": displacement}
     with suppress(InputError):  # without meshio there is no file for ParaView
         write_vtk(folder / PARAVIEW_FILE, disk.nodes, disk.triangles, fields)
-    np.savez(
-        folder / MESH_FILE,
-        nodes=disk.nodes,
-        triangles=disk.triangles,
-        patch_points=patches.points,
-        hole_points=patches.points[reducer.contacts.hole[assembly.disk_contacts(reducer)] >= 0],
-        displacement=displacement,
-    )
+    mesh = {
+        "nodes": disk.nodes,
+        "triangles": disk.triangles,
+        "patch_points": patches.points,
+        "hole_points": patches.points[reducer.contacts.hole[assembly.disk_contacts(reducer)] >= 0],
+        "displacement": displacement,
+    }
+    np.savez(folder / MESH_FILE, **mesh)
+    save(mesh_figure(**mesh), (folder / MESH_FILE).with_suffix(""))
 
 
 class DiskMatrices:
@@ -125,23 +128,10 @@ def _run(job: Job) -> Tables:
         f"{disks.settings} mesh at {first_reducer.crank:.9g}",
         lambda folder: _write_mesh(study, disks.body(), first_reducer, folder),
     )
-    for file in (drawn_disk / MESH_FILE, drawn_disk / PARAVIEW_FILE):
-        if file.exists():
-            job.path(file.name).write_bytes(file.read_bytes())
+    for file in drawn_disk.glob("mesh.*"):
+        job.path(file.name).write_bytes(file.read_bytes())
     np.savez(job.path(COMPLIANCE_FILE), **matrices)
-    _draw_mesh(drawn_disk / MESH_FILE, job.path("mesh"))
     return {"contacts": _contact_rows(study, reducers, matrices)}
-
-
-def _draw_mesh(file: Path, stem: Path) -> None:
-    from pipeline.figures.mesh import mesh_figure  # seconds of imports, which no other command waits for
-    from pipeline.figures.style import save
-
-    with np.load(file) as mesh:
-        figure = mesh_figure(
-            mesh["nodes"], mesh["triangles"], mesh["patch_points"], mesh["displacement"], mesh["hole_points"]
-        )
-    save(figure, stem)
 
 
 def _rigid(job: Job, study: Study) -> Tables:
