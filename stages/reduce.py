@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from pipeline.model.elastic.condensed_body import ElasticBody
 
 MESH_FILE, PARAVIEW_FILE = "mesh.npz", "mesh.vtu"
-"""Beside them the cache has the picture, mesh.png and mesh.svg."""
 SECTIONS = ("design.cycloid", "design.materials", "design.disk", "design.flank", "design.output", "reduce")
 
 CONTACTS = Table(
@@ -42,10 +41,9 @@ CONTACTS = Table(
 
 
 def _write_mesh(study: Study, disk: "ElasticBody", reducer: Reducer, folder: Path) -> None:
-    """Mesh, patches and the displacement by 1 N on the pin of the longest arm, their picture, a file for ParaView."""
+    """Mesh, patches and the displacement by 1 N on the pin of the longest arm, for the picture and for ParaView."""
     from pipeline import elastic
-    from pipeline.figures.mesh import mesh_figure, write_vtk  # seconds of imports, which no other command waits for
-    from pipeline.figures.style import save
+    from pipeline.figures.mesh import write_vtk
 
     patches = elastic.disk_patches(study, disk, reducer)
     pin = int(np.argmax(np.abs(reducer.disks[0].pins.arm)))
@@ -53,15 +51,14 @@ def _write_mesh(study: Study, disk: "ElasticBody", reducer: Reducer, folder: Pat
     fields = {f"displacement_um_per_N_on_pin_{pin}": displacement}
     with suppress(InputError):  # without meshio there is no file for ParaView
         write_vtk(folder / PARAVIEW_FILE, disk.nodes, disk.triangles, fields)
-    mesh = {
-        "nodes": disk.nodes,
-        "triangles": disk.triangles,
-        "patch_points": patches.points,
-        "hole_points": patches.points[reducer.contacts.hole[assembly.disk_contacts(reducer)] >= 0],
-        "displacement": displacement,
-    }
-    np.savez(folder / MESH_FILE, **mesh)
-    save(mesh_figure(**mesh), (folder / MESH_FILE).with_suffix(""))
+    np.savez(
+        folder / MESH_FILE,
+        nodes=disk.nodes,
+        triangles=disk.triangles,
+        patch_points=patches.points,
+        hole_points=patches.points[reducer.contacts.hole[assembly.disk_contacts(reducer)] >= 0],
+        displacement=displacement,
+    )
 
 
 class DiskMatrices:
