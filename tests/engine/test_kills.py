@@ -17,18 +17,14 @@ import joblib
 import psutil
 import pytest
 from forked import forked
+from toy_runs import hashes
 from toy_study import STAGES, Toy, entry
 
 from pipeline.engine.parallel import ChunkError, worker_results
 from pipeline.engine.runner import Resources, run
-from pipeline.engine.store import Output
 
 SCRIPT = Path(__file__).with_name("toy_study.py")
 CHUNKS = 20
-
-
-def hashes(outputs: dict[str, Output]) -> dict[str, dict[str, str]]:
-    return {name: output.hashes for name, output in outputs.items()}
 
 
 def started(runs: Path, log: Path, chunk: int = 2, **trouble: object) -> BaseProcess:
