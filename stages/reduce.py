@@ -125,23 +125,10 @@ def _run(job: Job) -> Tables:
         f"{disks.settings} mesh at {first_reducer.crank:.9g}",
         lambda folder: _write_mesh(study, disks.body(), first_reducer, folder),
     )
-    for file in (drawn_disk / MESH_FILE, drawn_disk / PARAVIEW_FILE):
-        if file.exists():
-            job.path(file.name).write_bytes(file.read_bytes())
+    for file in drawn_disk.glob("mesh.*"):
+        job.path(file.name).write_bytes(file.read_bytes())
     np.savez(job.path(COMPLIANCE_FILE), **matrices)
-    _draw_mesh(drawn_disk / MESH_FILE, job.path("mesh"))
     return {"contacts": _contact_rows(study, reducers, matrices)}
-
-
-def _draw_mesh(file: Path, stem: Path) -> None:
-    from pipeline.figures.mesh import mesh_figure  # seconds of imports, which no other command waits for
-    from pipeline.figures.style import save
-
-    with np.load(file) as mesh:
-        figure = mesh_figure(
-            mesh["nodes"], mesh["triangles"], mesh["patch_points"], mesh["displacement"], mesh["hole_points"]
-        )
-    save(figure, stem)
 
 
 def _rigid(job: Job, study: Study) -> Tables:

@@ -11,6 +11,7 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.parallel import end_idle_workers
 from pipeline.engine.stage import Job, Stage, Tables
+from pipeline.engine.store import sha256_of
 from pipeline.engine.table import Table
 from pipeline.figures.labels import METRICS
 from pipeline.report.explorer import kept_samples
@@ -106,12 +107,21 @@ def _save(drawing: Drawing, stem: Path) -> None:
     save(drawing.figure(), stem)
 
 
+def _draw_mesh(job: Job, folder: Path) -> None:
+    from pipeline.figures.mesh import mesh_figure
+    from pipeline.figures.style import save
+
+    with np.load(job.input_path("reduce", MESH_FILE)) as mesh:
+        save(mesh_figure(**mesh), folder / "mesh")
+
+
 def _mesh_picture(job: Job) -> dict[str, LinkedPicture]:
-    """That of the meshed disk, copied into the stage's folder; none of a rigid one."""
+    """That of the meshed disk, drawn once for equal meshes; none of a rigid one."""
     if job.study.reduce.disk == "rigid":
         return {}
-    for suffix in ("png", "svg"):
-        job.path(f"figures/mesh.{suffix}").write_bytes(job.input_path("reduce", f"mesh.{suffix}").read_bytes())
+    key = f"picture of mesh {sha256_of(job.input_path('reduce', MESH_FILE))}"
+    for file in job.memo(key, partial(_draw_mesh, job)).glob("mesh.*"):
+        job.path(f"figures/{file.name}").write_bytes(file.read_bytes())
     output = job.study.design.output
     in_holes = f"; and a hole, with the patch on which it presses on its {output.words.contact}"
     mesh = LinkedPicture(

@@ -90,9 +90,14 @@ def code_of(sources: Mapping[str, str], packages: Mapping[str, str]) -> str:
 
 def fingerprint(stage: Stage, study: Any, inputs: Mapping[str, str]) -> Fingerprint:
     """Fingerprint of a stage for a study, given the content hashes of its inputs."""
+    sources, packages = source_hashes(stage.module), package_versions()
+    return Fingerprint(stage.name, used_settings(stage, study), sources, packages, dict(inputs))
+
+
+def used_settings(stage: Stage, study: Any) -> dict[str, Any]:
+    """Values of a study's sections that a stage uses, by dotted name."""
     sections = {name: reduce(getattr, name.split("."), study) for name in stage.sections}
-    settings = dict(_leaves(to_jsonable_python(sections)))
-    return Fingerprint(stage.name, settings, source_hashes(stage.module), package_versions(), dict(inputs))
+    return dict(_leaves(to_jsonable_python(sections)))
 
 
 @cache

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine.cache import Cache
-from pipeline.engine.fingerprint import fingerprint
+from pipeline.engine.fingerprint import used_settings
 from pipeline.engine.record import LAYOUT, seal, table_record, valid_note, with_seal
 from pipeline.engine.stage import Job, Sections, Stage
 from pipeline.engine.store import RECORD, Output, read_json, remove, sha256_of, write_atomic, write_json
@@ -174,7 +174,7 @@ def expected_seconds(stage: Stage, study: Any, runs: Path) -> float | None:
     folders = [runs / study.name, *(path for path in runs.glob("[!.]*") if path.name != study.name)]
     records = [output.record for folder in folders if (output := Output.open(folder / stage.name))]
     records[1:] = sorted(records[1:], key=lambda record: record["started"], reverse=True)
-    settings = fingerprint(stage, study, {}).settings
+    settings = used_settings(stage, study)
     job = Job(Sections(study, (*stage.sections, "name")), 1, runs, {}, Cache(runs / ".cache", ""))
     units = _units(stage, settings, stage.items(job) if stage.items else 1)
     for record in records:

@@ -16,16 +16,15 @@ import numpy as np
 import pandas as pd
 import pytest
 from forked import forked
+from toy_runs import ONE, hashes
 from toy_study import ADD, DRAW, STAGES, Toy
 
 from pipeline.engine import record, runner, work
 from pipeline.engine.cache import ENTRY, Cache, lock_run
 from pipeline.engine.parallel import ChunkError
-from pipeline.engine.runner import Resources, run, why
+from pipeline.engine.runner import run, why
 from pipeline.engine.store import Output, remove
 from pipeline.errors import InputError
-
-RESOURCES = Resources(jobs=1, chunk=10)
 
 
 def flip(path: Path, position: int | None = None, bit: int = 0) -> None:
@@ -35,14 +34,10 @@ def flip(path: Path, position: int | None = None, bit: int = 0) -> None:
     path.write_bytes(data)
 
 
-def hashes(outputs: dict[str, Output]) -> dict[str, dict[str, str]]:
-    return {name: output.hashes for name, output in outputs.items()}
-
-
 @pytest.fixture
 def outputs(tmp_path: Path) -> dict[str, dict[str, str]]:
     """A finished toy study in tmp_path, and its hashes."""
-    return hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES))
+    return hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE))
 
 
 # --- cache ------------------------------------------------------------------------------------------------------------
@@ -102,7 +97,7 @@ def test_a_flipped_bit_in_the_cache_changes_no_result(tmp_path: Path, outputs, c
     (cached,) = (tmp_path / ".cache").glob("*/powers.npy")
     flip(cached, -1, 6)
     shutil.rmtree(tmp_path / "toy")
-    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE)) == outputs
     assert "powers.npy: not what was written" in capsys.readouterr().err
 
 
@@ -173,7 +168,7 @@ def test_an_invalid_record_is_a_stage_that_never_ran(tmp_path: Path, outputs, ed
     path = tmp_path / "toy/add/record.json"
     path.write_text(json.dumps(edit(json.loads(path.read_text()))))
     assert why(STAGES, Toy(), "add", tmp_path) == ["never run"]
-    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE)) == outputs
 
 
 def test_a_record_removes_no_file_outside_its_stage(tmp_path: Path, outputs) -> None:
@@ -192,7 +187,7 @@ def test_a_record_removes_no_file_outside_its_stage(tmp_path: Path, outputs) -> 
             with pytest.raises(InputError, match="damaged"):
                 opening.path(name)
         assert outside_path.read_text() == "precious"
-        assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
+        assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE)) == outputs
 
 
 @pytest.mark.parametrize("options", [".work", ".work/add", ".work/add/output", ".work/add/chunks"])
@@ -200,16 +195,16 @@ def test_links_inside_the_work_folder_are_not_followed(tmp_path: Path, monkeypat
     """An interrupted run whose folders were moved elsewhere and linked: nothing is written or removed there."""
     monkeypatch.setenv("TOY_TROUBLE", '{"fail_at": 39}')
     with pytest.raises(ChunkError):
-        run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)
+        run(STAGES, Toy(), ["finish"], tmp_path, ONE)
     monkeypatch.delenv("TOY_TROUBLE")
     outside_path, link = tmp_path / "outside", tmp_path / "toy" / options
     link.rename(outside_path)
     (outside_path / ".mine.tmp").write_text("precious")
     link.symlink_to(outside_path)
     files_before = {path: path.read_bytes() for path in outside_path.rglob("*") if path.is_file()}
-    repeat = run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)
+    repeat = run(STAGES, Toy(), ["finish"], tmp_path, ONE)
     assert {path: path.read_bytes() for path in outside_path.rglob("*") if path.is_file()} == files_before
-    assert hashes(repeat) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", RESOURCES))
+    assert hashes(repeat) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", ONE))
 
 
 # --- parts ------------------------------------------------------------------------------------------------------------
@@ -250,7 +245,7 @@ def test_check_names_what_is_damaged_and_the_stage_that_makes_it_anew(tmp_path: 
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == files  # it writes nothing
     assert runner.set_aside(tmp_path / "toy", damages)
     assert (tmp_path / "toy/.damaged/add/sums.parquet/part-000000099.parquet").read_bytes() == b"of somebody"
-    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE)) == outputs
     assert runner.damages(tmp_path / "toy") == []
 
 
@@ -268,7 +263,7 @@ def test_check_misses_a_stage_that_is_gone(tmp_path: Path, outputs, remove: str,
     shutil.rmtree(path) if path.is_dir() else path.unlink()
     damages = [(damaged.stage, damaged.name, damaged.fault) for damaged in runner.damages(tmp_path / "toy")]
     assert damages == found
-    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE)) == outputs
     assert runner.damages(tmp_path / "toy") == []
 
 
@@ -291,7 +286,7 @@ def test_an_extra_part_is_set_aside_before_anything_reads_the_folder(tmp_path: P
     folder = tmp_path / "toy/add/sums.parquet"
     shutil.copy(folder / "part-000000010.parquet", folder / "part-000000011.parquet")
     assert len(pd.read_parquet(folder)) == 50
-    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE)) == outputs
     assert len(pd.read_parquet(folder)) == 40
     assert "part-000000011.parquet was not written by this run; set aside" in capsys.readouterr().err
 
@@ -311,7 +306,7 @@ def test_a_run_that_is_copied_without_its_times_is_up_to_date(tmp_path: Path, ou
 def test_a_stray_chunk_note_adds_no_row(tmp_path: Path, monkeypatch, kind: str) -> None:
     monkeypatch.setenv("TOY_TROUBLE", '{"fail_at": 39}')
     with pytest.raises(ChunkError):
-        run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)
+        run(STAGES, Toy(), ["finish"], tmp_path, ONE)
     monkeypatch.delenv("TOY_TROUBLE")
     work = tmp_path / "toy/.work/add"
     note = json.loads((work / "chunks/000000010.json").read_text())
@@ -326,8 +321,8 @@ def test_a_stray_chunk_note_adds_no_row(tmp_path: Path, monkeypatch, kind: str) 
     (work / f"chunks/{start:09d}.json").write_text(
         json.dumps(moved if kind == "without a seal" else record.with_seal(moved))
     )
-    repeat = run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)
-    assert hashes(repeat) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", RESOURCES))
+    repeat = run(STAGES, Toy(), ["finish"], tmp_path, ONE)
+    assert hashes(repeat) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", ONE))
     assert len(pd.read_parquet(tmp_path / "toy/add/sums.parquet")) == 40
 
 
@@ -359,10 +354,10 @@ OF_ALL_RUNS = ("toy", ".cache", "toy/.work")
 @pytest.mark.parametrize("interrupted", [False, True])
 def test_what_is_no_plain_file_is_made_anew(tmp_path: Path, monkeypatch, kind: str, interrupted: bool) -> None:
     """At every path of a run, finished or half done, and of its cache; the commands that only look end as well."""
-    outputs = hashes(run(STAGES, Toy(), ["finish"], tmp_path / "reference", RESOURCES))
+    outputs = hashes(run(STAGES, Toy(), ["finish"], tmp_path / "reference", ONE))
     monkeypatch.setenv("TOY_TROUBLE", '{"fail_at": 39}' if interrupted else "{}")
     with contextlib.suppress(ChunkError):
-        run(STAGES, Toy(), ["finish"], tmp_path / "runs", RESOURCES)
+        run(STAGES, Toy(), ["finish"], tmp_path / "runs", ONE)
     monkeypatch.delenv("TOY_TROUBLE")
     names = [path.relative_to(tmp_path / "runs").as_posix() for path in (tmp_path / "runs").rglob("*")]
     signal.signal(signal.SIGALRM, _waiting)
@@ -377,9 +372,9 @@ def test_what_is_no_plain_file_is_made_anew(tmp_path: Path, monkeypatch, kind: s
             runner.damages(runs / "toy")
         if name.endswith(STILL_A_LOCK) or (name in OF_ALL_RUNS and kind != "a folder"):
             with contextlib.suppress(OSError):
-                run(STAGES, Toy(), ["finish"], runs, RESOURCES)
+                run(STAGES, Toy(), ["finish"], runs, ONE)
         else:
-            assert hashes(run(STAGES, Toy(), ["finish"], runs, RESOURCES)) == outputs, name
+            assert hashes(run(STAGES, Toy(), ["finish"], runs, ONE)) == outputs, name
             assert runner.damages(runs / "toy") == [], name
         signal.setitimer(signal.ITIMER_REAL, 0)
 
@@ -410,7 +405,7 @@ def killed_at(steps: int, runs: Path) -> None:
     work.Work.publish = publishing
     for name in ("rename", "replace", "unlink", "rmdir", "mkdir"):
         setattr(os, name, counted(getattr(os, name)))
-    run(STAGES, Toy(), ["finish"], runs, RESOURCES)
+    run(STAGES, Toy(), ["finish"], runs, ONE)
 
 
 def test_killed_at_any_step_of_a_publish_the_next_run_ends_equal(tmp_path: Path, outputs) -> None:
@@ -423,9 +418,9 @@ def test_killed_at_any_step_of_a_publish_the_next_run_ends_equal(tmp_path: Path,
         assert process.exitcode in (0, -signal.SIGKILL)
         killed += process.exitcode == -signal.SIGKILL
         for _ in range(2):
-            assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
+            assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE)) == outputs
             (tmp_path / "toy/add/powers.txt").write_text("cut")
-        assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
+        assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE)) == outputs
         assert list((tmp_path / "toy/.work").iterdir()) == []
         if process.exitcode == 0:
             break
@@ -446,7 +441,7 @@ def test_the_lock_of_a_killed_process_holds_nobody_up(tmp_path: Path) -> None:
 
 def test_a_stage_whose_bodies_change_nothing_is_not_touched(tmp_path: Path, outputs, capsys) -> None:
     capsys.readouterr()
-    run((DRAW, ADD), Toy(), ["add"], tmp_path, RESOURCES)
+    run((DRAW, ADD), Toy(), ["add"], tmp_path, ONE)
     assert capsys.readouterr().err == "draw  up to date\nadd  up to date\n"
 
 
@@ -468,5 +463,5 @@ def test_a_full_disk_that_a_body_meets_is_told_with_the_stage(tmp_path: Path) ->
             file.write(b"1")
 
     with pytest.raises(OSError, match="No space left") as error:
-        run((replace(DRAW, run=fills),), Toy(), ["draw"], tmp_path, RESOURCES)
+        run((replace(DRAW, run=fills),), Toy(), ["draw"], tmp_path, ONE)
     assert error.value.filename == str(tmp_path / "toy/draw")

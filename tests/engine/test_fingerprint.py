@@ -8,7 +8,7 @@ import pytest
 from toy_study import ADD, Numbers, Toy
 
 from pipeline.engine import fingerprint as engine
-from pipeline.engine.fingerprint import fingerprint, remembered_sources, source_hashes
+from pipeline.engine.fingerprint import fingerprint, remembered_sources, source_hashes, used_settings
 from pipeline.engine.record import with_seal
 
 FILES = {
@@ -158,7 +158,7 @@ def test_each_change_is_a_plain_sentence(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_settings_are_flat_and_lists_of_tables_are_numbered() -> None:
     study = Toy(plan={"cases": [{"label": "a", "x": [1, 2]}, {"label": "b"}], "none": {}})
-    assert fingerprint(ADD, study, {}).settings == {
+    assert used_settings(ADD, study) == {
         "numbers.count": 40,
         "numbers.slope": 2.0,
         "plan.cases.0.label": "a",

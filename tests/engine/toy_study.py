@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from joblib.externals.loky import process_executor
 
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
@@ -108,6 +109,7 @@ def add(shared: dict, chunk: Chunk) -> Tables:
     if chunk.start <= trouble.exhaust_at < chunk.stop:
         np.ones(1 << 50)  # a real refusal of the system: a petabyte
     if trouble.keeps_MB and chunk.start > 0:
+        process_executor._MEMORY_LEAK_CHECK_DELAY, process_executor._MAX_MEMORY_LEAK_SIZE = 0.0, trouble.keeps_MB << 19
         KEPT_BY_WORKER.append(np.ones(trouble.keeps_MB << 17))
         with open(f"{trouble.log}.workers", "a") as workers:
             workers.write(f"{os.getpid()}\n")

@@ -1,19 +1,30 @@
 """Compliances of the paper's reducer on the quick study's coarse mesh, condensed once for all tests here."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from filelock import FileLock
+from small_study import save_named
 from synthetic_unit import CRANKS, ROOT, Condensed
 
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.studies.study import Study
 from pipeline.engine.runner import Resources, run
+from pipeline.figures import style
 from stages.chain import STAGES
 from stages.tables.condensed import full_compliance
+
+
+@pytest.fixture(scope="module", autouse=True)
+def figures_left_empty(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Figures are made but not printed, half a second each; ``test_results`` prints those of its page."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.module.__name__ != "test_results":
+            patch.setattr(style, "save", save_named())
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -108,3 +108,25 @@ def random_compliance(n, rng, size=3e-6):
     """Symmetric positive definite (n, n) [mm/N], with couplings of either sign."""
     factor = rng.normal(size=(n, n))
     return size * (factor @ factor.T / n + 0.5 * np.eye(n))
+
+
+def equal_disks(reducer, seed=7):
+    """A compliance (n_contacts, n_contacts) [mm/N] of disks that are one part, each in its place of the turn."""
+    rng, full = np.random.default_rng(seed), np.zeros((len(reducer.contacts), len(reducer.contacts)))
+    pins, holes = reducer.n_pins // reducer.n_disks, int(reducer.contacts.station.max()) + 1
+    block = random_compliance(pins + holes, rng)
+    for disk in range(reducer.n_disks):
+        rows = np.flatnonzero(reducer.disk_of_contact == disk)
+        numbers = [np.roll(kind, disk * len(kind) // reducer.n_disks) for kind in (rows[:pins], rows[pins:])]
+        order = np.concatenate(numbers)  # numbers run clockwise, eccentrics counterclockwise
+        full[np.ix_(order, order)] = block
+    return full
+
+
+def laws_of_disks(profile, reducer):
+    """Laws of every contact: pins and output pins on the walls of a meshed disk."""
+    n_out = len(reducer.contacts) - reducer.n_pins
+    on_flank = LineContact(1 / (1 / profile.pin_radius + reducer.pins.flank_curvature), 2.0, STEEL, STEEL)
+    in_hole = LineContact(np.full(n_out, 1.5), 2.0, STEEL, STEEL)
+    shares = [[cylinder_share(line, STEEL, 1.0), meshed_share(line, STEEL, 0.15)] for line in (on_flank, in_hole)]
+    return concatenated_laws([hertz_laws(on_flank, shares[0], 1.0), hertz_laws(in_hole, shares[1], 1.0)])

@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drives import LINEAR, RATED, drive_with
-from reducers import PAPER, SMALL, STEEL, errors_of, pins_in_holes, random_compliance
+from reducers import PAPER, SMALL, equal_disks, errors_of, laws_of_disks, pins_in_holes
 
-from pipeline.model.contact.laws import LineContact, concatenated_laws, cylinder_share, meshed_share
-from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.contacts import OUTPUT, PIN
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
@@ -192,32 +190,11 @@ def test_each_disk_is_free_within_its_own_bearing():
     np.testing.assert_array_equal(equal_backlash, rigid_play(reducer, gap, np.full((4, 2), 2e-3)).backlash)
 
 
-def blocks(reducer, seed=7):
-    """A compliance (n_contacts, n_contacts) [mm/N] of disks that are one part, each in its place of the turn."""
-    rng, full = np.random.default_rng(seed), np.zeros((len(reducer.contacts), len(reducer.contacts)))
-    pins, holes = reducer.n_pins // reducer.n_disks, int(reducer.contacts.station.max()) + 1
-    block = random_compliance(pins + holes, rng)
-    for disk in range(reducer.n_disks):
-        rows = np.flatnonzero(reducer.disk_of_contact == disk)
-        numbers = [np.roll(kind, disk * len(kind) // reducer.n_disks) for kind in (rows[:pins], rows[pins:])]
-        order = np.concatenate(numbers)  # numbers run clockwise, eccentrics counterclockwise
-        full[np.ix_(order, order)] = block
-    return full
-
-
-def laws_of_disks(profile, reducer):
-    n_out = len(reducer.contacts) - reducer.n_pins
-    on_flank = LineContact(1 / (1 / profile.pin_radius + reducer.pins.flank_curvature), 2.0, STEEL, STEEL)
-    in_hole = LineContact(np.full(n_out, 1.5), 2.0, STEEL, STEEL)
-    shares = [[cylinder_share(line, STEEL, 1.0), meshed_share(line, STEEL, 0.15)] for line in (on_flank, in_hole)]
-    return concatenated_laws([hertz_laws(on_flank, shares[0], 1.0), hertz_laws(in_hole, shares[1], 1.0)])
-
-
 def loaded(profile, reducer, torques, gap=0.0):
     """Frictionless equilibria of one unit at ascending torques of one sense [N mm]."""
     gaps_of_contacts = np.full((1, len(reducer.contacts)), gap)
     drive = drive_with(
-        profile, reducer, LINEAR, laws_of_disks(profile, reducer), blocks(reducer), gaps_of_contacts, np.zeros(1)
+        profile, reducer, LINEAR, laws_of_disks(profile, reducer), equal_disks(reducer), gaps_of_contacts, np.zeros(1)
     )
     play = separated_play(reducer, gaps_of_contacts)
     pose = play.pose_plus if torques[0] > 0 else play.pose_minus
@@ -257,7 +234,7 @@ def test_a_disk_that_carries_nothing_is_let_go_without_another_start(disks, monk
     monkeypatch.setattr("pipeline.model.equilibrium.solve.solved_afresh", lambda *_: pytest.fail("started again"))
     _, reducer = reducer_at(SMALL, 0.3, disks)
     gap = np.where(reducer.disk_of_contact == 0, 0.0, 0.05)[None]
-    compliance = blocks(reducer)
+    compliance = equal_disks(reducer)
     drive = drive_with(SMALL, reducer, LINEAR, laws_of_disks(SMALL, reducer), compliance, gap, np.zeros(1))
     torques = np.array([300.0, 900.0, 2000.0])
     start = first_poses(drive, separated_play(reducer, gap).pose_plus, torques[0])
@@ -282,7 +259,7 @@ LOOSE = [(2e-3, 1.0), (0.0, 1.5), (2e-3, 1.5)]
 def on_bearings(profile, reducer, torques, clearance, exponent, gap=1e-3):
     """Equilibria of one unit whose bearings have these clearances (1, n_disks) [mm], at ascending torques [N mm]."""
     gaps_of_contacts = np.full((1, len(reducer.contacts)), gap)
-    springs = Bearing(LINEAR.stiffness, exponent), laws_of_disks(profile, reducer), blocks(reducer)
+    springs = Bearing(LINEAR.stiffness, exponent), laws_of_disks(profile, reducer), equal_disks(reducer)
     drive = drive_with(profile, reducer, *springs, gaps_of_contacts, clearance)
     play = rigid_play(reducer, gaps_of_contacts, clearance)
     states = drive.equilibria(first_poses(drive, play.pose_plus, torques[-1]), torques[::-1])
@@ -336,7 +313,7 @@ def test_units_of_three_disks_on_loose_bearings_all_find_equilibrium():
     rng = np.random.default_rng(3)
     gap = np.abs(rng.normal(2e-3, 1e-3, (60, len(reducer.contacts))))
     clearance = rng.uniform(1e-3, 6e-3, (60, 3))
-    springs = Bearing(LINEAR.stiffness, 1.5), laws_of_disks(SMALL, reducer), blocks(reducer)
+    springs = Bearing(LINEAR.stiffness, 1.5), laws_of_disks(SMALL, reducer), equal_disks(reducer)
     drive = drive_with(SMALL, reducer, *springs, gap, clearance)
     cycle = LoadCycle.evenly(12000.0, 0, 1.0, (0.03, 0.5, 1.0))
     states = solve_cycle(drive, cycle)
@@ -351,7 +328,7 @@ def test_the_play_beside_a_preloaded_disk_ends_where_a_small_torque_does():
     """Forces of the limit are 1e-8 of the preload's: from the end of rigid bodies its rounding hid which side holds."""
     _, reducer = reducer_at(PAPER, 5.05, 3)
     gap = np.full((1, len(reducer.contacts)), -4e-3)
-    springs = Bearing(1.2e6, 1.5), laws_of_disks(PAPER, reducer), blocks(reducer)
+    springs = Bearing(1.2e6, 1.5), laws_of_disks(PAPER, reducer), equal_disks(reducer)
     drive = drive_with(PAPER, reducer, *springs, gap, np.array([[3e-3, 9e-3, 2.5e-3]]))
     assert rigid_play(reducer, gap, drive.bearing_clearance).preloaded[0]
     angles = [

@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drives import LINEAR, drive_with
-from reducers import SMALL, STEEL, pins_in_holes, random_compliance
+from reducers import SMALL, equal_disks, laws_of_disks, pins_in_holes
 
 from pipeline.model.contact.friction_elements import pin_sliders
-from pipeline.model.contact.laws import LineContact, concatenated_laws, cylinder_share, meshed_share
-from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.elements import Friction
 from pipeline.model.geometry.reducer import nominal_reducer
 from pipeline.model.load_history.load_cycle import LoadCycle
@@ -19,30 +17,10 @@ RATED = 12000.0  # [N mm]
 OUTPUT = pins_in_holes(SMALL, 6, phase_deg=23.0)
 
 
-def equal_disks(reducer):
-    """Compliance of disks that are one part, each in its place of the turn."""
-    full, pins = np.zeros((len(reducer.contacts),) * 2), reducer.n_pins // reducer.n_disks
-    block = random_compliance(pins + 6, np.random.default_rng(7))
-    for disk in range(reducer.n_disks):
-        rows = np.flatnonzero(reducer.disk_of_contact == disk)  # numbers run clockwise, eccentrics counterclockwise
-        order = np.concatenate(
-            [np.roll(part, disk * len(part) // reducer.n_disks) for part in (rows[:pins], rows[pins:])]
-        )
-        full[np.ix_(order, order)] = block
-    return full
-
-
 def loop(disks, coefficient, torque=RATED, scatter=0.0):
     """Response of one unit with gaps of 1 to 1 + ``scatter`` um, up to a torque [N mm]."""
     reducer = nominal_reducer(SMALL, OUTPUT, 0.3, disks=disks)
-    on_flank = LineContact(1 / (1 / SMALL.pin_radius + reducer.pins.flank_curvature), 2.0, STEEL, STEEL)
-    in_hole = LineContact(np.full(6 * disks, 1.5), 2.0, STEEL, STEEL)
-    laws = concatenated_laws(
-        [
-            hertz_laws(line, [cylinder_share(line, STEEL, 1.0), meshed_share(line, STEEL, 0.15)], 1.0)
-            for line in (on_flank, in_hole)
-        ]
-    )
+    laws = laws_of_disks(SMALL, reducer)
     gap = 1e-3 * (1 + scatter * np.random.default_rng(1).uniform(size=(1, len(reducer.contacts))))
     drive = drive_with(SMALL, reducer, LINEAR, laws, equal_disks(reducer), gap, np.zeros((1, disks)))
     drive = replace(drive, rated_torque=torque, elements=(Friction(pin_sliders(reducer, laws, coefficient, torque)),))

@@ -13,7 +13,8 @@ import pytest
 from pipeline import cli, settings
 from pipeline.config import Study
 from pipeline.config.studies.optional import Tails
-from pipeline.engine import runner, work
+from pipeline.engine import work
+from pipeline.engine.fingerprint import used_settings
 from pipeline.engine.work import expected_seconds
 from pipeline.errors import InputError
 from stages.hysteresis import HYSTERESIS
@@ -124,7 +125,7 @@ def test_tails_of_another_study_are_no_timing_of_one_that_asks_for_none(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asking = study.model_copy(update={"tails": Tails(units=100_000)})
-    record = {"seconds": 119.0, "started": "2026", "settings": runner.fingerprint(TAILS, asking, {}).settings}
+    record = {"seconds": 119.0, "started": "2026", "settings": used_settings(TAILS, asking)}
     (tmp_path / "asking").mkdir()
     monkeypatch.setattr(work.Output, "open", lambda folder: SimpleNamespace(record=record))
     assert expected_seconds(TAILS, asking, tmp_path) == 119.0
@@ -138,7 +139,7 @@ def test_the_expected_time_of_a_stage_is_in_proportion_to_units_angles_and_pins(
     wide, widest = (
         study.with_({"samples.count": count, "cycle.crank_deg": [0.0, 1.0, 2.0, 3.0]}) for count in (20, 1000)
     )
-    settings_of_run = runner.fingerprint(HYSTERESIS, study, {}).settings
+    settings_of_run = used_settings(HYSTERESIS, study)
     record = {"seconds": 3.0, "started": "2026", "settings": settings_of_run, "items": study.samples.rows}
     (tmp_path / "former").mkdir()
     with pytest.MonkeyPatch.context() as patch:
