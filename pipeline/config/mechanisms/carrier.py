@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from fractions import Fraction
 from functools import lru_cache
 from math import gamma, pi, radians, sin, sqrt, tan
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -14,7 +13,8 @@ from pydantic import Field
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.config.files.section import Millimetres, Mistake, Positive
-from pipeline.config.mechanisms.crankshaft import Crankshaft, FirstStage, kept_flexibility
+from pipeline.config.mechanisms.crankshaft import Crankshaft, kept_flexibility
+from pipeline.config.mechanisms.first_stage import FirstStage
 from pipeline.config.mechanisms.mechanism import Circles, Holes, LawInputs, OutputMechanism, Panel, Points, Words
 from pipeline.model.contact.laws import ContactLaws, Material, concatenated_laws
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined_contacts
@@ -97,8 +97,7 @@ class Carrier(OutputMechanism):
     @property
     def planet_pitch_radius_mm(self) -> float:
         """Radius of a planet's pitch circle, by the distance of sun and planet."""
-        stage = self.first_stage
-        return self.crank_circle_radius_mm * stage.planet_teeth / (stage.sun_teeth + stage.planet_teeth)
+        return self.first_stage.planet_share * self.crank_circle_radius_mm
 
     def centres(self) -> Complex:
         """Centres of the holes in a disk's frame, and of the cranks in the carrier's (n_cranks,) complex [mm]."""
@@ -205,37 +204,6 @@ class Carrier(OutputMechanism):
             arm=np.zeros(n),
         )
 
-    def meshes(self) -> Contacts:
-        """Both flanks of each planet with the sun, the carrier at rotation 0.
-
-        Notes
-        -----
-        When the carrier turns by phi, the planet on the held sun has psi = (1 + z1/z2) phi, and
-        r2 (psi - (1 + z1/z2) phi) = r2 psi - r_c phi is what the mesh yields to either side.
-        """
-        n = 2 * self.cranks
-        crank, flank = np.repeat(np.arange(self.cranks), 2), np.tile([0, 1], self.cranks)
-        direction = self.centres()[crank] / self.crank_circle_radius_mm
-        side = 1 - 2 * flank
-        return Contacts(
-            kind=np.full(n, OUTPUT),
-            body_a=np.full(n, "sun"),
-            body_b=np.full(n, "output"),
-            interface=np.full(n, MESH),
-            face=flank,
-            end=crank,
-            station=flank,
-            hole=np.full(n, -1),
-            label=np.array([f"planet {j} flank {k}" for j, k in zip(crank, flank, strict=True)]),
-            gap=np.full(n, 0.5e-3 * self.first_stage.backlash_um),
-            two_sided=np.zeros(n, bool),
-            per_eccentricity=np.zeros(n),
-            curvature=np.zeros(n),
-            point=(self.crank_circle_radius_mm - self.planet_pitch_radius_mm) * direction,
-            normal=1j * side * direction,
-            arm=side * self.crank_circle_radius_mm,
-        )
-
     def couplings_of(self, disk: DiskPose, contacts: Contacts) -> Mapping[str, Real]:
         """What the contacts close by the rotation of each crank, its eccentrics and its planet."""
         eccentric = -np.imag(np.conj(disk.eccentric) * contacts.normal)
@@ -275,9 +243,7 @@ class Carrier(OutputMechanism):
         of_disks = [ring & (contacts.body_a == disk.body)[:, None] for disk in disks]
         along = [rows * push[:, None] * np.exp(-1j * d.crank) for rows, d in zip(of_disks, disks, strict=True)]
         eccentrics, side = np.hstack(along), (1 - 2 * contacts.face)[:, None]
-        sun_turn = first_disk.rotation * (
-            1 + self.first_stage.planet_teeth * len(first_disk.pins.arm) / self.first_stage.sun_teeth
-        )
+        sun_turn = first_disk.rotation * float(self.first_stage.ratio(len(first_disk.pins.arm)))
         sun = -np.where(contacts.interface == MESH, push, 0.0) * np.exp(-1j * sun_turn)
         supports = [support & (contacts.face == k)[:, None] for k in (0, 1)]
         return {
@@ -351,11 +317,11 @@ class Carrier(OutputMechanism):
 
     def ratio(self, cycloid: Cycloid) -> float:
         """Turns of the sun for one of the carrier, the housing held."""
-        return 1 + self.first_stage.planet_teeth * cycloid.pins / self.first_stage.sun_teeth
+        return float(self.first_stage.ratio(cycloid.pins))
 
     def output_turns(self, cycloid: Cycloid) -> int:
         """Turns of the carrier after which sun, cranks and disks all stand as before: the ratio's denominator."""
-        return Fraction(self.first_stage.planet_teeth * cycloid.pins, self.first_stage.sun_teeth).denominator
+        return self.first_stage.ratio(cycloid.pins).denominator
 
     def fact(self, cycloid: Cycloid, number_text: Callable[[float], str]) -> str:
         """Cranks, first stage and total ratio in words."""
@@ -399,7 +365,7 @@ def _behind_disks(output: Carrier) -> Contacts:
     """Flanks of the planets, and rollers of loose supports, the carrier at rotation 0."""
     places = [(crank, support) for crank in range(output.cranks) for support in (0, 1)]
     supports = [output.support(*place) for place in places] if output.has_loose_supports else []
-    return joined_contacts([output.meshes(), *supports])
+    return joined_contacts([output.first_stage.meshes(output.centres(), MESH), *supports])
 
 
 MECHANISM = Carrier

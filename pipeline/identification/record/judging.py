@@ -9,7 +9,7 @@ from scipy.stats import f
 
 from pipeline.arrays import Real, Whole
 from pipeline.identification.record.evidence import Points, Posterior, RecordEvidence, Structure
-from pipeline.identification.record.terms import Term
+from pipeline.identification.record.terms import TOLERATED_SHARE, Term
 from pipeline.identification.selection.criteria import ODDS, Choice, Rule, best_of, form_limit, prior_log_odds
 from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
@@ -23,9 +23,6 @@ from pipeline.statistics.resampling import CONFIDENCE
 
 ADDED_PARTS = 3
 """Further effects that are tried beside the best model, each time: those that promise most."""
-TOLERATED_SHARE = 0.0025
-"""Amplitude of a compliance that varies with a shaft, over the range of the mean errors, that errors of parts within
-their tolerances cause. Calibrated: generated reducers without an effect have at most 0.15 %."""
 TOLERABLE = "errors of parts within their tolerances"
 LARGEST_SHARE = 1.0
 """Bound of an effect, in the range of the mean errors: more is no effect beside the spring, but another spring."""
