@@ -215,13 +215,13 @@ class Carrier(OutputMechanism):
         of_disk, *_, of_planet = self.crankshaft.shares(disk.number + 1)[[disk.number, -1]]
         at_support = np.eye(2)[contacts.face * (contacts.interface == SUPPORT)]
         share = np.choose(contacts.interface[:, None], [of_disk, of_planet, at_support])
-        push = self._push(contacts)
+        push = self.push(contacts)
         closing = -np.stack([push.real, push.imag], axis=1)[:, None, :] * share[:, :, None]
         names = [(j, k, name) for j in range(self.cranks) for k, name in enumerate(self._shifts(j))]
         shifts = {name: np.where(contacts.end == j, closing[:, k // 2, k % 2], 0.0) for j, k, name in names}
         return turns | shifts
 
-    def _push(self, contacts: Contacts) -> Complex:
+    def push(self, contacts: Contacts) -> Complex:
         """Force on the crank (n_contacts,) per unit normal force, that of a mesh along its line of action."""
         outwards = contacts.point / np.abs(contacts.point)
         radial_part = tan(radians(self.first_stage.pressure_angle_deg)) * outwards
@@ -236,41 +236,23 @@ class Carrier(OutputMechanism):
         crank's place turns with the carrier, an eccentric and a planet's run-out with the crank, that of the sun with
         the sun, and with the opposite sign: the sun is the first body of the mesh.
         """
-        push = np.where(contacts.kind == OUTPUT, self._push(contacts), 0.0)
-        cranks, first_disk = np.arange(self.cranks), disks[0]
-        of_crank = (contacts.kind == OUTPUT)[:, None] & (contacts.end[:, None] == cranks)
-        ring, mesh, support = (of_crank & (contacts.interface == k)[:, None] for k in (RING, MESH, SUPPORT))
-        of_disks = [ring & (contacts.body_a == disk.body)[:, None] for disk in disks]
-        along = [rows * push[:, None] * np.exp(-1j * d.crank) for rows, d in zip(of_disks, disks, strict=True)]
-        eccentrics, side = np.hstack(along), (1 - 2 * contacts.face)[:, None]
-        sun_turn = first_disk.rotation * float(self.first_stage.ratio(len(first_disk.pins.arm)))
-        sun = -np.where(contacts.interface == MESH, push, 0.0) * np.exp(-1j * sun_turn)
-        supports = [support & (contacts.face == k)[:, None] for k in (0, 1)]
-        return {
-            "crank_position": (ring | mesh) * push[:, None] * np.exp(-1j * first_disk.rotation),
+        first_disk, pins = disks[0], len(disks[0].pins.arm)
+        sun_turn = first_disk.rotation * float(self.first_stage.ratio(pins))
+        at_rest = _displacements(self, len(disks), pins)
+        of_disks = np.repeat([np.exp(1j * (disk.rotation - disk.crank)) for disk in disks], self.cranks)
+        eccentrics = at_rest["crank_eccentricity"] * of_disks
+        return at_rest | {
             "crank_eccentricity": eccentrics,
             "crank_phase": -1j * eccentrics,
-            "planet_runout": mesh * push[:, None] * np.exp(-1j * first_disk.crank),
-            "planet_timing": -side * mesh + 0j,
-            "planet_backlash": 0.5 * mesh + 0j,
-            "sun_runout": sun[:, None],
-            "first_support_clearance": supports[0] + 0j,
-            "second_support_clearance": supports[1] + 0j,
+            "planet_runout": at_rest["planet_runout"] * of_disks[0],
+            "sun_runout": at_rest["sun_runout"] * np.exp(1j * (first_disk.rotation - sun_turn)),
         }
 
     def compliance(self, contacts: Contacts, disk: Index, materials: Mapping[str, Material]) -> Real | None:
         """What the shaft of each crank gives way between the contacts that push it, in its bending and its supports."""
         if not self.crankshaft:
             return None
-        disks, push = int(disk.max()) + 1, self._push(contacts)
-        plane = np.where(contacts.interface == RING, disk, disks)
-        full = np.zeros((len(contacts), len(contacts)))
-        material = materials[self.crankshaft.material]
-        for crank, factor in enumerate(self.bearing_factors.tolist()):
-            rows = np.flatnonzero((contacts.end == crank) & (contacts.interface != SUPPORT))
-            shaft = kept_flexibility(self.crankshaft, disks, material, factor)[np.ix_(plane[rows], plane[rows])]
-            full[np.ix_(rows, rows)] = shaft * np.real(np.conj(push[rows])[:, None] * push[rows])
-        return full
+        return _compliance(self, int(disk.max()) + 1, materials[self.crankshaft.material])
 
     def bearing_rows(self, contacts: Contacts) -> Index:
         """Those of the output contacts that a clearance of the design's bearing opens: the rollers of the cranks."""
@@ -366,6 +348,49 @@ def _behind_disks(output: Carrier) -> Contacts:
     places = [(crank, support) for crank in range(output.cranks) for support in (0, 1)]
     supports = [output.support(*place) for place in places] if output.has_loose_supports else []
     return joined_contacts([output.first_stage.meshes(output.centres(), MESH), *supports])
+
+
+def _at_rest(output: Carrier, disks: int) -> Contacts:
+    """All contacts of the output, those of each disk and those behind, the carrier at rotation 0."""
+    return joined_contacts([*[_on_eccentrics(output, "disk")] * disks, _behind_disks(output)])
+
+
+@lru_cache
+def _displacements(output: Carrier, disks: int, pins: int) -> Mapping[str, Complex]:
+    """``Carrier.displacements`` of so many ``disks`` where nothing has turned."""
+    contacts = _at_rest(output, disks)
+    of_crank = contacts.end[:, None] == np.arange(output.cranks)
+    ring, mesh, support = (of_crank & (contacts.interface == k)[:, None] for k in (RING, MESH, SUPPORT))
+    of_disk = np.arange(len(contacts)) // (output.cranks * output.bearing_rollers)
+    eccentrics = np.hstack([ring & (of_disk == disk)[:, None] for disk in range(disks)])
+    side, push = (1 - 2 * contacts.face)[:, None], output.push(contacts)[:, None]
+    at_rest = {
+        "crank_position": (ring | mesh) * push,
+        "crank_eccentricity": eccentrics * push,
+        "crank_phase": -1j * eccentrics * push,
+        "planet_runout": mesh * push,
+        "planet_timing": -side * mesh + 0j,
+        "planet_backlash": 0.5 * mesh + 0j,
+        "sun_runout": -1.0 * np.any(mesh, axis=1)[:, None] * push,
+        "first_support_clearance": support * (contacts.face == 0)[:, None] + 0j,
+        "second_support_clearance": support * (contacts.face == 1)[:, None] + 0j,
+    }
+    return {name: np.pad(values, ((disks * pins, 0), (0, 0))) for name, values in at_rest.items()}
+
+
+@lru_cache
+def _compliance(output: Carrier, disks: int, material: Material) -> Real:
+    """``Carrier.compliance``, which turns with the carrier and so is alike at all angles."""
+    assert output.crankshaft is not None
+    contacts = _at_rest(output, disks)
+    push, of_disk = output.push(contacts), np.arange(len(contacts)) // (output.cranks * output.bearing_rollers)
+    plane = np.where(contacts.interface == RING, of_disk, disks)
+    full = np.zeros((len(contacts), len(contacts)))
+    for crank, factor in enumerate(output.bearing_factors.tolist()):
+        rows = np.flatnonzero((contacts.end == crank) & (contacts.interface != SUPPORT))
+        shaft = kept_flexibility(output.crankshaft, disks, material, factor)[np.ix_(plane[rows], plane[rows])]
+        full[np.ix_(rows, rows)] = shaft * np.real(np.conj(push[rows])[:, None] * push[rows])
+    return full
 
 
 MECHANISM = Carrier
