@@ -2,7 +2,7 @@
 
 import html
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,8 +13,10 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.record.answer import effect_values, record_answer
+from pipeline.identification.record.judging import RecordJudge, parts_of
 from pipeline.identification.record.passes import drift_of_repeats, shift_of_repeats
 from pipeline.identification.record.results import sentences, write
+from pipeline.identification.record.terms import TOLERATED_SHARE
 from pipeline.identification.record.turn_record import TurnRecord
 from pipeline.report.unit.record import write_record_page
 
@@ -277,6 +279,18 @@ def test_an_error_over_the_output_with_constants_of_each_file_is_a_record(tmp_pa
     assert set(record.passes.temperature) == {30.0}
     np.testing.assert_allclose(record.levels, [-600.0, -200.0, 200.0, 600.0])
     np.testing.assert_allclose(record.error - record.error[0], whole.error - whole.error[0], atol=1e-9)
+
+
+def test_waves_that_a_record_does_not_tell_apart_count_as_their_sum(tmp_path):
+    """Over a tenth of a turn the crank's waves, 40 and 39 of the output's turn, are one, and their sizes may cancel."""
+    answer = record_answer(record_of(unit_of(tmp_path / "u", Drive().table())))
+    names = ("compliance_crank_once", "compliance_crank_against_the_housing_once")
+    trial, limit = answer.judgement.trials[""], TOLERATED_SHARE * answer.evidence.span
+    judge = RecordJudge(answer.evidence, list(answer.effects), parts_of(answer.points, None)[1], 40)
+    for second_size, tolerated in ((-2 * limit, list(names)), (2 * limit, [])):
+        mean = np.concatenate([trial.posterior.mean, [2 * limit, 0.0, second_size, 0.0]])
+        posterior = replace(trial.posterior, mean=mean)
+        assert judge.tolerated_waves(replace(trial, effects=names, posterior=posterior)) == tolerated
 
 
 def test_an_order_of_no_shaft_that_grows_with_the_torque_is_no_adequate_unit(tmp_path):

@@ -223,6 +223,7 @@ class RecordEvidence:
         columns = [points.means(term.columns) for term in terms]
         ends = np.cumsum([0, *(part.shape[1] for part in columns)])
         self.place = {term.name: slice(int(a), int(b)) for term, a, b in zip(terms, ends[:-1], ends[1:], strict=True)}
+        self.waves = {term.name: term.waves for term in terms}
         self.smooth_columns = self._smooth_columns()
         self.n_terms = int(ends[-1])
         self.columns = np.column_stack([*columns, points.error])

@@ -21,7 +21,7 @@ MOST_STRAIGHT = 2
 POINTS_A_WAVE = 4
 """Intervals in a wave from which it can be tested."""
 LEAST_WAVES = 1.0
-"""Waves over the angle that was turned from which one can be tested."""
+"""Waves over the angle that was turned from which one can be tested, and beats from which two are told apart."""
 BASE_SHARE = 10.0
 """Prior standard deviation of a term that every record has, in the range of the mean errors: equal in all models."""
 EFFECT_SHARE = 0.1
@@ -42,6 +42,7 @@ class Term:
     physics : what it is; empty of the terms that every record has.
     columns : (n_cells, 1 or 2), each with an angle [arcmin] for its size.
     prior_share : standard deviation of each size before the data, in the range of the mean errors.
+    waves : over the angle that was turned; 0 of a term that is no wave.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Term:
     physics: str
     columns: Real
     prior_share: float = EFFECT_SHARE
+    waves: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -170,7 +172,8 @@ def effects(record: TurnRecord) -> tuple[list[Term], dict[str, str]]:
                 reasons[name] = reason
             else:
                 columns = factor[:, None] * np.column_stack(record.wave(order))
-                tested_terms.append(Term(name, of_effect, physics, columns))
+                waves = order * record.span_deg / 360
+                tested_terms.append(Term(name, of_effect, physics, columns, waves=waves))
     return tested_terms, reasons
 
 
