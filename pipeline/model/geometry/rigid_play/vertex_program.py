@@ -229,20 +229,21 @@ def _points(objective: Real, basis: Index, rows: Real, limits: Real, radii: Real
 def _optimal_basis(objective: Real, rows: Real) -> Index:
     """Rows (n_unknowns,) that are met at the optimum of limits 1, whose weights >= 0 make the objective.
 
-    Found from a box far beyond, of which a basis is dual feasible at once.
+    Found from a box far beyond, of which a basis is dual feasible at once; where some of its sides stay, from weights.
     """
     n_rows, size = rows.shape
     far_sides = np.diag(np.where(objective < 0, -1.0, 1.0))
     limits = np.append(np.ones(n_rows), np.full(size, FAR))[None]
     in_box = np.vstack([rows, far_sides])
     basis = _points(objective, n_rows + np.arange(size), in_box, limits, np.zeros((1, 0)))[2]
-    weights, is_row = objective @ np.linalg.inv(in_box[basis]), basis < n_rows
-    if np.any(weights[~is_row] > LEAST_PIVOT):
-        raise ArithmeticError("a linear program is unbounded: no contact stops a motion")
-    if np.all(is_row):
+    if np.all(basis < n_rows):
         return basis
-    basis = basis[is_row]
+    weights, misfit = scipy.optimize.nnls(rows.T, objective)
+    if misfit > 1e-9 * np.linalg.norm(objective):
+        raise ArithmeticError("a linear program is unbounded: no contact stops a motion")
+    basis = np.flatnonzero(weights > 0)
     span = np.linalg.qr(rows[basis].T)[0]
     off_span = rows - rows @ span @ span.T  # each further row is the one that is farthest from those chosen
     farthest = scipy.linalg.qr(off_span.T, mode="r", pivoting=True)[1]
-    return np.append(basis, farthest[: size - len(basis)])
+    basis = np.append(basis, farthest[: size - len(basis)])
+    return _points(objective, basis, rows, np.ones((1, n_rows)), np.zeros((1, 0)))[2]
