@@ -103,7 +103,8 @@ def reducer(rng: np.random.Generator, truth: Truth, perfect: bool = False) -> Ca
 
     def in_zone(*shape: int) -> Complex:
         radius = 0.0 if perfect else 0.5 * ZONE_UM * UM
-        return radius * np.sqrt(rng.uniform(size=shape)) * np.exp(2j * np.pi * rng.uniform(size=shape))
+        place: Complex = radius * np.sqrt(rng.uniform(size=shape)) * np.exp(2j * np.pi * rng.uniform(size=shape))
+        return place
 
     eccentrics = np.exp(2j * np.pi * np.arange(disks) / disks)[:, None]
     clearance = (0.0 if perfect else UM) * rng.uniform(*CLEARANCE_UM, size=cranks)
