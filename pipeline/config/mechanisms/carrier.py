@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from fractions import Fraction
 from functools import lru_cache
 from math import gamma, pi, radians, sin, sqrt, tan
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -14,7 +13,8 @@ from pydantic import Field
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.config.files.section import Millimetres, Mistake, Positive
-from pipeline.config.mechanisms.crankshaft import Crankshaft, FirstStage, kept_flexibility
+from pipeline.config.mechanisms.crankshaft import Crankshaft, kept_flexibility
+from pipeline.config.mechanisms.first_stage import FirstStage
 from pipeline.config.mechanisms.mechanism import Circles, Holes, LawInputs, OutputMechanism, Panel, Points, Words
 from pipeline.model.contact.laws import ContactLaws, Material, concatenated_laws
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined_contacts
@@ -97,8 +97,7 @@ class Carrier(OutputMechanism):
     @property
     def planet_pitch_radius_mm(self) -> float:
         """Radius of a planet's pitch circle, by the distance of sun and planet."""
-        stage = self.first_stage
-        return self.crank_circle_radius_mm * stage.planet_teeth / (stage.sun_teeth + stage.planet_teeth)
+        return self.first_stage.planet_share * self.crank_circle_radius_mm
 
     def centres(self) -> Complex:
         """Centres of the holes in a disk's frame, and of the cranks in the carrier's (n_cranks,) complex [mm]."""
@@ -205,37 +204,6 @@ class Carrier(OutputMechanism):
             arm=np.zeros(n),
         )
 
-    def meshes(self) -> Contacts:
-        """Both flanks of each planet with the sun, the carrier at rotation 0.
-
-        Notes
-        -----
-        When the carrier turns by phi, the planet on the held sun has psi = (1 + z1/z2) phi, and
-        r2 (psi - (1 + z1/z2) phi) = r2 psi - r_c phi is what the mesh yields to either side.
-        """
-        n = 2 * self.cranks
-        crank, flank = np.repeat(np.arange(self.cranks), 2), np.tile([0, 1], self.cranks)
-        direction = self.centres()[crank] / self.crank_circle_radius_mm
-        side = 1 - 2 * flank
-        return Contacts(
-            kind=np.full(n, OUTPUT),
-            body_a=np.full(n, "sun"),
-            body_b=np.full(n, "output"),
-            interface=np.full(n, MESH),
-            face=flank,
-            end=crank,
-            station=flank,
-            hole=np.full(n, -1),
-            label=np.array([f"planet {j} flank {k}" for j, k in zip(crank, flank, strict=True)]),
-            gap=np.full(n, 0.5e-3 * self.first_stage.backlash_um),
-            two_sided=np.zeros(n, bool),
-            per_eccentricity=np.zeros(n),
-            curvature=np.zeros(n),
-            point=(self.crank_circle_radius_mm - self.planet_pitch_radius_mm) * direction,
-            normal=1j * side * direction,
-            arm=side * self.crank_circle_radius_mm,
-        )
-
     def couplings_of(self, disk: DiskPose, contacts: Contacts) -> Mapping[str, Real]:
         """What the contacts close by the rotation of each crank, its eccentrics and its planet."""
         eccentric = -np.imag(np.conj(disk.eccentric) * contacts.normal)
@@ -247,13 +215,13 @@ class Carrier(OutputMechanism):
         of_disk, *_, of_planet = self.crankshaft.shares(disk.number + 1)[[disk.number, -1]]
         at_support = np.eye(2)[contacts.face * (contacts.interface == SUPPORT)]
         share = np.choose(contacts.interface[:, None], [of_disk, of_planet, at_support])
-        push = self._push(contacts)
+        push = self.push(contacts)
         closing = -np.stack([push.real, push.imag], axis=1)[:, None, :] * share[:, :, None]
         names = [(j, k, name) for j in range(self.cranks) for k, name in enumerate(self._shifts(j))]
         shifts = {name: np.where(contacts.end == j, closing[:, k // 2, k % 2], 0.0) for j, k, name in names}
         return turns | shifts
 
-    def _push(self, contacts: Contacts) -> Complex:
+    def push(self, contacts: Contacts) -> Complex:
         """Force on the crank (n_contacts,) per unit normal force, that of a mesh along its line of action."""
         outwards = contacts.point / np.abs(contacts.point)
         radial_part = tan(radians(self.first_stage.pressure_angle_deg)) * outwards
@@ -268,43 +236,23 @@ class Carrier(OutputMechanism):
         crank's place turns with the carrier, an eccentric and a planet's run-out with the crank, that of the sun with
         the sun, and with the opposite sign: the sun is the first body of the mesh.
         """
-        push = np.where(contacts.kind == OUTPUT, self._push(contacts), 0.0)
-        cranks, first_disk = np.arange(self.cranks), disks[0]
-        of_crank = (contacts.kind == OUTPUT)[:, None] & (contacts.end[:, None] == cranks)
-        ring, mesh, support = (of_crank & (contacts.interface == k)[:, None] for k in (RING, MESH, SUPPORT))
-        of_disks = [ring & (contacts.body_a == disk.body)[:, None] for disk in disks]
-        along = [rows * push[:, None] * np.exp(-1j * d.crank) for rows, d in zip(of_disks, disks, strict=True)]
-        eccentrics, side = np.hstack(along), (1 - 2 * contacts.face)[:, None]
-        sun_turn = first_disk.rotation * (
-            1 + self.first_stage.planet_teeth * len(first_disk.pins.arm) / self.first_stage.sun_teeth
-        )
-        sun = -np.where(contacts.interface == MESH, push, 0.0) * np.exp(-1j * sun_turn)
-        supports = [support & (contacts.face == k)[:, None] for k in (0, 1)]
-        return {
-            "crank_position": (ring | mesh) * push[:, None] * np.exp(-1j * first_disk.rotation),
+        first_disk, pins = disks[0], len(disks[0].pins.arm)
+        sun_turn = first_disk.rotation * float(self.first_stage.ratio(pins))
+        at_rest = _displacements(self, len(disks), pins)
+        of_disks = np.repeat([np.exp(1j * (disk.rotation - disk.crank)) for disk in disks], self.cranks)
+        eccentrics = at_rest["crank_eccentricity"] * of_disks
+        return dict(at_rest) | {
             "crank_eccentricity": eccentrics,
             "crank_phase": -1j * eccentrics,
-            "planet_runout": mesh * push[:, None] * np.exp(-1j * first_disk.crank),
-            "planet_timing": -side * mesh + 0j,
-            "planet_backlash": 0.5 * mesh + 0j,
-            "sun_runout": sun[:, None],
-            "first_support_clearance": supports[0] + 0j,
-            "second_support_clearance": supports[1] + 0j,
+            "planet_runout": at_rest["planet_runout"] * of_disks[0],
+            "sun_runout": at_rest["sun_runout"] * np.exp(1j * (first_disk.rotation - sun_turn)),
         }
 
     def compliance(self, contacts: Contacts, disk: Index, materials: Mapping[str, Material]) -> Real | None:
         """What the shaft of each crank gives way between the contacts that push it, in its bending and its supports."""
         if not self.crankshaft:
             return None
-        disks, push = int(disk.max()) + 1, self._push(contacts)
-        plane = np.where(contacts.interface == RING, disk, disks)
-        full = np.zeros((len(contacts), len(contacts)))
-        material = materials[self.crankshaft.material]
-        for crank, factor in enumerate(self.bearing_factors.tolist()):
-            rows = np.flatnonzero((contacts.end == crank) & (contacts.interface != SUPPORT))
-            shaft = kept_flexibility(self.crankshaft, disks, material, factor)[np.ix_(plane[rows], plane[rows])]
-            full[np.ix_(rows, rows)] = shaft * np.real(np.conj(push[rows])[:, None] * push[rows])
-        return full
+        return _compliance(self, int(disk.max()) + 1, materials[self.crankshaft.material])
 
     def bearing_rows(self, contacts: Contacts) -> Index:
         """Those of the output contacts that a clearance of the design's bearing opens: the rollers of the cranks."""
@@ -351,11 +299,11 @@ class Carrier(OutputMechanism):
 
     def ratio(self, cycloid: Cycloid) -> float:
         """Turns of the sun for one of the carrier, the housing held."""
-        return 1 + self.first_stage.planet_teeth * cycloid.pins / self.first_stage.sun_teeth
+        return float(self.first_stage.ratio(cycloid.pins))
 
     def output_turns(self, cycloid: Cycloid) -> int:
         """Turns of the carrier after which sun, cranks and disks all stand as before: the ratio's denominator."""
-        return Fraction(self.first_stage.planet_teeth * cycloid.pins, self.first_stage.sun_teeth).denominator
+        return self.first_stage.ratio(cycloid.pins).denominator
 
     def fact(self, cycloid: Cycloid, number_text: Callable[[float], str]) -> str:
         """Cranks, first stage and total ratio in words."""
@@ -399,7 +347,50 @@ def _behind_disks(output: Carrier) -> Contacts:
     """Flanks of the planets, and rollers of loose supports, the carrier at rotation 0."""
     places = [(crank, support) for crank in range(output.cranks) for support in (0, 1)]
     supports = [output.support(*place) for place in places] if output.has_loose_supports else []
-    return joined_contacts([output.meshes(), *supports])
+    return joined_contacts([output.first_stage.meshes(output.centres(), MESH), *supports])
+
+
+def _at_rest(output: Carrier, disks: int) -> Contacts:
+    """All contacts of the output, those of each disk and those behind, the carrier at rotation 0."""
+    return joined_contacts([*[_on_eccentrics(output, "disk")] * disks, _behind_disks(output)])
+
+
+@lru_cache
+def _displacements(output: Carrier, disks: int, pins: int) -> Mapping[str, Complex]:
+    """``Carrier.displacements`` of so many ``disks`` where nothing has turned."""
+    contacts = _at_rest(output, disks)
+    of_crank = contacts.end[:, None] == np.arange(output.cranks)
+    ring, mesh, support = (of_crank & (contacts.interface == k)[:, None] for k in (RING, MESH, SUPPORT))
+    of_disk = np.arange(len(contacts)) // (output.cranks * output.bearing_rollers)
+    eccentrics = np.hstack([ring & (of_disk == disk)[:, None] for disk in range(disks)])
+    side, push = (1 - 2 * contacts.face)[:, None], output.push(contacts)[:, None]
+    at_rest = {
+        "crank_position": (ring | mesh) * push,
+        "crank_eccentricity": eccentrics * push,
+        "crank_phase": -1j * eccentrics * push,
+        "planet_runout": mesh * push,
+        "planet_timing": -side * mesh + 0j,
+        "planet_backlash": 0.5 * mesh + 0j,
+        "sun_runout": -1.0 * np.any(mesh, axis=1)[:, None] * push,
+        "first_support_clearance": support * (contacts.face == 0)[:, None] + 0j,
+        "second_support_clearance": support * (contacts.face == 1)[:, None] + 0j,
+    }
+    return {name: np.pad(values, ((disks * pins, 0), (0, 0))) for name, values in at_rest.items()}
+
+
+@lru_cache
+def _compliance(output: Carrier, disks: int, material: Material) -> Real:
+    """``Carrier.compliance``, which turns with the carrier and so is alike at all angles."""
+    assert output.crankshaft is not None
+    contacts = _at_rest(output, disks)
+    push, of_disk = output.push(contacts), np.arange(len(contacts)) // (output.cranks * output.bearing_rollers)
+    plane = np.where(contacts.interface == RING, of_disk, disks)
+    full = np.zeros((len(contacts), len(contacts)))
+    for crank, factor in enumerate(output.bearing_factors.tolist()):
+        rows = np.flatnonzero((contacts.end == crank) & (contacts.interface != SUPPORT))
+        shaft = kept_flexibility(output.crankshaft, disks, material, factor)[np.ix_(plane[rows], plane[rows])]
+        full[np.ix_(rows, rows)] = shaft * np.real(np.conj(push[rows])[:, None] * push[rows])
+    return full
 
 
 MECHANISM = Carrier

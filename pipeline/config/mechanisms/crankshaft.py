@@ -1,4 +1,4 @@
-"""Shafts with eccentrics between two support bearings: a plain reducer's input, a carrier's cranks; and their gears."""
+"""Shafts with eccentrics between two support bearings: a plain reducer's input, a carrier's cranks."""
 
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
@@ -13,20 +13,6 @@ from pipeline.model.contact.laws import Material
 from pipeline.model.elastic.beam import LONGEST, SHORTEST, shaft_flexibility, support_shares
 
 Stiffness = Annotated[float, Field(ge=1, le=1e12)]
-
-
-class FirstStage(Section):
-    """Sun on the input, held, and a planet on each crank.
-
-    `backlash_um` along the pitch circle is the way of a planet from flank to flank; `mesh_stiffness_N_per_mm` is that
-    of one planet's mesh along it. By the pressure angle a mesh also pushes sun and planet apart.
-    """
-
-    sun_teeth: Annotated[int, Field(ge=5, le=1000)]
-    planet_teeth: Annotated[int, Field(ge=5, le=1000)]
-    backlash_um: Clearance
-    mesh_stiffness_N_per_mm: Annotated[float, Field(ge=1, le=1e9)]
-    pressure_angle_deg: Annotated[float, Field(ge=10, le=35)] = 20.0
 
 
 class Shaft(Section):

@@ -10,8 +10,8 @@ from pipeline.identification.identify import one_thread
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.error_orders import WIDTH, OrderRow, error_orders
 from pipeline.identification.record.evidence import Points, RecordEvidence, points_of
-from pipeline.identification.record.judging import TOLERATED_SHARE, Judgement, RecordJudge, Trial, parts_of
-from pipeline.identification.record.terms import Term, base_terms, effects
+from pipeline.identification.record.judging import Judgement, RecordJudge, Trial, parts_of
+from pipeline.identification.record.terms import TOLERATED_SHARE, Term, base_terms, effects
 from pipeline.identification.record.turn_record import DEGREES_A_SECOND, TurnRecord
 from pipeline.identification.selection.statements.verdict import ADEQUATE, UNEXPLAINED
 

@@ -7,6 +7,7 @@ from scipy.special import ndtri
 
 from pipeline.arrays import Real, Whole
 from pipeline.constant_kinds import ShownCount
+from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.evidence import Points
 from pipeline.identification.record.terms import LEAST_WAVES, POINTS_A_WAVE, Covariates
 from pipeline.identification.record.turn_record import TurnRecord
@@ -27,7 +28,7 @@ class OrderRow:
     order : waves per turn of the output.
     of : what turns so often; empty of an order of no shaft.
     amplitude, ci_low, ci_high : [arcsec].
-    per_torque : amplitude of what grows with the torque, at the largest one [arcsec].
+    per_torque : amplitude of what grows with the torque, at the largest one [arcsec]; 0 of one size of torque.
     senses : amplitude of half the difference of the senses [arcsec].
     significant : whether noise alone would give one so large with at most 5 % over all orders.
     """
@@ -43,31 +44,37 @@ class OrderRow:
 
 
 def error_orders(record: TurnRecord, points: Points) -> list[OrderRow]:
-    """Orders of the shafts and the largest others, from the zeros of all intervals."""
+    """Orders of the shafts and the largest others, from the means of all intervals.
+
+    Growth with the torque is that between torques of one sign: from one sign to the other, other flanks carry, which
+    have errors of their own.
+    """
     values = Covariates.from_record(record)
     torque, sense = (points.means(column[:, None])[:, 0] for column in (values.torque, values.sense))
     means = np.bincount(points.kind, points.error) / np.bincount(points.kind)
     residual = points.error - means[points.kind]
     intervals, interval_of_point = np.unique(points.interval, return_inverse=True)
-    signals = [
-        np.bincount(interval_of_point, residual) / np.bincount(interval_of_point),
-        *(_slopes(column, residual, interval_of_point) for column in (torque, sense)),
-    ]
+    parts = (np.ones(len(points)), _load_about_mean(record, points), _about_mean(sense, interval_of_point))
+    columns = (np.ones(len(points)), torque, sense)
+    sums = np.stack([np.bincount(interval_of_point, part * residual) for part in parts])
+    squares = np.stack(
+        [np.bincount(interval_of_point, part * column) for part, column in zip(parts, columns, strict=True)]
+    )
+    signals = sums / np.maximum(squares, 1e-12)
     turns = record.span_deg / 360.0
     place = 2 * np.pi * turns * (intervals + 0.5) / record.n_intervals
     highest = record.n_intervals / turns / POINTS_A_WAVE
     grid = np.arange(max(1.0, 1 / turns), highest, 1 / turns)
     shafts = {order: title for title, order in record.orders.waves.values()} | _mesh_orders(record)
     named_orders = {order: title for order, title in shafts.items() if LEAST_WAVES <= order * turns <= highest * turns}
-    of_signals = [np.bincount(interval_of_point), *(_squares(column, interval_of_point) for column in (torque, sense))]
     noise = 60 * float(np.median(points.noise)) * np.sqrt(2 / len(intervals))
-    errors = np.array([noise / np.sqrt(max(float(np.median(square)), 1e-12)) for square in of_signals])
+    errors = np.array([noise / np.sqrt(max(float(np.median(square)), 1e-12)) for square in squares])
     threshold = np.sqrt(-2 * np.log(LEVEL / max(len(signals) * len(grid), 1)))
     half = 0.5 * 2 * np.pi * turns / record.n_intervals
 
     def amplitudes(order: float) -> Real:
         columns = np.column_stack([np.cos(order * place), np.sin(order * place), np.ones(len(place))])
-        sizes, *_ = np.linalg.lstsq(columns, np.nan_to_num(np.column_stack(signals)), rcond=None)
+        sizes, *_ = np.linalg.lstsq(columns, np.nan_to_num(signals.T), rcond=None)
         amplitude: Real = 60 * np.hypot(sizes[0], sizes[1]) / float(np.sinc(order * half / np.pi))
         return amplitude
 
@@ -104,13 +111,15 @@ def _mesh_orders(record: TurnRecord) -> dict[float, str]:
     return {times * turns: f"{times} times per turn of the crank" for times in (3, 4)} if turns else {}
 
 
-def _squares(x: Real, group: Whole) -> Real:
-    """Sum of squares (n_groups,) of x about its mean in each group."""
-    about = x - (np.bincount(group, x) / np.bincount(group))[group]
-    return np.asarray(np.bincount(group, about**2), float)
+def _load_about_mean(record: TurnRecord, points: Points) -> Real:
+    """Held torque (n_points,) about the mean of one sign at each interval, over the largest; 0 without load."""
+    torque = record.levels[points.level] / max(record.largest_torque, 1e-12)
+    is_loaded = np.abs(torque) >= LEVEL_SHARE
+    about_mean = np.zeros(len(points))
+    about_mean[is_loaded] = _about_mean(torque[is_loaded], points.zero[is_loaded])
+    return about_mean
 
 
-def _slopes(x: Real, y: Real, group: Whole) -> Real:
-    """Slopes (n_groups,) of y over x in each group; zeros where x does not vary."""
-    about = x - (np.bincount(group, x) / np.bincount(group))[group]
-    return np.bincount(group, about * y) / np.maximum(np.bincount(group, about**2), 1e-12)
+def _about_mean(x: Real, group: Whole) -> Real:
+    """Values (n,) about the mean of their group."""
+    return x - (np.bincount(group, x) / np.maximum(np.bincount(group), 1))[group]

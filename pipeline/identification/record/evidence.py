@@ -35,10 +35,6 @@ ROUNDS: Fineness = 4
 """Times that the sizes are found one after the other, at most."""
 REACH = 0.15
 """Share of the angle that was turned over which the drift of a pass is alike."""
-EFFECT_SHARE = 0.1
-"""Prior standard deviation of an effect, in the range of the mean errors over the held torques and senses."""
-BASE_SHARE = 10.0
-"""The same of the terms that every record has: equal in all models."""
 LEAST_NOISE = 1e-5
 """Noise of a point [arcmin] at least: below what an encoder resolves."""
 
@@ -227,14 +223,13 @@ class RecordEvidence:
         columns = [points.means(term.columns) for term in terms]
         ends = np.cumsum([0, *(part.shape[1] for part in columns)])
         self.place = {term.name: slice(int(a), int(b)) for term, a, b in zip(terms, ends[:-1], ends[1:], strict=True)}
+        self.waves = {term.name: term.waves for term in terms}
         self.smooth_columns = self._smooth_columns()
         self.n_terms = int(ends[-1])
         self.columns = np.column_stack([*columns, points.error])
         means = [points.error[points.kind == kind].mean() for kind in np.unique(points.kind)]
         self.span = max(float(np.ptp(means)), self.unit)
-        spread = np.full(self.n_terms, EFFECT_SHARE * self.span)
-        spread[: int(ends[len(self.base)])] = BASE_SHARE * self.span
-        self.spread = spread
+        self.spread = self.span * np.repeat([term.prior_share for term in terms], np.diff(ends))
         self._moments = lru_cache(maxsize=256)(self._moments_of)
 
     def _smooth_columns(self) -> csr_array:

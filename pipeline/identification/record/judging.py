@@ -9,7 +9,7 @@ from scipy.stats import f
 
 from pipeline.arrays import Real, Whole
 from pipeline.identification.record.evidence import Points, Posterior, RecordEvidence, Structure
-from pipeline.identification.record.terms import Term
+from pipeline.identification.record.terms import LEAST_WAVES, TOLERATED_SHARE, Term
 from pipeline.identification.selection.criteria import ODDS, Choice, Rule, best_of, form_limit, prior_log_odds
 from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
@@ -23,9 +23,6 @@ from pipeline.statistics.resampling import CONFIDENCE
 
 ADDED_PARTS = 3
 """Further effects that are tried beside the best model, each time: those that promise most."""
-TOLERATED_SHARE = 0.0025
-"""Amplitude of a compliance that varies with a shaft, over the range of the mean errors, that errors of parts within
-their tolerances cause. Calibrated: generated reducers without an effect have at most 0.15 %."""
 TOLERABLE = "errors of parts within their tolerances"
 LARGEST_SHARE = 1.0
 """Bound of an effect, in the range of the mean errors: more is no effect beside the spring, but another spring."""
@@ -240,14 +237,24 @@ class RecordJudge(Rule[Trial]):
             yield f"{TOLERABLE} cause waves as large as {tolerated[0]}"
 
     def tolerated_waves(self, trial: Trial) -> list[str]:
-        """Effects of a trial that are waves of the compliance no larger than errors of parts cause."""
-        return [
-            name
-            for name in trial.effects
-            if self.evidence.are_waves([name])
-            and name.startswith("compliance_")
-            and self._size(trial, name) < TOLERATED_SHARE * self.evidence.span
+        """Effects of a trial that are waves of the compliance no larger than errors of parts cause.
+
+        Waves that the record does not tell apart count as their sum: each may be large where they cancel each other.
+        """
+        names = [n for n in trial.effects if n.startswith("compliance_") and self.evidence.are_waves([n])]
+        limit = TOLERATED_SHARE * self.evidence.span
+        return [name for name in names if self._amplitude_of_alike(trial, name, names) < limit]
+
+    def _amplitude_of_alike(self, trial: Trial, name: str, others: Sequence[str]) -> float:
+        """Amplitude [arcmin] at the largest torque of the sum of a wave and those that beat with it less than once."""
+        evidence, waves = self.evidence, self.evidence.waves
+        alike = [other for other in others if abs(waves[other] - waves[name]) < LEAST_WAVES]
+        sums = [
+            evidence.columns[:, evidence.place[other]] @ trial.posterior.mean[evidence.columns_of(trial.effects, other)]
+            for other in alike
         ]
+        cosine, sine = evidence.columns[:, evidence.place[name]].T
+        return float(np.sqrt(2 * np.sum(np.sum(sums, axis=0) ** 2) / np.sum(cosine**2 + sine**2)))
 
     def _size(self, trial: Trial, name: str) -> float:
         """Size of an effect of a trial [arcmin]."""
