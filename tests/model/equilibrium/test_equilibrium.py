@@ -12,6 +12,7 @@ from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.elastic.pressure_patches import boundary_patches
 from pipeline.model.equilibrium.blocks import workspace
+from pipeline.model.equilibrium.inverse_update import solve_tangent
 from pipeline.model.equilibrium.primal_active_set import solved_afresh
 from pipeline.model.equilibrium.solve import (
     ACCEPTED_RESIDUAL,
@@ -225,3 +226,14 @@ def test_a_hard_step_finds_its_start_compiled_ahead():
     _, residual = solved_afresh(system, None, float(TORQUES[0]), gap[0], np.zeros((1, 1))[0], workspace(system))
     assert residual <= ACCEPTED_RESIDUAL
     assert set(solved_afresh.signatures) == compiled
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_tangent_without_symmetry_is_solved_with_pivots(seed):
+    rng = np.random.default_rng(seed)
+    tangent, right_side = rng.normal(size=(6, 6)), rng.normal(size=6)
+    tangent[np.diag_indices(6)] *= 1e-3
+    solution = right_side.copy()
+    assert solve_tangent.py_func(tangent.copy(), solution)  # compiled parts borrow their arrays from compiled code
+    np.testing.assert_allclose(solution, np.linalg.solve(tangent, right_side), rtol=1e-9)
+    assert not solve_tangent.py_func(np.zeros((2, 2)), np.ones(2))

@@ -18,8 +18,6 @@ FEASIBLE = 1e-10
 """Violation of a limit, in the unit of the limits over that of the rows, that is rounding."""
 LEAST_PIVOT = 1e-9
 """Share of the rows' largest entry below which a pivot is rounding."""
-FAR = 1e4
-"""Limits of a box beyond all optima, of which those of the programs are 1."""
 CANDIDATES = 0.5
 """Share of the largest violation above which rows enter, one after the other, before all rows are looked at again."""
 MOST_VIOLATED = 20
@@ -227,17 +225,7 @@ def _points(objective: Real, basis: Index, rows: Real, limits: Real, radii: Real
 
 
 def _optimal_basis(objective: Real, rows: Real) -> Index:
-    """Rows (n_unknowns,) that are met at the optimum of limits 1, whose weights >= 0 make the objective.
-
-    Found from a box far beyond, of which a basis is dual feasible at once; where some of its sides stay, from weights.
-    """
-    n_rows, size = rows.shape
-    far_sides = np.diag(np.where(objective < 0, -1.0, 1.0))
-    limits = np.append(np.ones(n_rows), np.full(size, FAR))[None]
-    in_box = np.vstack([rows, far_sides])
-    basis = _points(objective, n_rows + np.arange(size), in_box, limits, np.zeros((1, 0)))[2]
-    if np.all(basis < n_rows):
-        return basis
+    """Rows (n_unknowns,) that are met at the optimum of limits 1, whose weights >= 0 make the objective."""
     weights, misfit = scipy.optimize.nnls(rows.T, objective)
     if misfit > 1e-9 * np.linalg.norm(objective):
         raise ArithmeticError("a linear program is unbounded: no contact stops a motion")
@@ -245,5 +233,5 @@ def _optimal_basis(objective: Real, rows: Real) -> Index:
     span = np.linalg.qr(rows[basis].T)[0]
     off_span = rows - rows @ span @ span.T  # each further row is the one that is farthest from those chosen
     farthest = scipy.linalg.qr(off_span.T, mode="r", pivoting=True)[1]
-    basis = np.append(basis, farthest[: size - len(basis)])
-    return _points(objective, basis, rows, np.ones((1, n_rows)), np.zeros((1, 0)))[2]
+    basis = np.append(basis, farthest[: rows.shape[1] - len(basis)])
+    return _points(objective, basis, rows, np.ones((1, len(rows))), np.zeros((1, 0)))[2]
