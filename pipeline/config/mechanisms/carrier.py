@@ -13,8 +13,7 @@ from pydantic import Field
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.config.files.section import Millimetres, Mistake, Positive
-from pipeline.config.mechanisms.crankshaft import Crankshaft, kept_flexibility
-from pipeline.config.mechanisms.first_stage import FirstStage
+from pipeline.config.mechanisms.crankshaft import Crankshaft, FirstStage, kept_flexibility
 from pipeline.config.mechanisms.mechanism import Circles, Holes, LawInputs, OutputMechanism, Panel, Points, Words
 from pipeline.model.contact.laws import ContactLaws, Material, concatenated_laws
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined_contacts

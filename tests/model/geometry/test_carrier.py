@@ -9,7 +9,7 @@ from reducers import STEEL
 from scipy.optimize import linprog
 
 from pipeline.config.mechanisms.carrier import Carrier
-from pipeline.config.mechanisms.first_stage import FirstStage
+from pipeline.config.mechanisms.crankshaft import FirstStage
 from pipeline.config.mechanisms.mechanism import LawInputs
 from pipeline.model.contact.laws import LineContact, concatenated_laws
 from pipeline.model.contact.line_laws import library

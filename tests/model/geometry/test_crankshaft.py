@@ -8,8 +8,7 @@ from reducers import STEEL
 
 from pipeline import load_study
 from pipeline.config.mechanisms.carrier import Carrier
-from pipeline.config.mechanisms.crankshaft import Crankshaft
-from pipeline.config.mechanisms.first_stage import FirstStage
+from pipeline.config.mechanisms.crankshaft import Crankshaft, FirstStage
 from pipeline.model.elastic.beam import shaft_flexibility
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.contacts import OUTPUT
