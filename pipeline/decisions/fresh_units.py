@@ -16,7 +16,7 @@ Solve = Callable[[Errors], tuple[Angles, Angles]]
 """Errors of ``n`` units to each metric at the loaded angles (n, n_angles), and over the turn as limits mean it (n,)."""
 
 PRELOADED = "preloaded"
-"""Name, beside the metrics over the turn, of whether a unit has no play at some crank angle."""
+"""Name, beside the metrics over the turn, of whether the gaps of a unit interfere at some crank angle."""
 BATCH = 500
 """Units that are solved together."""
 

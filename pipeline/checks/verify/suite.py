@@ -102,15 +102,15 @@ def run_checks(specimen: Specimen, checks: Mapping[str, Check]) -> Iterator[Chec
 
 
 def why_not(name: str, study: Study) -> str:
-    """Why a check tells nothing of a study; empty if it does."""
+    """Why a check does not apply to a study; empty if it does."""
     design = study.design
     if name in OF_OWN_DESIGNS and not (name == "RV reducer" and isinstance(design.output, Carrier)):
-        return "it is of a design of its own, the same for every study; run make verify without one"
+        return "it checks a design of its own, the same for every study; run make verify without STUDY"
     if name == "RV reducer" and design.disk.count != 2:
-        return f"its closed forms are of two opposed disks; this design has {design.disk.count}"
+        return f"its closed forms hold for two opposed disks; this design has {design.disk.count}"
     if name in ONE_PLATE and not isinstance(design.output, RollerPlate):
-        with_what = f"{design.disk.count} and the output {design.output.name}"
-        return f"it solves one disk and a sliding plate; this design has {with_what}"
+        parts = f"disks: {design.disk.count}, output: {design.output.name}"
+        return f"it solves one disk and a sliding plate; this design has others ({parts})"
     if name in LINEAR_BEARING and (design.bearing.clearance_um or design.bearing.exponent != 1.0):
         return "it solves a linear input bearing without clearance; this design has another"
     if name == "contact laws" and study.springs.law != "hertz":
