@@ -26,6 +26,8 @@ line of slope 6 d takes of it."""
 PLAY_SHARE = 0.1
 """Height of a jump, over the range of the angle at its position, from which it is a way through the play: a knee of the
 curve scatters too."""
+BETWEEN_ROWS: Unit = 12**-0.5
+"""Rms of the distance of a place that is anywhere between two rows from their middle [rows]."""
 PLACE: Unit = 24**-0.5
 """Rms of what half a row reaches beyond a place that is anywhere between two rows [rows]."""
 CELL_WIDTH = 0.02
@@ -50,8 +52,9 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
     usual_share = np.mean(1 / cells.count[training])
     white = min(np.nan_to_num(noise.row_scatter_arcmin), floor / np.sqrt(usual_share))
     cell_variance = floor**2 + white**2 * (1 / cells.count - usual_share)
-    jumps = jump_errors(cells, branch, training)
-    jumps = np.hypot(jumps, place_errors(cells, jumps > 0, row_torque_noise))
+    height = jump_heights(cells, training)
+    within, row_error_within = jump_errors(cells, branch, training, height)
+    beside, row_error_beside = place_errors(cells, height, row_torque_noise)
     return Data(
         position=cells.position,
         cycle=cells.cycle,
@@ -62,7 +65,8 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
         count=cells.count,
         spread=cells.angle_spread,
         noise=floor,
-        sigma=np.sqrt(cell_variance + slope**2 * (torque_noise**2 + (CELL_WIDTH * width) ** 2) + jumps**2),
+        sigma=np.sqrt(cell_variance + slope**2 * (torque_noise**2 + (CELL_WIDTH * width) ** 2) + within**2 + beside**2),
+        row_error=np.hypot(row_error_within, row_error_beside),
         common_offset=measurement.unit.settings.offset == "common",
     )
 
@@ -91,6 +95,7 @@ def _of_turns(measurement: TurningMeasurement, training: Truth) -> TurningData:
         spread=cells.angle_spread,
         noise=floor,
         sigma=np.sqrt(floor**2 + white**2 * (1 / cells.count - usual_share)),
+        row_error=np.zeros(len(cells)),
         common_offset=True,
         part=measurement.parts,
         direction=cells.direction,
@@ -120,67 +125,104 @@ def _larger_beside(of_links: Real) -> Real:
     return larger
 
 
-def jump_errors(cells: Cells, branch: Whole, training: Truth) -> Real:
+def jump_heights(cells: Cells, training: Truth) -> Real:
+    """Height [arcmin] (n_cells,) of the jump within each cell, by its scatter beyond the usual one; 0 without one."""
+    usual_spread = np.median(cells.angle_spread[training & np.isfinite(cells.angle_spread)])
+    exceeding_square = np.nan_to_num(cells.angle_spread) ** 2 - (JUMP * usual_spread) ** 2
+    return np.asarray(np.sqrt(np.maximum(exceeding_square, 0.0)) / STEP_SCATTER)
+
+
+def jump_errors(cells: Cells, branch: Whole, training: Truth, height: Real) -> tuple[Real, Real]:
     """Errors [arcmin] (n_cells,) of the mean angle where the angle jumps within a cell; 0 where it does not.
+
+    Of each cell by itself, and those by the place of the jump between two rows.
 
     Parameters
     ----------
     branch : (n_cells,) equal for cells whose branches repeat each other.
-    training : (n_cells,) cells whose scatter and repeats are known.
+    training : (n_cells,) cells whose repeats are known.
+    height : (n_cells,) of the jump within each cell [arcmin].
 
     Notes
     -----
     The mean tells where in the cell the angle jumped: to half a row, and as surely as the repeats of the jump scatter.
     Where a jump is no way through the play, or nothing repeats it, the scatter within the cell is its error.
     """
-    usual_spread = np.median(cells.angle_spread[training & np.isfinite(cells.angle_spread)])
-    exceeding = np.sqrt(np.maximum(np.nan_to_num(cells.angle_spread) ** 2 - (JUMP * usual_spread) ** 2, 0.0))
-    height = exceeding / STEP_SCATTER
-    top = np.zeros(len(cells))
+    scatter_within, is_through_play = height * STEP_SCATTER, height > PLAY_SHARE * _ranges(cells)
+    row_errors = np.where(is_through_play, height * BETWEEN_ROWS / cells.count, 0.0)
+    distance = np.array([*_repeated_jumps(cells, branch, training, np.where(is_through_play, height, 0.0))])
+    if not distance.size:
+        return scatter_within, row_errors
+    scatter = float(np.sqrt(np.mean(distance**2) / 2))
+    errors = np.minimum(height * np.hypot(0.5 / cells.count, scatter), scatter_within)
+    return np.where(is_through_play, errors, scatter_within), row_errors
+
+
+def _ranges(cells: Cells) -> Real:
+    """Range [arcmin] (n_cells,) of the angle at the position of each cell."""
+    ranges = np.zeros(len(cells))
     for position in np.unique(cells.position):
         at_position = cells.position == position
-        top[at_position] = np.ptp(cells.angle_mean[at_position])
-    through_play = height > PLAY_SHARE * top
-    distance = np.array([*_repeated_jumps(cells, branch, training, np.where(through_play, height, 0.0))])
-    if not distance.size:
-        return exceeding
-    scatter = float(np.sqrt(np.mean(distance**2) / 2))
-    return np.where(through_play, np.minimum(height * np.hypot(0.5 / cells.count, scatter), exceeding), exceeding)
+        ranges[at_position] = np.ptp(cells.angle_mean[at_position])
+    return ranges
 
 
-def place_errors(cells: Cells, jumps_within: Truth, torque_noise: float) -> Real:
-    """Errors [arcmin] (n_cells,) of the mean angle beside a way through the play between two cells; 0 elsewhere.
+def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tuple[Real, Real]:
+    """Errors [arcmin] (n_cells,) of the mean angle beside a way through the play; 0 elsewhere.
+
+    Of each cell by itself, and those by the place of the jump between two rows.
 
     Parameters
     ----------
-    jumps_within : (n_cells,) whether the angle jumps within a cell: the way to its neighbours is part of that.
+    height_within : (n_cells,) of the jump within each cell [arcmin]: its way to its neighbours is part of that.
     torque_noise : of a row [N m].
 
     Notes
     -----
     The play is crossed somewhere between the last row of one cell and the first row of the other, and the model's
     cells reach to the middle of the two: ``PLACE`` of a row of each, and as many rows as the noise of the torque hides.
-    Where a record ends or begins there, a jump of another branch tells the height.
+    Where a record ends or begins there, a jump of another branch tells the height, between two cells or within one.
     """
     is_linked, step = _is_linked(cells), np.abs(np.diff(cells.torque_mean))
     slope = np.where(is_linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
     usual_slope = np.maximum(np.append(slope[1:], 0.0), np.append(0.0, slope[:-1]))
+    smallest = PLAY_SHARE * _ranges(cells)
+    jumps_within = height_within > smallest
     is_smooth = is_linked & (usual_slope > 0) & ~(jumps_within[:-1] | jumps_within[1:])
-    height = np.where(is_smooth, (slope - usual_slope) * step, 0.0)
+    height = np.append(np.where(is_smooth, (slope - usual_slope) * step, 0.0), 0.0)
     is_end = ~(np.append(is_linked, False) & np.append(False, is_linked))
-    errors = np.zeros(len(cells))
-    for position in np.unique(cells.position):
-        at_position = cells.position == position
-        top = np.ptp(cells.angle_mean[at_position])
-        for number in np.flatnonzero(at_position[:-1] & (height > PLAY_SHARE * top)):
-            pair = slice(number, number + 2)
-            distance = np.abs(cells.torque_mean - cells.torque_mean[pair].mean())
-            is_beside = at_position & (distance <= np.where(is_end, 1.5, 0.5) * step[number])
-            is_beside[pair] = True
-            hidden_rows = torque_noise * cells.count[pair].mean() / step[number]
-            error = height[number] * np.hypot(PLACE, hidden_rows) / cells.count[is_beside]
-            errors[is_beside] = np.maximum(errors[is_beside], np.minimum(error, height[number]))
-    return errors
+    _, width = _slopes(cells)
+    errors, row_errors = np.zeros(len(cells)), np.zeros(len(cells))
+
+    def add(height: float, is_beside: Truth, rows_per_Nm: Real | float) -> None:
+        row_error = height * PLACE / cells.count
+        error = np.minimum(np.hypot(row_error, height * torque_noise * rows_per_Nm / cells.count), height)
+        errors[is_beside] = np.maximum(errors, error)[is_beside]
+        row_errors[is_beside] = np.maximum(row_errors, row_error)[is_beside]
+
+    for number in np.flatnonzero(height > smallest):
+        pair, at_position = slice(number, number + 2), cells.position == cells.position[number]
+        distance = np.abs(cells.torque_mean - cells.torque_mean[pair].mean())
+        is_beside = at_position & (distance <= np.where(is_end, 1.5, 0.5) * step[number])
+        is_beside[pair] = True
+        add(height[number], is_beside, cells.count[pair].mean() / step[number])
+    crossed_at, row = _torques_of_jumps(cells, width), width / cells.count
+    for number in np.flatnonzero(jumps_within):
+        distance = np.abs(cells.torque_mean - crossed_at[number])
+        is_beside = is_end & ~jumps_within & (distance <= 0.5 * (width + row[number]))
+        is_beside &= cells.position == cells.position[number]
+        add(height_within[number], is_beside, 1 / np.maximum(row, 1e-9))
+    return errors, row_errors
+
+
+def _torques_of_jumps(cells: Cells, width: Real) -> Real:
+    """Torque [N m] (n_cells,) at which the angle jumps if it does so within a cell, by its mean and its neighbours'."""
+    is_linked, angle = _is_linked(cells), cells.angle_mean
+    share_before = np.full(len(cells), 0.5)
+    between = np.flatnonzero(is_linked[1:] & is_linked[:-1]) + 1
+    change = angle[between + 1] - angle[between - 1]
+    share_before[between] = np.clip((angle[between + 1] - angle[between]) / np.where(change == 0, 1.0, change), 0, 1)
+    return cells.torque_mean + cells.direction * (share_before - 0.5) * width
 
 
 def _repeated_jumps(cells: Cells, branch: Whole, training: Truth, height: Real) -> Iterator[float]:

@@ -61,6 +61,8 @@ class Data:
     count, spread : rows in each cell, and scatter of their angle about its line [arcmin].
     noise : floor of the angle of a cell [arcmin].
     sigma : (n_cells,) [arcmin]: the floor, and the noise of the torque times the slope of the measured curve.
+    row_error : (n_cells,) [arcmin]: of the mean angle beside a way through the play, whose place between two rows is
+        not known; alike in all branches of one sense where their rows lie at the same torques. 0 elsewhere.
     common_offset : whether all positions share one zero of the angle.
     """
 
@@ -74,6 +76,7 @@ class Data:
     spread: Real
     noise: float
     sigma: Real
+    row_error: Real
     common_offset: bool
 
     def __len__(self) -> int:

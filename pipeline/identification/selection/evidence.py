@@ -86,7 +86,9 @@ class Covariance:
         self.is_first = np.append(True, np.diff(data.block[cells]) != 0)
         self.unit = float(np.median(self.sigma))
         group = data.group[cells]
-        self.zeros = OFFSET * self.unit * (group[:, None] == np.unique(group)).astype(float)
+        self.fixed_features = np.hstack(
+            [OFFSET * self.unit * (group[:, None] == np.unique(group)), self._row_errors()]
+        )
         common_features = {reach: self._common_features(reach) for reach in REACHES}
         of_cycles = self._by_number(common_features[max(REACHES)], data.cycle[cells])
         self._features = {
@@ -95,6 +97,12 @@ class Covariance:
         }
         self._whitened_columns: dict[tuple[float, float], Real] = {}
         self._products: dict[tuple[float, float], Real] = {}
+
+    def _row_errors(self) -> Real:
+        """Errors of the place of the jump through play between two rows, alike on all branches of a sense (n, ...)."""
+        senses, errors = self.data.senses[self.cells], self.data.row_error[self.cells]
+        of_senses = errors[:, None] * (senses[:, None] == np.unique(senses))
+        return np.asarray(of_senses[:, np.any(of_senses > 0, axis=0)])
 
     def _common_features(self, reach: float) -> Real:
         """Features (n, n_features) that all positions and cycles share, variances summing to one."""
@@ -126,11 +134,11 @@ class Covariance:
         return white
 
     def features(self, reach: float) -> Real:
-        """Features of all kinds and zeros of angles (n, n_features)."""
-        return np.hstack([*self._features[reach], self.zeros])
+        """Features of all kinds, zeros of angles and places between rows (n, n_features)."""
+        return np.hstack([*self._features[reach], self.fixed_features])
 
     def whitened_features(self, reach: float, correlation: float) -> tuple[Real, Real]:
-        """Features of all kinds and zeros of angles (n, n_features), whitened, and their products."""
+        """The features (n, n_features), whitened, and their products."""
         key = reach, correlation
         if key not in self._whitened_columns:
             self._whitened_columns[key] = self.whiten(self.features(reach), correlation)
@@ -138,10 +146,10 @@ class Covariance:
         return self._whitened_columns[key], self._products[key]
 
     def spreads(self, structure: Structure) -> Real:
-        """Standard deviation of the amount of each feature and zero."""
+        """Standard deviation of the amount of each feature."""
         counts = [features.shape[1] for features in self._features[structure.reach]]
         sizes = self.unit * np.array([structure.common, structure.own_size, structure.cycle_size])
-        return np.append(np.repeat(sizes, counts), np.ones(self.zeros.shape[1]))
+        return np.append(np.repeat(sizes, counts), np.ones(self.fixed_features.shape[1]))
 
     def log_scale(self, correlation: float, is_chosen: Truth) -> float:
         """Logarithm of what turns the density of whitened cells into that of ``is_chosen`` ones (n,)."""

@@ -1,16 +1,22 @@
 """The torque at which the play is crossed, where the angle jumps through it within a cell."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from measured_bench import measured, path_of, write_unit
 from synthetic_unit import ROOT, Bench, make_unit, problem_of
 
-from pipeline.identification.fitting.cells_in_noise import STEP_SCATTER, data_of
-from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.cells_in_noise import PLACE, STEP_SCATTER, data_of, place_errors
+from pipeline.identification.fitting.data import Data
+from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.measured_loops import within_cells
+from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.selection.model_selection import Selector
+from pipeline.identification.selection.evidence import Covariance, Evidence
+from pipeline.identification.selection.model_selection import Selector, parts_of
 from pipeline.identification.selection.statements.verdict import IDENTIFIED, judge
 
 ZERO = 0.06
@@ -39,6 +45,61 @@ def test_a_zero_of_the_torque_within_the_cell_of_the_jump_is_named(tmp_path, con
     (zero,) = verdict.parameters
     assert zero.ci_low < ZERO < zero.ci_high
     assert zero.value == pytest.approx(ZERO, rel=0.15)
+
+
+def test_a_zero_of_the_torque_is_as_uncertain_as_the_place_of_the_jump_between_two_rows(tmp_path, condensed):
+    """All branches of a sense have their rows at the same torques, so that more of them do not tell it any better.
+
+    The fit is off by a third of a row: beyond three standard deviations if cells beside the jumps erred independently.
+    """
+    zero = 0.5 * ZERO
+    folder = make_unit(tmp_path / "u", {"torque_zero": [zero]}, Bench(rows=401, cycles=6), condensed)
+    problem = problem_of(folder, condensed)
+    fitter, visible = Fitter(problem), np.ones(len(problem.data), bool)
+    model = Model((candidates()["torque_zero"],))
+    fit = fitter.fit_from_best(model, visible, [fitter.start(model, np.array([share])) for share in (0.49, 0.51)])
+    ((low, high),) = fitter.bounds(model)
+
+    def error_in_deviations(data: Data) -> float:
+        covariance = Covariance(data, visible, parts_of(data, visible))
+        evidence = Evidence(covariance, fitter, fit)
+        mean, spread = evidence.unknowns[0], OPEN_SHARE * (high - low)
+        place = len(fit.unknowns.scales)
+        return abs(spread * mean[place] - zero) / ((high - low) * evidence.deviations[place])
+
+    assert error_in_deviations(problem.data) < 2
+    assert error_in_deviations(replace(problem.data, row_error=np.zeros(len(visible)))) > 3
+
+
+def test_a_record_that_ends_where_another_branch_jumps_within_a_cell_is_as_uncertain():
+    """Its last cell reaches half a row beyond its last row; the scatter there, a little more than usual, is no jump."""
+    torque = np.array([8.0, 2.7, -5.4, 3.5, 1.4, 0.4])
+    nothing = np.zeros(len(torque))
+    whole = nothing.astype(np.int64)
+    cells = Cells(
+        block=np.array([0, 0, 0, 1, 1, 1]),
+        position=whole,
+        cycle=whole,
+        direction=whole - 1,
+        torque_mean=torque,
+        angle_mean=np.where(torque > 0, 2.0, -2.0) - np.array([0, 1, 0, 0, 0, 0]),
+        count=whole + 4,
+        angle_spread=nothing,
+        time_mean=nothing,
+        temperature_mean=nothing,
+        first_row=4 * np.arange(len(torque)),
+    )
+    errors, row_errors = place_errors(cells, np.array([0.0, 4.0, 0.0, 0.0, 0.0, 0.01]), 0.0)
+    np.testing.assert_allclose(errors, [0, 0, 0, 0, 0, 4.0 * PLACE / 4], rtol=1e-12)
+    np.testing.assert_allclose(row_errors, errors)
+
+
+def misfit_of_model(measurement, data):
+    """What the mean over its cells of a spring behind a play of 40 arcmin misses [arcmin]."""
+    fine = np.linspace(0, 1, 401)
+    edges = within_cells(measurement, np.arange(len(data)))
+    followed = np.stack([np.interp(fine, np.linspace(0, 1, edges.shape[1]), edge) for edge in edges])
+    return np.mean(np.where(followed > 0, 20.0, -20.0) + followed / 5, axis=1) - data.angle
 
 
 def jumping(folder, scatter, cycles=6):
@@ -86,10 +147,7 @@ def test_a_jump_between_two_cells_is_known_to_a_part_of_a_row(tmp_path, torque_n
     table["torque_Nm"] = torque + torque_noise * rng.standard_normal(len(torque))
     measurement = Measurement.read(load_measured_unit(write_unit(tmp_path, {"rows.csv": table}), ROOT))
     data = data_of(measurement, np.ones(len(measurement.cells), bool))
-    fine = np.linspace(0, 1, 401)
-    edges = within_cells(measurement, np.arange(len(data)))
-    followed = np.stack([np.interp(fine, np.linspace(0, 1, edges.shape[1]), edge) for edge in edges])
-    misfit = np.mean(np.where(followed > 0, 20.0, -20.0) + followed / 5, axis=1) - data.angle
+    misfit = misfit_of_model(measurement, data)
     beside = np.abs(data.torque) < 0.6
     assert np.count_nonzero(beside) > 30
     assert np.max(np.abs(misfit[beside])) > 10 * data.noise

@@ -45,6 +45,7 @@ class LinearFitter:
                 spread=np.full(n, noise),
                 noise=noise,
                 sigma=np.full(n, noise),
+                row_error=np.zeros(n),
                 common_offset=False,
             ),
         )
