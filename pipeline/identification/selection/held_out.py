@@ -7,7 +7,7 @@ the evidence of its training cells.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Model
 from pipeline.identification.selection.carried_over import expected_misfit
-from pipeline.identification.selection.criteria import Judge, Selection
+from pipeline.identification.selection.criteria import ODDS, Judge, Selection
 from pipeline.identification.selection.model_selection import Selector, parts_of
 from pipeline.identification.selection.statements.remainder import position_scatter
 
@@ -177,10 +177,29 @@ def _fold(selector: Selector, selection: Selection, training: Truth, judged_cell
     judge = Judge(fitter, training, len(selector.testable))
     name = judge.chosen_without(selection, part) if selection.members else selection.answer.fit.model.name
     model = selection.trials[name].fit.model if name else Model()
-    chosen_fit = selector.refit(model, training, base)
+    if not model.effects:
+        chosen_fit = selector.refit(model, training, base)
+    else:
+        chosen_fit = _refit(selector, selection.trials[name].fit, training, base)
     if selection.description is selection.answer:
         return base, chosen_fit, chosen_fit
-    return base, chosen_fit, selector.refit(selection.description.fit.model, training, base)
+    return base, chosen_fit, _refit(selector, selection.description.fit, training, base)
+
+
+def _refit(selector: Selector, fit_of_all: Fit, training: Truth, base: Fit) -> Fit:
+    """The model of a fit of all cells, refitted to the training cells on top of a base.
+
+    From what the training cells show alone; and from the fit of all cells, which is taken where the training cells do
+    not tell the two solutions apart by the odds of a class: two positions hold two phases of a second harmonic, say.
+    """
+    fitter, unknowns = selector.fitter, fit_of_all.unknowns
+    refit = selector.refit(fit_of_all.model, training, base)
+    modes = np.zeros(fitter.problem.n_modes)
+    n_common = min(len(modes), len(unknowns.modes))
+    modes[:n_common] = unknowns.modes[:n_common]
+    start = replace(fitter.start(fit_of_all.model, unknowns.shares), scales=unknowns.scales, modes=modes)
+    second_fit = fitter.fit(fit_of_all.model, training, start)
+    return second_fit if second_fit.sound and second_fit.cost <= refit.cost + 2 * ODDS else refit
 
 
 def _prediction_deviation(data: Data, fit: Fit, training: Truth, left_open: Real) -> Real:

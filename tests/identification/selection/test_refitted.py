@@ -7,6 +7,8 @@ from synthetic_unit import CRANKS, Bench, make_unit, problem_of
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Vector, shares_of_values
 from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.selection.adequacy import failed_test
+from pipeline.identification.selection.held_out import predicted_folds
 from pipeline.identification.selection.model_selection import Selector
 from pipeline.identification.selection.screening import _by_sense
 
@@ -27,6 +29,19 @@ def test_a_fold_ends_where_a_fit_from_the_truth_does(name, values, position, tmp
     refit = fold.refit(model, training, base)
     assert refit.cost < 1.05 * reference.cost
     np.testing.assert_allclose(refit.values, reference.values, rtol=0.1)
+
+
+def test_of_two_solutions_that_a_fold_does_not_tell_apart_that_of_all_cells_is_taken(tmp_path, condensed):
+    """Two positions hold two phases of a second harmonic equally well, and the other one misses the third by far."""
+    unit = make_unit(tmp_path / "u", {"crank_compliance_2": (0.009, 0.025)}, Bench(cranks=CRANKS, noise=0.01), condensed)
+    problem = problem_of(unit, condensed)
+    everything = np.ones(len(problem.data), bool)
+    selector = Selector(Fitter(problem), everything)
+    selector.testable = {"crank_compliance_2": selector.testable["crank_compliance_2"]}
+    selection = selector.select(everything)
+    assert selection.members == ("crank_compliance_2",)
+    folds = predicted_folds(selector, selection, everything, carry_over=False)
+    assert failed_test(problem.data, folds, {}, selection.limit, is_named=True) == ""
 
 
 def test_the_best_start_of_each_sense_comes_before_the_others():
