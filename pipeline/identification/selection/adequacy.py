@@ -22,8 +22,8 @@ def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: f
     Notes
     -----
     A right model leaves noise, what the training cells leave open, and a structure of the size of its form. The scatter
-    between positions is not part of it: an effect of the crank angle that is missed is scatter, too. A baseline is ahead
-    where it is so of a right model: by more than what the training cells leave open.
+    between positions is not part of it: an effect of the crank angle that is missed is scatter, too. A baseline has to
+    be ahead of a right model: by more than what the training cells leave open.
     """
     if folds.in_sample:
         return "nothing is held out, so the fit cannot be tested"

@@ -33,7 +33,8 @@ def test_a_fold_ends_where_a_fit_from_the_truth_does(name, values, position, tmp
 
 def test_of_two_solutions_that_a_fold_does_not_tell_apart_that_of_all_cells_is_taken(tmp_path, condensed):
     """Two positions hold two phases of a second harmonic equally well, and the other one misses the third by far."""
-    unit = make_unit(tmp_path / "u", {"crank_compliance_2": (0.009, 0.025)}, Bench(cranks=CRANKS, noise=0.01), condensed)
+    effects = {"crank_compliance_2": (0.009, 0.025)}
+    unit = make_unit(tmp_path / "u", effects, Bench(cranks=CRANKS, noise=0.01), condensed)
     problem = problem_of(unit, condensed)
     everything = np.ones(len(problem.data), bool)
     selector = Selector(Fitter(problem), everything)
