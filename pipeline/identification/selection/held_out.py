@@ -173,33 +173,40 @@ def _fold(selector: Selector, selection: Selection, training: Truth, judged_cell
     """The model refitted, with effects, and as it describes best, from the training cells alone."""
     fitter = selector.fitter
     base = fitter.fit(Model(), training, fitter.start(Model()))
-    part = int(parts_of(fitter.problem.data, training | judged_cells)[judged_cells][0])
-    judge = Judge(fitter, training, len(selector.testable))
-    name = judge.chosen_without(selection, part) if selection.members else selection.answer.fit.model.name
-    model = selection.trials[name].fit.model if name else Model()
-    if not model.effects:
-        chosen_fit = selector.refit(model, training, base)
+    answer, description = selection.answer.fit, selection.description.fit
+    if selection.members:
+        part = int(parts_of(fitter.problem.data, training | judged_cells)[judged_cells][0])
+        name = Judge(fitter, training, len(selector.testable)).chosen_without(selection, part)
+        chosen_fit = _refit(selector, selection.trials[name].fit, training, base) if name else base
     else:
-        chosen_fit = _refit(selector, selection.trials[name].fit, training, base)
-    if selection.description is selection.answer:
+        chosen_fit = _from_fit_of_all(selector, answer, training, base)
+    if description is answer:
         return base, chosen_fit, chosen_fit
-    return base, chosen_fit, _refit(selector, selection.description.fit, training, base)
+    return base, chosen_fit, _from_fit_of_all(selector, description, training, base)
 
 
 def _refit(selector: Selector, fit_of_all: Fit, training: Truth, base: Fit) -> Fit:
-    """The model of a fit of all cells, refitted to the training cells on top of a base.
+    """The model of a fit of all cells, which is named, refitted to the training cells.
 
     From what the training cells show alone; and from the fit of all cells, which is taken where the training cells do
     not tell the two solutions apart by the odds of a class: two positions hold two phases of a second harmonic, say.
     """
-    fitter, unknowns = selector.fitter, fit_of_all.unknowns
     refit = selector.refit(fit_of_all.model, training, base)
+    second_fit = _from_fit_of_all(selector, fit_of_all, training, refit)
+    return second_fit if second_fit.cost <= refit.cost + 2 * ODDS else refit
+
+
+def _from_fit_of_all(selector: Selector, fit_of_all: Fit, training: Truth, other: Fit) -> Fit:
+    """The model of a fit of all cells, fitted to the training cells from there; ``other`` where that is not sound."""
+    fitter, unknowns, model = selector.fitter, fit_of_all.unknowns, fit_of_all.model
+    if not model.effects:
+        return other
     modes = np.zeros(fitter.problem.n_modes)
     n_common = min(len(modes), len(unknowns.modes))
     modes[:n_common] = unknowns.modes[:n_common]
-    start = replace(fitter.start(fit_of_all.model, unknowns.shares), scales=unknowns.scales, modes=modes)
-    second_fit = fitter.fit(fit_of_all.model, training, start)
-    return second_fit if second_fit.sound and second_fit.cost <= refit.cost + 2 * ODDS else refit
+    start = replace(fitter.start(model, unknowns.shares), scales=unknowns.scales, modes=modes)
+    fit = fitter.fit(model, training, start)
+    return fit if fit.sound else other
 
 
 def _prediction_deviation(data: Data, fit: Fit, training: Truth, left_open: Real) -> Real:
