@@ -331,6 +331,39 @@ def test_a_drift_that_goes_on_over_the_cycles_is_no_gain_of_energy():
         assert gains_energy(torque, 5.0 * np.tanh((torque + 0.3 * sense) / 3.0) + moved)
 
 
+def loops(*turns, rows=200):
+    """Torques of rows between turning points, none of them at no torque."""
+    legs = zip(turns[:-1], turns[1:], strict=True)
+    return np.concatenate([np.linspace(*leg, rows) for leg in legs]) + 1e-3
+
+
+def test_where_an_angle_rests_within_the_play_is_no_drift():
+    """At no torque it lies anywhere in the play, which of few loops looks like a drift of half of it."""
+    torque = loops(4, -12, 12, -12, 12)
+    for seed in range(20):
+        rest = np.random.default_rng(seed).uniform(-2.0, 2.0, len(torque))
+        angle = np.where(np.abs(torque) < 0.1, rest, 2.0 * np.sign(torque)) + 0.1 * torque
+        assert not gains_energy(torque, angle), seed
+
+
+def test_a_play_that_closes_with_warmth_is_no_gain_of_energy():
+    """The ends of the loop drift towards each other under load: work that the warmth does."""
+    torque = loops(0, *4 * [12, -12], 0)
+    closing = 2.0 - 1.0 * np.arange(len(torque)) / len(torque)
+    angle = closing * np.tanh(5.0 * torque) + 0.1 * torque
+    assert not gains_energy(torque, angle)
+    rubbing = 1.5 * np.sign(np.gradient(torque))
+    assert gains_energy(torque, closing * np.tanh(5.0 * torque) + 0.1 * (torque + rubbing))
+
+
+def test_noise_of_the_angle_is_no_gain_of_energy():
+    """A twentieth of the range of the angle, of few rows: the work of a loop scatters by more than a hundredth."""
+    torque = loops(0, 12, -12, 0, rows=40)
+    draws = np.random.default_rng(3)
+    clean_angle = 2.0 * np.sign(torque) + 0.1 * torque
+    assert not any(gains_energy(torque, clean_angle + 0.3 * draws.standard_normal(len(torque))) for _ in range(200))
+
+
 def test_a_record_that_ends_at_another_load_is_judged_by_its_closed_loops():
     """The way from its end back to its start is none that was measured: it took work from a loop with friction."""
     legs = [(0, 12), (12, -12), (-12, 12), (12, -12)]

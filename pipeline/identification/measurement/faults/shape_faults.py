@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
-from pipeline.constant_kinds import Shown
+from pipeline.constant_kinds import Shown, Unit
 from pipeline.identification.measurement.columns import ANGLE_UNITS, TORQUE_UNITS
 from pipeline.identification.measurement.repeated_branches import Loop, loop_distance
 from pipeline.model.units import ARCMIN, ARCMIN_A_DEGREE, TURN_DEG
@@ -92,7 +92,11 @@ BENT = 2.0
 CLOSED_SHARE = 0.02
 """Torque, in parts of its range, up to which a drive counts as unloaded."""
 GAINED_SHARE = 0.01
-"""Work that a loop gives back, in parts of torque range times angle range; noise makes less than a tenth of it."""
+"""Work that a loop gives back, in parts of torque range times angle range."""
+SURE = 4.0
+"""The same in standard deviations of the work of noise: one record in 30,000 exceeds it."""
+OF_MEDIAN_BEND: Unit = 1 / (0.67449 * 6**0.5)
+"""Standard deviation of noise over the median size of its second differences from row to row."""
 FEWEST_ROWS = 20
 """Rows of a sense below which its shape is not judged."""
 DISTANCE_RATIO = 3.0
@@ -142,37 +146,46 @@ def gains_energy(torque: Real, angle: Real) -> bool:
     cycle. With the columns exchanged, or the rows reversed in time, it has the other sign. Rows before the first and
     after the last visit of no torque, at a row or between two, belong to no closed loop: a record may end under load.
     There the way that closes it does no work, whatever the angle drifts by. A drift that goes on from cycle to cycle
-    does work under load; it is taken off first. A record without a cycle of half of the torque's range is not judged.
+    does work under load; it is taken off first. Noise of the angle does work, too, in proportion to the steps of the
+    torque. A record without a cycle of half of the torque's range is not judged.
     """
+    angle = angle - np.arange(len(angle)) * drift_per_row(torque, angle)
+    noise = OF_MEDIAN_BEND * float(np.median(np.abs(np.diff(angle, 2)))) if len(angle) > 2 else 0.0
     torque, angle = _with_crossings(torque, angle)
-    angle = angle - drift_per_row(torque, angle) * np.arange(len(angle))
-    unloaded_points = np.flatnonzero(np.abs(torque) <= CLOSED_SHARE * np.ptp(torque))
+    unloaded_points = np.flatnonzero(torque == 0)
+    if len(unloaded_points) < 2:
+        unloaded_points = np.flatnonzero(np.abs(torque) <= CLOSED_SHARE * np.ptp(torque))
     closed_part = slice(unloaded_points[0], unloaded_points[-1] + 1) if len(unloaded_points) else slice(None)
     whole_range = float(np.ptp(torque))
     torque, angle = torque[closed_part], angle[closed_part]
     if np.ptp(torque) < 0.5 * whole_range:
         return False
     work = 0.5 * float(np.sum((torque + np.roll(torque, -1)) * (np.roll(angle, -1) - angle)))
-    return work < -GAINED_SHARE * float(np.ptp(torque) * np.ptp(angle))
+    of_noise = noise * float(np.sqrt(np.sum(np.diff(torque) ** 2)))
+    return work < -max(GAINED_SHARE * float(np.ptp(torque) * np.ptp(angle)), SURE * of_noise)
 
 
-def drift_per_row(torque: Real, angle: Real) -> float:
-    """Drift of the angle from row to row, by visits of no torque in one sense; none where each sense has one at most.
+def drift_per_row(torque: Real, angle: Real) -> Real:
+    """Drift of the angle from row to row (n,), which may differ between the senses of the torque: warmth closes a play.
 
-    Parameters
-    ----------
-    torque, angle : (n,) with rows at which the torque is zero.
+    By least squares over the loaded rows of each sense, beside a line over the torque before its turns and another one
+    after them. None in a sense that is visited once, where hysteresis looks alike.
     """
-    zero = np.flatnonzero(torque == 0)
-    zero = zero[(zero > 0) & (zero < len(torque) - 1)]
-    times, angles = [np.zeros(0)], [np.zeros(0)]
-    for sense in (-1, 1):
-        visits = zero[np.sign(torque[zero + 1] - torque[zero - 1]) == sense]
+    rates = {}
+    for sense in (1, -1):
+        load = sense * torque
+        loaded = np.flatnonzero(load >= HIGH * load.max())
+        visits = np.split(loaded, np.flatnonzero(np.diff(loaded) > 1) + 1)
+        visits = [rows for rows in visits if rows.size and load[rows].max() > 0.5 * (1 + HIGH) * load.max() > 0]
         if len(visits) > 1:
-            times.append(visits - visits.mean())
-            angles.append(angle[visits] - angle[visits].mean())
-    time, moved = np.concatenate(times), np.concatenate(angles)
-    return float(time @ moved / (time @ time)) if len(time) else 0.0
+            used = np.concatenate(visits)
+            is_after = np.concatenate([rows > rows[np.argmax(load[rows])] for rows in visits])
+            columns = np.column_stack([np.ones(len(used)), used, load[used], is_after, is_after * load[used]])
+            rates[sense] = float(np.linalg.lstsq(columns, angle[used], rcond=None)[0][1])
+    if not rates:
+        return np.zeros(len(torque))
+    above, below = (rates.get(sense, rates.get(-sense, 0.0)) for sense in (1, -1))
+    return np.where(torque > 0, above, below)
 
 
 def _with_crossings(torque: Real, angle: Real) -> tuple[Real, Real]:
