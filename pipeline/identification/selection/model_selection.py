@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import permutations, product
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from pipeline.constant_kinds import Seed
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
-from pipeline.identification.fitting.problem import Model, candidates, limit_cases
+from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
 from pipeline.identification.selection.criteria import MOST_NAMED, Judge, Selection, Trial, least_fall
 from pipeline.identification.selection.evidence import Covariance, Evidence
 from pipeline.identification.selection.pairs import promising_pairs
@@ -108,7 +108,25 @@ class Selector:
             fits.append(self.fitter.fit_from_best(model, cells, [start], rival_cost=_rival_cost(fits)))
         trials = {fit.model.name: self.trial(fit, cells, covariance, base) for fit in fits if np.isfinite(fit.cost)}
         selection = judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
-        return self._with_additions(selection, cells, covariance, judge)
+        selection = self._with_additions(selection, cells, covariance, judge)
+        return self._with_twins(selection, cells, covariance, judge)
+
+    def _with_twins(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
+        """The selection with pairs in which an effect that looks like a member of the best pair takes its place.
+
+        Where one of them stands for the other, both belong to the class; which was fitted first is chance.
+        """
+        best_model = selection.trials[selection.best_model].fit.model if selection.best_model else Model()
+        for effect, other in permutations(best_model.effects, 2):
+            new_twins = [
+                name
+                for name in twins(effect.name)
+                if name in self.testable and name != other.name and _pair_name(name, other.name) not in selection.trials
+            ]
+            if new_twins and other.name in selection.trials:
+                single = selection.trials[other.name]
+                selection, _ = self._extended(selection, single, cells, covariance, judge, new_twins)
+        return selection
 
     def _with_additions(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
         """The selection with further effects beside its most probable single one, and beside its most probable model.
@@ -132,12 +150,22 @@ class Selector:
         return selection
 
     def _extended(
-        self, selection: Selection, current: Trial, cells: Truth, covariance: Covariance, judge: Judge
+        self,
+        selection: Selection,
+        current: Trial,
+        cells: Truth,
+        covariance: Covariance,
+        judge: Judge,
+        offered_names: Sequence[str] = (),
     ) -> tuple[Selection, Trial]:
-        """The selection with effects added to one of its trials, and the most probable of these, or the trial."""
-        promises = self.screen(cells, current.fit)
-        best_additions = dict(sorted(promises.items(), key=lambda item: item[1].misfit)[:ADDITIONS])
-        fits = [fit for fit in self.fits(current.fit, cells, best_additions) if np.isfinite(fit.cost)]
+        """The selection with effects added to one of its trials, and the most probable of these, or the trial.
+
+        All ``offered_names``, where any are given, else those that explain most.
+        """
+        promises = self.screen(cells, current.fit, offered_names)
+        if not offered_names:
+            promises = dict(sorted(promises.items(), key=lambda item: item[1].misfit)[:ADDITIONS])
+        fits = [fit for fit in self.fits(current.fit, cells, promises) if np.isfinite(fit.cost)]
         added_trials = {fit.model.name: self.trial(fit, cells, covariance, current) for fit in fits}
         trials = {**selection.trials, **added_trials}
         further = max(added_trials.values(), key=lambda trial: trial.evidence.value, default=current)
@@ -202,6 +230,10 @@ class Selector:
             start = replace(held, shares=np.concatenate([base.shares, shares]))
             fits.append(self.fitter.fit(model, cells, start, FIRST_ITERATIONS))
         return replace(min(fits, key=lambda fit: fit.cost).unknowns, reach=declared_unknowns.reach)
+
+
+def _pair_name(name: str, second_name: str) -> str:
+    return "+".join(sorted((name, second_name)))
 
 
 def _rival_cost(fits: Sequence[Fit]) -> float:

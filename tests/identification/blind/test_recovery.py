@@ -72,7 +72,7 @@ def test_an_effect_is_found_again(name, tmp_path, condensed):
 def test_a_second_effect_is_found_beside_the_best_one_where_no_pair_was_promised(tmp_path, condensed, monkeypatch):
     """A drift of the angle differs between cycles alone, which the limit of the form of the model does not count."""
     monkeypatch.setattr(model_selection, "promising_pairs", lambda *_: [])
-    effects = {"coulomb": (0.3,), "angle_drift": (0.4,)}
+    effects = {"coulomb": (0.8,), "angle_drift": (0.4,)}
     bench = replace(TWO, cycles=3, seconds=5.0)
     problem = exactly_known(problem_of(make_unit(tmp_path / "u", effects, bench, condensed), condensed))
     all_cells = np.ones(len(problem.data), bool)
@@ -82,3 +82,18 @@ def test_a_second_effect_is_found_beside_the_best_one_where_no_pair_was_promised
     assert selection.odds["coulomb"] > selection.odds["angle_drift"]
     assert selection.trials["coulomb"].evidence.structure.size <= selection.limit
     assert selection.members == ("angle_drift+coulomb",)
+
+
+def test_what_looks_like_a_member_of_the_best_pair_takes_its_place(tmp_path, condensed, monkeypatch):
+    """Of two effects that curves hardly tell apart the pair with either is fitted, though one was not promised."""
+    monkeypatch.setattr(model_selection, "promising_pairs", lambda *_: [])
+    monkeypatch.setattr(model_selection, "ADDITIONS", 1)
+    effects = {"coulomb": (0.3,), "pin_radius_error": (8.0,)}
+    bench = replace(TWO, cycles=3)
+    problem = exactly_known(problem_of(make_unit(tmp_path / "u", effects, bench, condensed), condensed))
+    all_cells = np.ones(len(problem.data), bool)
+    selector = Selector(Fitter(problem), all_cells)
+    selector.testable = {name: selector.testable[name] for name in (*effects, "preload", "pin_circle_error")}
+    selection = selector.select(all_cells)
+    pairs = {name for name in selection.trials if "coulomb" in name.split("+") and "+" in name}
+    assert pairs == {"coulomb+pin_radius_error", "coulomb+preload", "coulomb+pin_circle_error"}
