@@ -3,6 +3,7 @@
 import errno
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -17,16 +18,15 @@ from pipeline.errors import ChunkError, InputError
 
 ROOT = Path(__file__).parent.parent.parent
 HEAVY = ("numpy", "scipy", "pandas", "pyarrow", "joblib", "matplotlib", "numba", "pydantic", "skfem", "tqdm")
-SAMPLE_STAGE = """
-import resource, sys
+COMMANDS = """
+import sys
 from pathlib import Path
-from pipeline import cli
-from pipeline import settings
-settings.RUNS = Path(sys.argv[1])
-if len(sys.argv) > 2:
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]),) * 2)
-sys.exit(cli.main(["run", "sample", "--study", "quick"]))
+from pipeline import cli, settings
+for runs, command in zip(sys.argv[1::2], sys.argv[2::2]):
+    settings.RUNS = Path(runs)
+    print("ended", cli.main(command.split()), file=sys.stderr)
 """
+SAMPLE_STAGE = ("run", "sample", "--study", "quick")
 
 
 def told(capsys: pytest.CaptureFixture, *arguments: object) -> str:
@@ -83,45 +83,61 @@ def test_every_command_has_its_action() -> None:
 # --- what the system refuses ------------------------------------------------------------------------------------------
 
 
-def ran_sample_stage(runs: str, *limits: str, mount: str = "") -> subprocess.CompletedProcess:
-    command = [sys.executable, "-c", SAMPLE_STAGE, runs, *limits]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    if mount:
-        command = ["unshare", "-rm", "sh", "-c", f'{mount}; exec "$@"', "sh", *command]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-
-
-def last_line(process: subprocess.CompletedProcess, path: Path | str) -> str:
-    """The last line of the message of a command that ended with status 2; it names ``path``."""
-    assert process.returncode == 2, process.stderr
-    assert "Traceback" not in process.stderr
-    line = process.stderr.strip().splitlines()[-1]
-    assert str(path) in line
-    return line
+def test_a_file_larger_than_the_limit(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(settings, "RUNS", tmp_path)
+    soft_limit, limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limit))
+    try:
+        line = told(capsys, *SAMPLE_STAGE).splitlines()[-1]
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft_limit, limit))
+    assert str(tmp_path) in line
+    assert "File too large; raise the limit" in line
 
 
 @pytest.fixture(scope="module")
-def may_mount() -> None:
+def on_odd_disks(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs on a full disk and on a read-only one, and the removal of runs in which a disk is mounted.
+
+    One process ran them; what it said of each is in a file of its name.
+    """
     if (
         not shutil.which("unshare")
         or subprocess.run(["unshare", "-rm", "mount", "-t", "tmpfs", "x", "/mnt"]).returncode
     ):
         pytest.skip("mounts in a namespace of one's own are not permitted here")
+    folder = tmp_path_factory.mktemp("disks")
+    for name in ("full", "locked", "busy/quick/sample", "busy/other"):
+        (folder / name).mkdir(parents=True)
+    disks = (("-o size=32k", "full"), ("-o ro", "locked"), ("", "busy/quick/sample"))
+    mounts = "".join(f"mount -t tmpfs {options} x {folder / name}; " for options, name in disks)
+    runs = (("full", *SAMPLE_STAGE), ("locked/runs", *SAMPLE_STAGE), ("busy", "clean-runs"))
+    arguments = [text for name, *command in runs for text in (str(folder / name), " ".join(command))]
+    process = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", f'{mounts} exec "$@"', "sh", sys.executable, "-c", COMMANDS, *arguments],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    *texts, _ = process.stderr.split("ended 2\n")
+    assert len(texts) == len(runs), process.stderr
+    assert "Traceback" not in process.stderr
+    for (name, *_), text in zip(runs, texts, strict=True):
+        (folder / f"{name.partition('/')[0]}.txt").write_text(text)
+    return folder
 
 
-def test_a_file_larger_than_the_limit(tmp_path: Path) -> None:
-    line = last_line(ran_sample_stage(str(tmp_path), "2000"), tmp_path)
-    assert "File too large; raise the limit" in line
+def test_a_full_disk_is_told_with_what_to_do(on_odd_disks: Path) -> None:
+    line = (on_odd_disks / "full.txt").read_text().strip().splitlines()[-1]
+    assert str(on_odd_disks / "full") in line
+    assert "No space left on device; free some space" in line
 
 
-def test_a_full_disk_is_told_with_what_to_do(may_mount, tmp_path: Path) -> None:
-    process = ran_sample_stage(str(tmp_path), mount=f"mount -t tmpfs -o size=32k x {tmp_path}")
-    assert "No space left on device; free some space" in last_line(process, tmp_path)
-
-
-def test_a_read_only_disk_is_told_with_what_to_do(may_mount, tmp_path: Path) -> None:
-    process = ran_sample_stage(str(tmp_path / "runs"), mount=f"mount -t tmpfs -o ro x {tmp_path}")
-    assert "Read-only file system; work in a folder that can be written" in last_line(process, tmp_path)
+def test_a_read_only_disk_is_told_with_what_to_do(on_odd_disks: Path) -> None:
+    line = (on_odd_disks / "locked.txt").read_text().strip().splitlines()[-1]
+    assert str(on_odd_disks / "locked") in line
+    assert "Read-only file system; work in a folder that can be written" in line
 
 
 @pytest.mark.skipif(not Path("/sys/kernel").is_dir(), reason="no folder that even the superuser may not write")
@@ -279,16 +295,6 @@ def test_clean_runs_during_a_run_removes_nothing(tmp_path: Path, monkeypatch, ca
     assert cli.main(["clean-runs"]) == 0
 
 
-def test_clean_runs_says_what_it_could_not_remove(may_mount, tmp_path: Path) -> None:
-    (tmp_path / "runs/quick/sample").mkdir(parents=True)
-    (tmp_path / "runs/other").mkdir()
-    script = SAMPLE_STAGE.replace('["run", "sample", "--study", "quick"]', '["clean-runs"]')
-    mount = f"mount -t tmpfs x {tmp_path / 'runs/quick/sample'}"
-    command = ["unshare", "-rm", "sh", "-c", f'{mount}; exec "$@"', "sh", sys.executable, "-c", script]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    process = subprocess.run(
-        [*command, str(tmp_path / "runs")], env=environment, capture_output=True, text=True, check=False
-    )
-    assert process.returncode == 2
-    assert "runs/quick: not removed: sample: Device or resource busy" in process.stderr
-    assert not (tmp_path / "runs/other").exists()
+def test_clean_runs_says_what_it_could_not_remove(on_odd_disks: Path) -> None:
+    assert "busy/quick: not removed: sample: Device or resource busy" in (on_odd_disks / "busy.txt").read_text()
+    assert not (on_odd_disks / "busy/other").exists()

@@ -46,11 +46,13 @@ from pipeline import settings
 from pipeline.config import load_study
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.report.inputs import tolerance_rows
-assert {sys.argv[3]} <= set(source_hashes("stages.sample"))
+assert {"arcsine_of_a_chatter.py", "chuck_of_four_jaws.py"} <= set(source_hashes("stages.sample"))
 settings.RUNS = Path(sys.argv[1])
-print(*tolerance_rows(load_study(sys.argv[2], Path()).tolerances), sep="\\n")
-for study in (sys.argv[2], sys.argv[4]):
-    print("ended", cli.main(["run", "sample", "--study", study, "--jobs", "1"]))
+for study in sys.argv[2:]:
+    status = cli.main(["run", "sample", "--study", study, "--jobs", "1"])
+    print("ended", status)
+    if status == 0:
+        print(*tolerance_rows(load_study(study, Path()).tolerances), sep="\\n")
 """
 RUN = """
 import sys
@@ -168,17 +170,27 @@ def test_effects_of_every_file_of_the_project_are_in_the_library_without_registr
 
 
 @pytest.fixture(scope="module")
-def extended_run(tmp_path_factory: pytest.TempPathFactory, runs: Path) -> Path:
-    """Run of the quick study with a metric and a section of the report of other packages."""
+def run_studies(tmp_path_factory: pytest.TempPathFactory, runs: Path) -> subprocess.CompletedProcess[str]:
+    """Runs of the quick study with a metric, a section of the report and an output of other packages, by one process.
+
+    "extended" has the metric and the section, the others the output; one of these is refused.
+    """
     folder = tmp_path_factory.mktemp("packages")
     install(folder, "windup_of_a_loop", WINDUP.format(), "windup", METRICS)
     install(folder, "play_of_rigid_bodies", PLAY, "play", REPORT_SECTIONS)
+    install(folder, "coupling_of_dogs", DOGS, "dogs", OUTPUT_MECHANISMS)
     text = QUICK
     text = text.replace("count = 50", "count = 4").replace("keep_contacts = [0]", 'keep_contacts = "all"')
     study = folder / "extended.toml"
     study.write_text(text.replace("[limits]", "[limits]\nwindup_arcmin = 7.4"))
-    process = in_a_process(RUN, folder, runs, study, "report")
-    assert endings(process) == [0], process.stderr
+    refused, narrow, wide = (with_dogs(folder, *numbers) for numbers in ((3.0, 5.0), (15.0, 5.0), (15.0, 15.0)))
+    stages = (study, "report", refused, "report", narrow, "clearance", wide, "report")
+    return in_a_process(RUN, folder, runs, *stages)
+
+
+@pytest.fixture(scope="module")
+def extended_run(run_studies: subprocess.CompletedProcess[str], runs: Path) -> Path:
+    assert endings(run_studies)[0] == 0, run_studies.stderr
     return runs / "extended"
 
 
@@ -227,18 +239,34 @@ def test_a_contact_law_of_another_package_is_known_and_told(folder: Path) -> Non
     assert law_fact(springy) == "linear springs (Hooke, 1678)"
 
 
-def test_a_distribution_of_another_package_is_checked_drawn_and_told(folder: Path, runs: Path) -> None:
-    text = QUICK.replace("count = 50", "count = 100")
-    head, tail = text.split("[tolerances.pin_tangential]")
-    study = folder / "chatter.toml"
-    study.write_text("[tolerances.pin_tangential]".join((head, tail.replace('"normal"', '"arcsine"', 1))))
-    with pytest.raises(InputError, match=r"(?s)tolerances.pin_tangential.distribution.*arcsine"):
-        load_study(study, ROOT)
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory, runs: Path) -> tuple[Path, subprocess.CompletedProcess[str]]:
+    """Folder of studies with a distribution and with a dimension of other packages, and the process that drew them."""
+    folder = tmp_path_factory.mktemp("drawn")
+    head, tail = QUICK.replace("count = 50", "count = 100").split("[tolerances.pin_tangential]")
+    chatter = "[tolerances.pin_tangential]".join((head, tail.replace('"normal"', '"arcsine"', 1)))
+    clamped = QUICK.replace("count = 50", "count = 20")
+    clamped += '\n[tolerances.ovality_4]\ndistribution = "uniform"\nlower_um = 1.0\nupper_um = 3.0\n'
+    texts = {
+        "chatter": chatter,
+        "clamped": clamped,
+        "chatter_refused": chatter.replace("upper_um = 3.0", "upper_um = -4.0"),
+        "clamped_refused": clamped.replace("lower_um = 1.0", "lower_um = -1.0"),
+    }
+    for name, text in texts.items():
+        (folder / f"{name}.toml").write_text(text)
+        with pytest.raises(InputError):
+            load_study(folder / f"{name}.toml", ROOT)
     install(folder, "arcsine_of_a_chatter", ARCSINE + "DISTRIBUTION = Arcsine", "arcsine", DISTRIBUTIONS)
-    refused = folder / "refused.toml"
-    refused.write_text(study.read_text().replace("upper_um = 3.0", "upper_um = -4.0"))
-    process = in_a_process(DRAW, folder, runs, study, "arcsine_of_a_chatter.py", refused)
-    assert endings(process) == [0, 2], process.stderr
+    install(folder, "chuck_of_four_jaws", FOUR_LOBED, "ovality_4", DIMENSIONS)
+    return folder, in_a_process(DRAW, folder, runs, *(folder / f"{name}.toml" for name in texts))
+
+
+def test_a_distribution_of_another_package_is_checked_drawn_and_told(drawn, runs: Path) -> None:
+    folder, process = drawn
+    assert endings(process) == [0, 0, 2, 2], process.stderr
+    with pytest.raises(InputError, match=r"(?s)tolerances.pin_tangential.distribution.*arcsine"):
+        load_study(folder / "chatter.toml", ROOT)
     assert "title='tangential pin position', distribution='arcsine'" in process.stdout
     assert "a vibration of amplitude 3 µm" in process.stdout
     pins = pd.read_parquet(runs / "chatter" / "sample" / "pins.parquet")
@@ -247,18 +275,11 @@ def test_a_distribution_of_another_package_is_checked_drawn_and_told(folder: Pat
     assert "tolerances.pin_tangential.upper_um = -4.0; must be > lower_um = -3" in process.stderr
 
 
-def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(folder: Path, runs: Path) -> None:
-    text = QUICK.replace("count = 50", "count = 20")
-    clamped = text + '\n[tolerances.ovality_4]\ndistribution = "uniform"\nlower_um = 1.0\nupper_um = 3.0\n'
-    study = folder / "clamped.toml"
-    study.write_text(clamped)
+def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(drawn, runs: Path) -> None:
+    folder, process = drawn
+    assert endings(process) == [0, 0, 2, 2], process.stderr
     with pytest.raises(InputError, match="tolerances.ovality_4"):
-        load_study(study, ROOT)
-    install(folder, "chuck_of_four_jaws", FOUR_LOBED, "ovality_4", DIMENSIONS)
-    refused = folder / "refused.toml"
-    refused.write_text(clamped.replace("lower_um = 1.0", "lower_um = -1.0"))
-    process = in_a_process(DRAW, folder, runs, study, "chuck_of_four_jaws.py", refused)
-    assert endings(process) == [0, 2], process.stderr
+        load_study(folder / "clamped.toml", ROOT)
     assert "title='four-lobed ovality of pin circle', distribution='uniform', lower='1', upper='3'" in process.stdout
     reducer, pins = (pd.read_parquet(runs / "clamped" / "sample" / f"{name}.parquet") for name in ("reducer", "pins"))
     waves = np.fft.fft(pins["radial_um"].to_numpy().reshape(21, 80))[1:, 4] / 40
@@ -290,17 +311,16 @@ def with_dogs(folder: Path, radius: float, clearance: float) -> Path:
     return study
 
 
-def test_a_mechanism_of_another_package_is_checked_run_drawn_and_told(folder: Path, runs: Path) -> None:
+def test_a_mechanism_of_another_package_is_checked_run_drawn_and_told(
+    run_studies: subprocess.CompletedProcess[str], folder: Path, runs: Path
+) -> None:
     with pytest.raises(InputError, match="mechanism = \"dogs\"; must be one of 'carrier', 'direct', 'pin_in_hole', "):
         load_study(with_dogs(folder, 15.0, 5.0), ROOT)
-    install(folder, "coupling_of_dogs", DOGS, "dogs", OUTPUT_MECHANISMS)
-    refused, narrow, wide = (with_dogs(folder, *numbers) for numbers in ((3.0, 5.0), (15.0, 5.0), (15.0, 15.0)))
-    process = in_a_process(RUN, folder, runs, refused, "report", narrow, "clearance", wide, "report")
-    assert endings(process) == [2, 0, 0], process.stderr
-    assert "output.radius_mm = 3.0; must be > 3 mm, the bore" in process.stderr
+    assert endings(run_studies)[1:] == [2, 0, 0], run_studies.stderr
+    assert "output.radius_mm = 3.0; must be > 3 mm, the bore" in run_studies.stderr
     plays = []
-    for study in (narrow, wide):
-        run = runs / study.stem
+    for name in ("dogs_15_5", "dogs_15_15"):
+        run = runs / name
         plays.append(pd.read_parquet(run / "clearance" / "kinematic.parquet")["backlash_arcmin"].to_numpy())
     wider = np.degrees(2 * 10e-3 / 15.0) * 60  # both senses turn through 10 um at 15 mm
     np.testing.assert_allclose(plays[1] - plays[0], wider, rtol=1e-9)
