@@ -27,8 +27,8 @@ SECONDS = 30.0
 """Of processor time that a design may take; the slowest of 500 is in docs/promises.md."""
 
 
-SEEDS = (1, 4, 6, 7, 8, 9, 10, 11, 16, 18, 19, 25, 27)
-"""The quick ones of the first 28, of both mechanisms: solved, refused as a whole, and with units that fail."""
+SEEDS = (1, 4, 7, 10, 11, 16, 18, 25, 27)
+"""The quickest of the first 28, of both mechanisms: solved, refused as a whole, and with units that fail."""
 PRELOADED = (30, 43, 60, pytest.param(49, marks=pytest.mark.attack))
 """More with units whose ends at no torque are hard to find; that of 282 pins takes ten seconds."""
 NOT_ASKED = ["peak_pressure_MPa", "pressure_speed_MPa_m_per_s", "friction_plus_W", "friction_minus_W"]

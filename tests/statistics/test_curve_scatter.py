@@ -32,8 +32,16 @@ def visible(size: float, alike: bool) -> float:
     return size * float(np.sqrt(1 - correlation.mean() * (1.0 if alike else 0.5)))
 
 
-@pytest.mark.parametrize("alike", [False, True])
-@pytest.mark.parametrize(("groups", "size"), [(3, 0.3), (3, 2.0), (6, 2.0)])
+@pytest.mark.parametrize(
+    ("groups", "size", "alike"),
+    [
+        *((3, 0.3, False), (3, 2.0, True)),
+        *(
+            pytest.param(*case, marks=pytest.mark.attack)
+            for case in ((3, 0.3, True), (3, 2.0, False), (6, 2.0, False), (6, 2.0, True))
+        ),
+    ],
+)
 def test_a_size_is_found_and_lies_in_its_interval(groups, size, alike):
     many = [curve_scatter(*drawn(seed, groups, size, alike)) for seed in range(30)]
     truth = visible(size, alike)

@@ -13,6 +13,7 @@ from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions import library
 from pipeline.config.files.table_file import TableFile, read_table
 from pipeline.config.studies.study import ALL_LIMITS
+from pipeline.decisions.lots import dimension_fit as dimension_fits
 from pipeline.decisions.lots.dimension_fit import correlation_length, dimension_fit
 from pipeline.decisions.lots.fitted_distribution import fitted_kinds
 from pipeline.decisions.lots.lot_yield import limit_passes, lot_yield, study_of_lot
@@ -29,6 +30,14 @@ from pipeline.statistics.intervals import Estimate
 ROOT = Path(__file__).parents[2]
 STUDY = load_study("quick", ROOT)
 DIMENSIONS = dimension_library()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_replicates():
+    """The ends of a 95 % interval are order statistics 3 and 98 of 99 lots, in place of 10 and 390 of 399."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dimension_fits, "REPLICATES", 99)
+        yield
 
 
 def drawn(kind: str, shape: tuple[int, ...], seed: int, **settings: float) -> tuple[object, np.ndarray]:

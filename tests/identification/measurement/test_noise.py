@@ -1,9 +1,11 @@
 """The noise floor against noise that was put in."""
 
+from itertools import product
+
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from measured_bench import ROOT, UNIT, measured, write_unit
 from scipy.signal import lfilter
@@ -21,6 +23,7 @@ def noise_of(folder, table):
     return measurement.repeatability, measurement.cells
 
 
+@settings(max_examples=25)
 @given(st.floats(0.01, 10), st.floats(-5, 5), st.integers(0, 50))
 def test_scatter_of_a_ramp_with_noise(sigma, slope, seed):
     values = slope * np.arange(4000) + sigma * np.random.default_rng(seed).standard_normal(4000)
@@ -207,8 +210,16 @@ def noisy_loops(kind, seed, cycles, positions=(0.0, 120.0, 240.0), rows=150):
     return table, noise
 
 
-@pytest.mark.parametrize("cycles", [2, 3, 6])
-@pytest.mark.parametrize("kind", ["white", "wander", "offsets"])
+@pytest.mark.parametrize(
+    ("kind", "cycles"),
+    [
+        *[("white", 2), ("wander", 3), ("offsets", 6)],
+        *(
+            pytest.param(*case, marks=pytest.mark.attack)
+            for case in product(("white", "wander", "offsets"), (2, 3, 6))
+        ),
+    ],
+)
 def test_floor_is_the_noise_of_all_cells_on_average(tmp_path, kind, cycles):
     """Of drawn units: its mean square is that of the noise which the cells have, those in the play included."""
     floors, noise_of_cells = [], []

@@ -52,7 +52,7 @@ def errors(share: float, trained: int, seeds=range(80)) -> np.ndarray:
     return np.mean(losses, axis=0)
 
 
-@pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
+@pytest.mark.parametrize("share", [*(pytest.param(share, marks=pytest.mark.attack) for share in (0.3, 0.7)), 0.5])
 def test_half_of_a_single_position_is_better_than_none_of_it_and_than_all_of_it(share):
     nothing, expected, replay = errors(share, trained=1)
     assert expected < min(nothing, replay)

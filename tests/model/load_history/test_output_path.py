@@ -92,9 +92,14 @@ def legs(path):
 
 
 PATHS = [*((name, (NODES, ANGLES)) for name in RESISTANCES), ("load_slider", COARSE), ("soft_load_slider", COARSE)]
+CONTAINED = ("nothing", "slider", "ripple")
+"""Resistances that others of them contain."""
 
 
-@pytest.mark.parametrize(("name", "backbone"), PATHS)
+@pytest.mark.parametrize(
+    ("name", "backbone"),
+    [pytest.param(*path, marks=[pytest.mark.attack] if path[0] in CONTAINED else []) for path in PATHS],
+)
 def test_the_path_is_that_of_stop_operators_turned_in_small_steps(name, backbone):
     friction, ripple, steps_error = RESISTANCES[name]
     path = output_path(rows(25), *backbone, friction, ripple)

@@ -43,7 +43,7 @@ def covered(intervals, truth):
     ],
 )
 def test_coverage_of_mean_and_std(population):
-    samples = population.rvs((3000, 100), random_state=np.random.default_rng(1))
+    samples = population.rvs((1500, 100), random_state=np.random.default_rng(1))
     assert covered([mean_interval(x, 0.95) for x in samples], population.mean()) == pytest.approx(0.95, abs=0.015)
     assert covered([std_interval(x, 0.95) for x in samples], population.std()) == pytest.approx(0.95, abs=0.025)
     assert covered([std_interval(x, 0.80) for x in samples], population.std()) == pytest.approx(0.80, abs=0.04)
@@ -76,7 +76,7 @@ def test_quantile_interval_has_at_least_its_level_and_no_rank_to_spare(n, level,
 
 
 def test_std_interval_keeps_its_level_in_small_samples():
-    samples = stats.norm().rvs((4000, 12), random_state=np.random.default_rng(4))
+    samples = stats.norm().rvs((2000, 12), random_state=np.random.default_rng(4))
     assert covered([std_interval(x, 0.95) for x in samples], 1.0) == pytest.approx(0.95, abs=0.01)
 
 
