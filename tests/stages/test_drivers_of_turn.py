@@ -1,5 +1,6 @@
 """The drivers of the worst over the whole turn: by the search of a part of the units, and of all of them."""
 
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -43,11 +44,14 @@ def tables(study: Study, folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 @pytest.fixture(scope="module")
 def runs(new_runs) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
+    """Both of one run, whose stages before the drivers are run once."""
     folder, found = new_runs(), {}
     with pytest.MonkeyPatch.context() as patch:
         for name, share in (("part", 0.4), ("all", 1.0)):
             patch.setattr(drivers, "SEARCHED_SHARE", share)
-            found[name] = tables(turn_study(name), folder)
+            found[name] = tables(turn_study("turned"), folder)
+            for stage in ("drivers", "aggregate"):
+                shutil.rmtree(folder / "turned" / stage)
     return found
 
 
@@ -59,7 +63,7 @@ def test_the_first_base_samples_of_each_set_are_searched(runs) -> None:
         assert (part[column].notna() == (searched & part[column].notna())).all()
         assert part.loc[searched, column].notna().mean() > 0.9
         np.testing.assert_allclose(part.loc[searched, column], whole.loc[searched, column], rtol=1e-3)
-    assert len(part) == len(error_groups(turn_study("part"))) * N
+    assert len(part) == len(error_groups(turn_study("turned"))) * N
     assert (whole["lost_motion_arcmin_found"] > whole["lost_motion_arcmin_worst"]).mean() > 0.5
 
 
