@@ -48,7 +48,7 @@ def test_more_tolerances_have_fewer_units_for_the_same_time():
 @pytest.fixture(scope="module")
 def finished(new_runs):
     folder, study = new_runs(), coarse_study()
-    return study, folder, run(STAGES, study, ["scales"], folder, Resources(2, 60))
+    return study, folder, run(STAGES, study, ["scales"], folder, Resources(1, 60))
 
 
 def test_estimates_are_near_load_solved_units_at_twice_the_limits(finished):

@@ -38,7 +38,7 @@ def test_a_commercial_disk_is_well_shaped(holes, phase):
         np.testing.assert_allclose(edge_lengths(mesh, facets), 0.2, rtol=0.01)
 
 
-@settings(max_examples=4)
+@settings(max_examples=2)
 @given(
     pins=st.integers(9, 28),
     shortening=st.floats(0.3, 0.8),
@@ -132,7 +132,7 @@ def wall_patches(mesh, crank, width, holes=5, radius=1.2):
     )
 
 
-@pytest.mark.parametrize("crank", [0.0, 0.4, 1.9, 3.3, 5.7])
+@pytest.mark.parametrize("crank", [0.4, 3.3])
 def test_patches_at_any_angle_carry_a_unit_force_with_its_arm(crank):
     mesh = small_mesh(edges=24, edge=0.1)
     body = elastic_body(mesh, E, NU, 2.0, "plane_stress", "bore")
