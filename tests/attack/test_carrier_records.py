@@ -45,9 +45,8 @@ class Case:
 
     @property
     def is_named(self) -> bool:
-        """Whether the effect is in every model that is named."""
-        members = self.judgement.members
-        return bool(members) and all(self.effect in member.split("+") for member in members)
+        """Whether the effect is named, and no other one beside it."""
+        return self.judgement.named_effects == (self.effect,)
 
 
 def read(folder: Path, ratio: float, curves: Curves, bench: Bench, truth: Truth, seed: int) -> TurnRecord:

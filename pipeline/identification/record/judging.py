@@ -62,7 +62,8 @@ class Judgement:
     verdict : one of the terms of ``selection.statements.verdict``.
     trials : by the name of the model, effects joined by +; "" of none.
     odds : by name, logarithm of the posterior odds against "no effect".
-    members : models that are named, the most probable first.
+    members : models of what is named, the most probable first.
+    named_effects : what is named of each of them: effects that tolerances of the parts cannot cause, joined by +.
     reasons : by name of a model that is as probable as what may be named, why it is not.
     best_model : the most probable model, or "".
     finding : why a record without a named effect is not adequate, or "".
@@ -77,6 +78,7 @@ class Judgement:
     best_model: str = ""
     finding: str = ""
     tolerated_waves: tuple[str, ...] = ()
+    named_effects: tuple[str, ...] = ()
 
     @property
     def answer(self) -> Trial:
@@ -126,10 +128,20 @@ class RecordJudge(Rule[Trial]):
         choice = self.choice(base, trials)
         trials = {"": base} | trials
         if choice.members:
-            word = IDENTIFIED if len(choice.members) == 1 else EQUIVALENT
-            tolerated = tuple({name for member in choice.members for name in self.tolerated_waves(trials[member])})
+            tolerated = {member: self.tolerated_waves(trials[member]) for member in choice.members}
+            named_effects = dict.fromkeys(
+                "+".join(name for name in trials[member].effects if name not in waves)
+                for member, waves in tolerated.items()
+            )
             return Judgement(
-                word, trials, choice.odds, choice.members, choice.reasons, choice.best_model, tolerated_waves=tolerated
+                verdict=IDENTIFIED if len(named_effects) == 1 else EQUIVALENT,
+                trials=trials,
+                odds=choice.odds,
+                members=choice.members,
+                reasons=choice.reasons,
+                best_model=choice.best_model,
+                tolerated_waves=tuple(sorted({name for waves in tolerated.values() for name in waves})),
+                named_effects=tuple(named_effects),
             )
         return self._judgement_without_names(trials, choice, limit)
 

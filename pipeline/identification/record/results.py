@@ -80,13 +80,13 @@ def write_fault(record: TurnRecord, folder: Path) -> str:
 def sentences(answer: RecordAnswer) -> tuple[str, ...]:
     """The verdict in words, the numbers of the drive, and what to measure next."""
     judgement = answer.judgement
-    named_models = " or ".join(_model_title(answer, model) for model in judgement.members)
+    named_models = " or ".join(_model_title(answer, names) for names in judgement.named_effects)
     values = effect_values(answer) if judgement.members else []
     sizes = "; ".join(words(value) for value in values if value.name not in judgement.tolerated_waves)
     small = "; ".join(words(value) for value in values if value.name in judgement.tolerated_waves)
     sizes += f"; beside it, no more than errors of parts within their tolerances cause: {small}" if small else ""
     if judgement.members:
-        first_sentence = f"{judgement.verdict}: {sizes if len(judgement.members) == 1 else named_models}."
+        first_sentence = f"{judgement.verdict}: {sizes if len(judgement.named_effects) == 1 else named_models}."
     else:
         reason = f" {judgement.finding[:1].upper()}{judgement.finding[1:]}." if judgement.finding else ""
         first_sentence = f"{judgement.verdict}: no effect is named.{reason}"
@@ -142,7 +142,8 @@ def content(answer: RecordAnswer) -> dict[str, Any]:
         "unit": unit.name,
         "title": unit.settings.title,
         "verdict": judgement.verdict,
-        "named": list(judgement.members),
+        "named": list(judgement.named_effects),
+        "within_tolerance": list(judgement.tolerated_waves),
         "sentences": list(sentences(answer)),
         "numbers": [asdict(value) for value in answer.values],
         "conditions": [asdict(row) for row in answer.conditions],
