@@ -4,6 +4,7 @@ import tempfile
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,10 +15,10 @@ from pipeline.config.distributions import library
 from pipeline.config.files.table_file import TableFile, read_table
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.lots.dimension_fit import correlation_length, dimension_fit
-from pipeline.decisions.lots.fitted_distribution import fitted_kinds
+from pipeline.decisions.lots.fitted_distribution import fitted_kinds, relative_bic
 from pipeline.decisions.lots.lot_yield import limit_passes, lot_yield, study_of_lot
 from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot, with_separate_ovalities
-from pipeline.decisions.lots.results import lot_fits, study_text
+from pipeline.decisions.lots.results import fit_rows, lot_fits, study_text
 from pipeline.decisions.selective_assembly import best_assembly
 from pipeline.errors import InputError
 from pipeline.library.lots import lots
@@ -100,6 +101,7 @@ def test_the_correlation_of_neighbours_is_found_and_its_absence_too():
 def test_a_drift_and_an_outlier_are_named():
     values = np.random.default_rng(1).normal(0, 0.5, (50, 1))
     assert fit("eccentricity", values).drift.p_value > 0.05
+    assert [fit("eccentricity", values[:n]).drift is None for n in (7, 8)] == [True, False]
     alarms = sum(
         fit("eccentricity", np.random.default_rng(k).normal(0, 0.5, (50, 1))).outliers != () for k in range(40)
     )
@@ -110,6 +112,14 @@ def test_a_drift_and_an_outlier_are_named():
     assert drift.change_um.ci_low < 1.5 < drift.change_um.ci_high
     values[17] = 6.0
     assert (17, 0) in fit("eccentricity", values).outliers
+
+
+def test_the_next_distribution_is_named_however_near_it_is():
+    found = fit("eccentricity", np.random.default_rng(2).normal(0, 0.5, (12, 1)))
+    rows = fit_rows([SimpleNamespace(lot=SimpleNamespace(name="lot"), fits=[found])])
+    (_, first), (second, gap), *_ = sorted(relative_bic(found.kinds).items(), key=lambda kind: kind[1])
+    assert first == 0 < gap < 1
+    assert rows[["next_distribution", "next_bic"]].values.tolist() == [[second, gap]]
 
 
 def table(columns: dict[str, list[str]]) -> TableFile:
