@@ -71,6 +71,7 @@ def _of_another_key(entry: Path) -> None:
         (_foreign, "more.npy: not of this entry"),
         (lambda entry: (entry / ENTRY).unlink(), f"{ENTRY}: missing or damaged"),
         (lambda entry: (entry / ENTRY).write_text("[" * 100_000), f"{ENTRY}: missing or damaged"),
+        (lambda entry: (entry / ENTRY).write_text('{"files": []}'), f"{ENTRY}: missing or damaged"),
         (_of_another_key, f"{ENTRY}: of another key"),
     ],
 )
