@@ -63,6 +63,7 @@ def test_time_that_stands_still_moves_nothing():
 
 def test_a_path_begins_as_long_before_its_first_reading_as_it_takes_at_the_speed_of_the_first_two():
     turns, torque = np.array([100.0, 900.0]), np.array([500.0, 700.0])
-    path, points = merged_path((turns, turns), (torque, torque), np.zeros(2, int), np.array([30.0, 40.0]), np.zeros_like)
+    time = np.array([30.0, 40.0])
+    path, points = merged_path((turns, turns), (torque, torque), np.zeros(2, int), time, np.zeros_like)
     np.testing.assert_allclose(path.time[:3], [10.0, 30.0, 40.0])
     assert points.tolist() == [1, 2]
