@@ -124,7 +124,8 @@ def test_preload_closes_every_gap_of_the_pins():
 def test_a_runout_moves_every_pin_or_the_flank_by_the_length_of_its_two_numbers():
     drive = small_drive()
     of_pins, of_flank = (put(drive, name, 3.0, 4.0).errors for name in ("pin_circle_runout", "flank_runout"))
-    radial, tangential = of_pins.pin_radial - drive.errors.pin_radial, of_pins.pin_tangential - drive.errors.pin_tangential
+    radial = of_pins.pin_radial - drive.errors.pin_radial
+    tangential = of_pins.pin_tangential - drive.errors.pin_tangential
     np.testing.assert_allclose(np.hypot(radial, tangential), 5e-3)
     angle = drive.profile.pin_angle()
     np.testing.assert_allclose(radial, 1e-3 * (3 * np.cos(angle) + 4 * np.sin(angle))[None], atol=1e-12)
