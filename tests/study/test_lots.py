@@ -18,10 +18,11 @@ from pipeline.decisions.lots.dimension_fit import correlation_length, dimension_
 from pipeline.decisions.lots.fitted_distribution import fitted_kinds, relative_bic
 from pipeline.decisions.lots.lot_yield import limit_passes, lot_yield, study_of_lot
 from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot, with_separate_ovalities
-from pipeline.decisions.lots.results import fit_rows, lot_fits, study_text
+from pipeline.decisions.lots.results import fit_rows, lot_findings, lot_fits, study_text, write
 from pipeline.decisions.selective_assembly import best_assembly
 from pipeline.errors import InputError
 from pipeline.library.lots import lots
+from pipeline.model.metrics import library as metrics
 from pipeline.report.decisions.certificate import assembly_sentences, pairs_next_step
 from pipeline.sampling.designs import correlated_numbers
 from pipeline.sampling.errors import draw
@@ -268,6 +269,25 @@ def test_the_share_of_pairs_that_bind_is_that_above_the_force():
     assembly = best_assembly(STUDY, first, second, play_of_a_fit, 1, force)
     limit = float(np.sort(first.values["disk_profile"].ravel())[2] * 10.0)
     assert assembly.binding_share(limit) == pytest.approx(2 / 5)
+
+
+def test_two_lots_have_a_table_of_their_differences_and_one_has_none(tmp_path):
+    """Disks that are 2 um larger have 0.4 arcmin more of the stand-in's play."""
+    deviations = STUDY.tolerances.disk_profile.deviation(np.random.default_rng(3).random(20))
+    findings = []
+
+    def solve(errors):
+        nothing, values = play_of_a_fit(errors)
+        return nothing, {name: values.get(name, np.zeros(len(errors.disk_profile))) for name in metrics()}
+
+    for name, size in (("small", 13.0), ("large", 15.0)):
+        columns = {"part": [str(k) for k in range(20)], "disk_profile_um": [str(size + value) for value in deviations]}
+        lot = measured_lot(name, table(columns), STUDY.design)
+        findings.append(lot_findings(STUDY, lot, solve, 100, 1))
+    assert "differences" not in write(STUDY, findings[:1], tmp_path / "one")
+    rows = write(STUDY, findings, tmp_path / "two")["differences"].set_index(["metric", "statistic"])
+    mean = rows.loc[("clearance_backlash_arcmin", "mean")]
+    assert mean["b"] - mean["a"] == pytest.approx(0.4, abs=0.1)
 
 
 def test_lots_with_a_common_dimension_are_refused():
