@@ -71,6 +71,7 @@ def _of_another_key(entry: Path) -> None:
         (_foreign, "more.npy: not of this entry"),
         (lambda entry: (entry / ENTRY).unlink(), f"{ENTRY}: missing or damaged"),
         (lambda entry: (entry / ENTRY).write_text("[" * 100_000), f"{ENTRY}: missing or damaged"),
+        (lambda entry: (entry / ENTRY).write_text('{"files": []}'), f"{ENTRY}: missing or damaged"),
         (_of_another_key, f"{ENTRY}: of another key"),
     ],
 )
@@ -318,6 +319,8 @@ def test_a_stray_chunk_note_adds_no_row(tmp_path: Path, monkeypatch, kind: str) 
         shutil.copy(work / f"output/{name}.parquet/part-000000010.parquet", work / "output" / part["name"])
     if kind == "of another state":
         moved["state"] = "f" * 64
+    is_refused = record.valid_note(record.with_seal(moved), start, note["state"]) is None
+    assert is_refused == (kind in ("of another state", "misplaced"))
     (work / f"chunks/{start:09d}.json").write_text(
         json.dumps(moved if kind == "without a seal" else record.with_seal(moved))
     )

@@ -65,6 +65,20 @@ def test_nothing_to_do_starts_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_one_job_is_solved_here_with_one_blas_thread_and_two_in_other_processes(tmp_path: Path, monkeypatch) -> None:
+    threads: list[set[int]] = []
+
+    def solved_here(*arguments):
+        threads.append({pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"})
+        return solve_chunk(*arguments)
+
+    monkeypatch.setattr(parallel, "solve_chunk", solved_here)
+    for jobs, expected in ((2, []), (1, [{1}, {1}])):
+        with threadpool_limits(2, user_api="blas"):
+            assert len(list(solved_chunks(ADD, SHARED, [(0, 2), (2, 4)], chunk, tmp_path, jobs, Backend()))) == 2
+        assert threads == expected
+
+
 @pytest.mark.parametrize("name", ["threading", "sequential"])
 def test_any_backend_gives_the_same_parts(tmp_path: Path, name: str) -> None:
     bounds = [(0, 2), (2, 4), (4, 5)]

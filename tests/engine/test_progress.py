@@ -64,6 +64,16 @@ def test_a_command_that_prints_nothing_for_a_while_says_what_it_does_and_how_far
     assert any(re.fullmatch(r"add  10/40 samples  \d+ s so far  about \d+ s left", line) for line in lines)
 
 
+def test_what_is_left_takes_as_long_an_item_as_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    seconds = [100.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: seconds[0])
+    with Line("add", "samples", 40) as line:
+        assert line.remaining() == []
+        line.advance(10, 0)
+        seconds[0] += 20.0
+        assert line.remaining() == ["about 60 s left"]
+
+
 def test_a_command_that_prints_often_has_no_further_line(capsys: pytest.CaptureFixture) -> None:
     with Heartbeat("bounds", silence=0.5):
         for _ in range(4):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pipeline.engine import table as table_module
 from pipeline.engine.cache import Cache
-from pipeline.engine.store import write_atomic
+from pipeline.engine.store import Output, write_atomic
 from pipeline.engine.table import Column, Table
 from pipeline.engine.work import Work
 from pipeline.errors import InputError
@@ -48,6 +48,15 @@ def test_a_range_of_items_is_cut_out_of_any_parts(output_written, bounds: tuple[
     np.testing.assert_array_equal(result["x_mm"], rows_inside)
     np.testing.assert_array_equal(result["sample"], SAMPLES[rows_inside])
     assert result["sample"].dtype == np.int32
+
+
+@pytest.mark.parametrize("start", [7, 40])
+def test_an_item_is_read_from_its_file_alone_and_one_that_is_not_there_from_any(tmp_path, monkeypatch, start) -> None:
+    written_file, read = output(tmp_path, [5, 10, 15]), []
+    decode = Output._decode
+    monkeypatch.setattr(Output, "_decode", lambda self, file, *more: read.append(file) or decode(self, file, *more))
+    assert len(written_file.read_items("rows", start, start + 1)["sample"]) == np.sum(start == SAMPLES)
+    assert len(read) == 1
 
 
 def test_columns_by_name_are_read_without_the_others(output_written) -> None:

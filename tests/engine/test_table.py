@@ -74,6 +74,7 @@ def test_labels_of_parts_with_different_categories_are_joined(tmp_path) -> None:
         ({"forces": [1, 2, 3]}, "unknown column forces"),
         ({"sample": [0.0, 1.0, 2.0]}, "column sample: is float64, must be int32"),
         ({"sample": [0, 1, 2**31]}, "column sample: does not fit 32 bits"),
+        ({"sample": [-(2**31) - 1, 0, 1]}, "column sample: does not fit 32 bits"),
         ({"active": [0, 1, 0]}, "column active: is int64, must be bool"),
         ({"force_N": ["a", "b", "c"]}, "column force_N: is <U1, must be float64"),
         ({"force_N": np.zeros((3, 1))}, r"column force_N: has shape \(3, 1\), must have one axis"),

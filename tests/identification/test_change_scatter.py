@@ -54,6 +54,13 @@ def test_what_states_measured_at_the_same_torques_err_alike_drops_out(shift, n_p
     assert table_of(shift, n_points).torque_error([-1.0, 1.0, 0.0])[0] == pytest.approx(error, abs=1e-12)
 
 
+def test_loops_reach_what_both_senses_reach_on_both_sides():
+    curves = {1: np.array([-2.0, 0.0, 3.0]), -1: np.array([-4.0, 1.0, 5.0])}
+    assert Curves(curves, {}).reach == 2.0
+    assert Curves(curves | {1: np.array([1.0, 3.0])}, {}).reach == 0.0
+    assert Curves(curves | {1: np.zeros(0)}, {}).reach == 0.0
+
+
 def test_a_weighted_state_whose_halves_lack_a_number_claims_nothing():
     error = table_of(0.0).torque_error([-1.0, 0.0, 1.0])
     assert np.isinf(error[0])

@@ -308,6 +308,19 @@ def test_every_effect_stands_in_the_candidates_with_numbers_or_a_reason(folder: 
     assert rows.set_index("effect").loc["thermal_growth", "why_not"] == "no temperature that varies"
 
 
+def test_the_gain_of_an_effect_is_what_its_predictions_have_over_those_without_it() -> None:
+    def tried(*predictive: float) -> SimpleNamespace:
+        fit = SimpleNamespace(model=SimpleNamespace(split=lambda values: []), values=np.zeros(0))
+        return SimpleNamespace(evidence=SimpleNamespace(predictive=np.array(predictive), value=0.0), rms=1.0, fit=fit)
+
+    selection = SimpleNamespace(
+        trials={"coulomb": tried(-1.0, -2.0)}, base=tried(-4.0, -3.0), promised_misfits={}, reasons={}, odds={}
+    )
+    verdict = SimpleNamespace(named_effects=())
+    rows = tables.candidate_rows(SimpleNamespace(selection=selection, why_not={}, verdict=verdict))
+    assert rows["log_score_gain"].tolist() == [4.0]
+
+
 def test_the_corrected_study_runs_the_written_model(folder: Path) -> None:
     design = tomllib.loads((folder / "design.toml").read_text())
     study = load_study(folder / f"corrected-{EXAMPLE}.toml", ROOT)

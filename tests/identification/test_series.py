@@ -37,7 +37,7 @@ moves = "follows_angle"
 ratio = -13.0
 torque_at = "input"
 [state]
-values = {{turns = {turns}}}
+values = {{grease_g = 2.0, turns = {turns}}}
 """
 TURNED = 2 * np.pi * 13 / 21600
 """Crank angle by the reading [rad/arcmin]."""

@@ -3,6 +3,7 @@
 import html
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ from turning_unit import GEAR, HELD, INTERVALS, ROOT, Record, table, write_recor
 
 from pipeline.errors import InputError
 from pipeline.identification.bench.course import slid_torque
+from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.measurement import Measurement
@@ -288,3 +290,8 @@ def test_a_slid_output_carries_what_a_long_way_leaves_it(sense):
     np.testing.assert_allclose(carried[:, 0], followed, atol=1e-3)
     np.testing.assert_allclose(torque, carried[:, 0] + sense * (2 + 0.1 * np.abs(carried[:, 0])))
     assert slope[torque > 2.5] == pytest.approx(1 / (1 + 0.1 * sense))
+
+
+def test_turns_of_the_crank_are_counted_from_its_angle():
+    cells = SimpleNamespace(crank=np.array([0.0, 359.0, 361.0, 725.0]))
+    assert TurningData.revolution.fget(cells).tolist() == [0, 0, 1, 2]

@@ -80,3 +80,12 @@ def test_a_common_zero_makes_offsets_scatter():
     torque, branch, group, values, sigma = drawn(3, 4, 0.0)
     assert curve_scatter(torque, branch, group, values, sigma).significant_size == 0.0
     assert curve_scatter(torque, branch, group, values, sigma, own_zero=False).significant_size > 1.0
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
+def test_a_size_is_in_the_unit_of_the_values(unit):
+    torque, branch, group, values, sigma = drawn(4, 3, 0.3)
+    found = curve_scatter(torque, branch, group, values, sigma)
+    scaled = curve_scatter(torque, branch, group, unit * values, unit * sigma)
+    expected = [unit * size for size in (found.size, found.ci_low, found.ci_high)]
+    assert (scaled.size, scaled.ci_low, scaled.ci_high) == pytest.approx(tuple(expected))

@@ -31,6 +31,11 @@ def test_a_single_test_and_copies_of_it_are_the_t_test(freedom, copies):
     assert tests.level(0.02) == pytest.approx(0.02, rel=0.05)
 
 
+def test_what_comes_out_as_large_by_chance_counts_against_an_effect():
+    """Three of four rotations are as large or larger, and the rows themselves are a fifth."""
+    assert Family(np.array([0.5]), np.array([0.2, 0.5, 0.5, 0.9]), 3).p == pytest.approx(0.8)
+
+
 @pytest.mark.parametrize(
     ("freedom", "correlated"),
     [(2, 6.0), (10, 0.0), *(pytest.param(*case, marks=pytest.mark.attack) for case in ((2, 0.0), (4, 1.0), (10, 6.0)))],

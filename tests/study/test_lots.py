@@ -4,6 +4,7 @@ import tempfile
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,13 +16,14 @@ from pipeline.config.files.table_file import TableFile, read_table
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.lots import dimension_fit as dimension_fits
 from pipeline.decisions.lots.dimension_fit import correlation_length, dimension_fit
-from pipeline.decisions.lots.fitted_distribution import fitted_kinds
+from pipeline.decisions.lots.fitted_distribution import fitted_kinds, relative_bic
 from pipeline.decisions.lots.lot_yield import limit_passes, lot_yield, study_of_lot
 from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot, with_separate_ovalities
-from pipeline.decisions.lots.results import lot_fits, study_text
+from pipeline.decisions.lots.results import fit_rows, lot_findings, lot_fits, study_text, write
 from pipeline.decisions.selective_assembly import best_assembly
 from pipeline.errors import InputError
 from pipeline.library.lots import lots
+from pipeline.model.metrics import library as metrics
 from pipeline.report.decisions.certificate import assembly_sentences, pairs_next_step
 from pipeline.sampling.designs import correlated_numbers
 from pipeline.sampling.errors import draw
@@ -109,6 +111,7 @@ def test_the_correlation_of_neighbours_is_found_and_its_absence_too():
 def test_a_drift_and_an_outlier_are_named():
     values = np.random.default_rng(1).normal(0, 0.5, (50, 1))
     assert fit("eccentricity", values).drift.p_value > 0.05
+    assert [fit("eccentricity", values[:n]).drift is None for n in (7, 8)] == [True, False]
     alarms = sum(
         fit("eccentricity", np.random.default_rng(k).normal(0, 0.5, (50, 1))).outliers != () for k in range(40)
     )
@@ -119,6 +122,14 @@ def test_a_drift_and_an_outlier_are_named():
     assert drift.change_um.ci_low < 1.5 < drift.change_um.ci_high
     values[17] = 6.0
     assert (17, 0) in fit("eccentricity", values).outliers
+
+
+def test_the_next_distribution_is_named_however_near_it_is():
+    found = fit("eccentricity", np.random.default_rng(2).normal(0, 0.5, (12, 1)))
+    rows = fit_rows([SimpleNamespace(lot=SimpleNamespace(name="lot"), fits=[found])])
+    (_, first), (second, gap), *_ = sorted(relative_bic(found.kinds).items(), key=lambda kind: kind[1])
+    assert first == 0 < gap < 1
+    assert rows[["next_distribution", "next_bic"]].values.tolist() == [[second, gap]]
 
 
 def table(columns: dict[str, list[str]]) -> TableFile:
@@ -267,6 +278,25 @@ def test_the_share_of_pairs_that_bind_is_that_above_the_force():
     assembly = best_assembly(STUDY, first, second, play_of_a_fit, 1, force)
     limit = float(np.sort(first.values["disk_profile"].ravel())[2] * 10.0)
     assert assembly.binding_share(limit) == pytest.approx(2 / 5)
+
+
+def test_two_lots_have_a_table_of_their_differences_and_one_has_none(tmp_path):
+    """Disks that are 2 um larger have 0.4 arcmin more of the stand-in's play."""
+    deviations = STUDY.tolerances.disk_profile.deviation(np.random.default_rng(3).random(20))
+    findings = []
+
+    def solve(errors):
+        nothing, values = play_of_a_fit(errors)
+        return nothing, {name: values.get(name, np.zeros(len(errors.disk_profile))) for name in metrics()}
+
+    for name, size in (("small", 13.0), ("large", 15.0)):
+        columns = {"part": [str(k) for k in range(20)], "disk_profile_um": [str(size + value) for value in deviations]}
+        lot = measured_lot(name, table(columns), STUDY.design)
+        findings.append(lot_findings(STUDY, lot, solve, 100, 1))
+    assert "differences" not in write(STUDY, findings[:1], tmp_path / "one")
+    rows = write(STUDY, findings, tmp_path / "two")["differences"].set_index(["metric", "statistic"])
+    mean = rows.loc[("clearance_backlash_arcmin", "mean")]
+    assert mean["b"] - mean["a"] == pytest.approx(0.4, abs=0.1)
 
 
 def test_lots_with_a_common_dimension_are_refused():

@@ -108,7 +108,7 @@ class Curves:
         """Largest torque [N m] that both senses reach on both sides; 0 where one of them was not measured."""
         if any(values.size == 0 for values in self.torque.values()):
             return 0.0
-        return max(0.0, *(float(min(-values[0], values[-1])) for values in self.torque.values()))
+        return max(0.0, min(float(min(-values[0], values[-1])) for values in self.torque.values()))
 
 
 @dataclass(frozen=True)

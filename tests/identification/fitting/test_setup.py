@@ -1,10 +1,14 @@
 """From files to the problem: what the data offer, and how its cells are weighted."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from measured_bench import measured, write_unit
+from reducers import MICROMETRE, SMALL, errors_of, reducer_at
 from synthetic_unit import ROOT, Bench, make_unit, problem_of
 
+from pipeline.identification.fitting import build
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.offered import rate_changes
@@ -91,3 +95,13 @@ def test_crank_angles_that_nobody_knows_predict_no_difference_between_positions(
     assert (max(differences) > 0.05) == (angles == "measured")
     assert (min(differences) < 0.02) == (angles == "unknown")  # cells of noisy torques lie a little apart
     assert (CRANKS in problem.met_needs) == (angles == "measured")
+
+
+def test_what_was_measured_is_off_by_the_instrument_in_common_and_at_each_element():
+    measured_names = SimpleNamespace(model_fields_set={"pin_radial", "eccentricity"})
+    units = build._indistinguishable_errors(errors_of(SMALL, reducer_at(SMALL, 0.4)), measured_names)
+    unit, pins = build.MEASURED_UM * MICROMETRE, units.pin_radial
+    assert np.std(units.eccentricity) == pytest.approx(np.sqrt(units.eccentricity.ndim) * unit, rel=0.15)
+    assert np.std(pins.mean(axis=1)) == pytest.approx(np.sqrt(1 + 1 / pins.shape[1]) * unit, rel=0.15)
+    assert np.std(pins - pins.mean(axis=1, keepdims=True)) == pytest.approx(unit, rel=0.15)
+    assert not np.any(units.pin_radius)

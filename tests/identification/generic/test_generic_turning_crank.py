@@ -192,6 +192,7 @@ def test_several_states_share_what_belongs_to_the_parts():
     known = {name: fit.values[0][name] for name in te}
     beside = fitted_together([states[0].some(states[0].position == 0)], ["pin_circle_runout"], held=known)
     unused = states[0].position > 0
+    assert not np.any(states[0].some(~unused).weight[unused])
     errors = [np.sqrt(np.mean((f.predicted_angles[0] - states[0].angle)[unused] ** 2)) for f in (held, beside)]
     assert errors[1] < 0.5 < 5 * errors[1] < errors[0]
 

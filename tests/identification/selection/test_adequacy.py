@@ -8,7 +8,7 @@ import pytest
 from pipeline.identification.selection.adequacy import failed_test
 
 RNG = np.random.default_rng(4)
-BLOCKS, CELLS, SIGMA = 24, 20, 0.2
+BLOCKS, CELLS, SIGMA, LEVEL = 24, 20, 0.2, 3.0
 N = BLOCKS * CELLS
 
 
@@ -17,12 +17,13 @@ def outcome(missed, curves=None, open_share=0.0, in_sample=False, form=0.3, name
 
     The other of the two models, with effects or without, is far off in all of them.
     """
-    data = SimpleNamespace(angle=SIGMA * missed, sigma=np.full(N, SIGMA), block=np.repeat(np.arange(BLOCKS), CELLS))
+    block = np.repeat(np.arange(BLOCKS), CELLS)
+    data = SimpleNamespace(angle=LEVEL + SIGMA * missed, sigma=np.full(N, SIGMA), block=block)
     right = np.array([N * (1 + open_share), 2.0 * N * (1 + open_share) ** 2])
     folds = SimpleNamespace(
         cells=np.ones(N, bool),
-        recalibrated_curve=np.full(N, 9.0 * named),
-        best_curve=np.full(N, 9.0 * (not named)),
+        recalibrated_curve=np.full(N, LEVEL + 9.0 * named),
+        best_curve=np.full(N, LEVEL + 9.0 * (not named)),
         right_recalibrated=right if not named else np.zeros(2),
         right_best=right if named else np.zeros(2),
         in_sample=in_sample,
@@ -47,9 +48,9 @@ def test_noise_alone_fails_in_few_draws():
 def test_a_baseline_that_is_ahead_is_said():
     wave = 0.5 * np.sin(np.arange(N) / 7.0)
     noise = RNG.standard_normal(N)
-    reason = outcome(noise + wave, {"replay": SIGMA * wave}, form=1.0)
+    reason = outcome(noise + wave, {"replay": LEVEL + SIGMA * wave}, form=1.0)
     assert reason == "replay predicts unused data better"
-    assert outcome(noise, {"replay": SIGMA * wave}) == ""
+    assert outcome(noise, {"replay": LEVEL + SIGMA * wave}) == ""
 
 
 def test_a_baseline_that_is_ahead_by_what_is_left_open_is_not_ahead_of_a_right_model():

@@ -73,17 +73,18 @@ def test_several_positions_tell_the_share(share):
 
 def test_a_process_of_known_numbers_has_the_mean_and_variance_of_its_normal_distribution(monkeypatch):
     share, training, misfit = 0.3, POSITION < 2, drawn(0.3, 1)
+    sigma = SIGMA * np.where(np.arange(len(TORQUE)) % 3, 1.0, 2.0)
     monkeypatch.setattr(carried_over, "SHARES", (share,))
     monkeypatch.setattr(carried_over, "SIZES", (SIZE / SIGMA[0],) * 2)
     monkeypatch.setattr(carried_over, "REACHES", (REACH / 12,) * 2)
     monkeypatch.setattr(carried_over, "SIZES_TRIED", 1)
     monkeypatch.setattr(carried_over, "REACHES_TRIED", 1)
-    expected = expected_misfit(TORQUE, SENSE, POSITION, misfit, SIGMA, training)
+    expected = expected_misfit(TORQUE, SENSE, POSITION, misfit, sigma, training)
     of_all = covariance(share)
     wide = 1e5 * (POSITION[:, None] == POSITION)  # a flat prior of each position's zero
-    inverse = np.linalg.inv((of_all + wide)[np.ix_(training, training)] + np.diag(SIGMA[training] ** 2))
+    inverse = np.linalg.inv((of_all + wide)[np.ix_(training, training)] + np.diag(sigma[training] ** 2))
     zeros = (POSITION[training, None] == np.arange(2)).astype(float)
-    solved = np.linalg.inv(of_all[np.ix_(training, training)] + np.diag(SIGMA[training] ** 2))
+    solved = np.linalg.inv(of_all[np.ix_(training, training)] + np.diag(sigma[training] ** 2))
     levels = np.linalg.solve(zeros.T @ solved @ zeros, zeros.T @ solved @ misfit[training])
     weights = of_all[:, training] @ solved
     np.testing.assert_allclose(expected.mean, weights @ (misfit[training] - zeros @ levels), atol=1e-6)

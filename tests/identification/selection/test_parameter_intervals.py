@@ -81,3 +81,9 @@ def test_tolerances_are_as_likely_as_the_chi_square_of_their_posterior_mean(mode
     evidence = SimpleNamespace(unknowns=(np.array([7.0, *modes]), None))
     assert tolerance_share(fit, evidence) == pytest.approx(chi2.sf(np.sum(np.square(modes)), 2))
     assert tolerance_share(SimpleNamespace(unknowns=SimpleNamespace(modes=np.zeros(0))), evidence) == 1.0
+
+
+def test_scales_within_a_thousandth_of_an_end_stand_at_it():
+    scales, reach = np.array([1.0, 1.5, 500.0, 998.5, 999.0]), np.array([[0.0], [1000.0]])
+    vector = Vector(scales, np.zeros(0), np.zeros(0), reach)
+    assert vector.at_reach.tolist() == [True, False, False, False, True]

@@ -11,6 +11,7 @@ from synthetic_unit import CRANKS, Bench, exactly_known, make_unit, problem_of
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Vector, values_at_shares
 from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.selection import screening as screening_module
 from pipeline.identification.selection.model_selection import Selector
 from pipeline.identification.selection.screening import (
     BEST_DIRECTIONS,
@@ -128,7 +129,13 @@ def test_promises_beside_several_bases_are_shares_of_the_first():
     assert from_failed_base.misfit == from_one_base.misfit
 
 
-def test_a_ripple_over_one_position_is_looked_at_as_any_effect(tmp_path, condensed):
+class EnoughSeenError(Exception):
+    """Ends a search whose first looks are asked for alone."""
+
+
+def test_a_ripple_over_one_position_is_looked_at_as_any_effect_and_first_in_two_opposite_phases(
+    tmp_path, condensed, monkeypatch
+):
     problem = exactly_known(problem_of(make_unit(tmp_path / "u", {"coulomb": (0.3,)}, THREE, condensed), condensed))
     fitter, first = Fitter(problem), problem.data.position == 0
     base = fitter.fit(Model(), first, fitter.start(Model()), 1)
@@ -136,6 +143,20 @@ def test_a_ripple_over_one_position_is_looked_at_as_any_effect(tmp_path, condens
     for shares in (np.array([0.6, 0.45, 0.3]), np.array([0.5, 0.7, 0.8])):
         start = replace(base.unknowns, shares=shares)
         assert look._of_ripple(effect)(shares) == look._misfit_at(Model((effect,)), start)
+    seen = []
+
+    def looked_at(shares):
+        if len(seen) == 2:
+            raise EnoughSeenError
+        seen.append(shares[:2])
+        return 1.0
+
+    monkeypatch.setattr(screening_module, "FAINT", 0.0)
+    monkeypatch.setattr(Screening, "_of_ripple", lambda *_: looked_at)
+    with pytest.raises(EnoughSeenError):
+        look._ripples(effect)
+    np.testing.assert_allclose(seen[0] + seen[1], 1.0)
+    assert np.linalg.norm(seen[0] - seen[1]) > 0
 
 
 def test_an_effect_is_looked_at_in_all_directions_and_further_in_the_best_two():

@@ -76,6 +76,14 @@ def test_bounds_are_finite_and_ordered(name):
 
 
 @pytest.mark.parametrize("profile", [SMALL, PAPER], ids=["small", "paper"])
+def test_gaps_open_by_a_third_of_the_eccentricity_and_close_by_a_thirtieth(profile):
+    drive, unit = small_drive(profile=profile), 1e3 * profile.eccentricity
+    assert LIBRARY["pin_circle_error"].bounds(drive) == (pytest.approx((-unit / 30, unit / 3)),)
+    for runout in ("pin_circle_runout", "flank_runout"):
+        assert LIBRARY[runout].bounds(drive) == (pytest.approx((-unit / 3, unit / 3)),) * 2
+
+
+@pytest.mark.parametrize("profile", [SMALL, PAPER], ids=["small", "paper"])
 @pytest.mark.parametrize("name", ["output_torsion", "creep", "softening_compliance"])
 def test_bounds_of_a_twist_hold_the_drives_own_and_little_more(name, profile):
     drive = small_drive(scale=0.0, play=0.0, profile=profile)

@@ -9,6 +9,7 @@ from drives_with_effects import SHARES, put
 from reducers import ARCMIN
 
 from pipeline.model.effects import Conditions
+from pipeline.model.elements import Path
 from pipeline.model.load_history.backbone import backbone
 
 
@@ -85,3 +86,11 @@ def test_a_softer_modulus_is_that_of_the_parts():
     parts = replace(drive, laws=soft, compliance=drive.compliance / factor, bearing=bearing)
     model_value, reference_value = backbone(drive, SHARES), backbone(parts, factor * SHARES)
     np.testing.assert_allclose(reference_value.angle, model_value.angle, rtol=1e-6, atol=1e-9)
+
+
+def test_creep_comes_to_its_compliance_times_the_torque():
+    (element,) = put(small_drive(), "creep", 0.04, 20.0).hystereses
+    torque = np.full(3, 5e3)
+    twist = element.twist(Path(torque, torque, np.array([0.0, 20.0, 1e4]), np.zeros_like))
+    share = np.array([0.0, 1 - np.exp(-1), 1.0])
+    np.testing.assert_allclose(ARCMIN * (twist - twist[0]), 0.04 * 5.0 * share, rtol=1e-6)

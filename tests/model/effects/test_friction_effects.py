@@ -9,6 +9,7 @@ from reducers import ARCMIN
 from pipeline.model.effects.effect import STILL
 from pipeline.model.effects.hysteresis import Rayleigh
 from pipeline.model.elements import Path
+from pipeline.model.elements.sliding_friction import carried_torque
 from pipeline.model.load_history.backbone import backbone, torque_levels
 from pipeline.model.load_history.friction.output_path import Ripple, output_path
 
@@ -118,3 +119,14 @@ def test_friction_resists_the_rising_load_by_one_share_and_the_falling_by_anothe
     reference = put(drive, "load_friction", 0.2)
     assert equal_directions.lean == 0.0
     np.testing.assert_array_equal(equal_directions.sliders.coefficient, reference.sliders.coefficient)
+
+
+def test_friction_of_a_constant_and_a_share_of_the_load_has_its_closed_loop():
+    """1 N m and a quarter: (T - 1) / 1.25 while it grows, then 8 until T is 5, then (T + 1) / 0.75; each run anew."""
+    rising, falling = np.arange(12.0), np.arange(11.0, -12.0, -1.0)
+    torque, runs = np.concatenate([rising, falling, rising]), np.repeat([0, 0, 1], [12, 23, 12])
+    carried = np.where(falling >= 5, 8.0, (falling + 1) / np.where(falling > -1, 0.75, 1.25))
+    loaded = np.maximum(rising - 1, 0.0) / 1.25
+    for sign in (1, -1):
+        found = carried_torque.py_func(sign * torque, runs, 1.0, 0.25)
+        np.testing.assert_allclose(found, sign * np.concatenate([loaded, carried, loaded]), atol=1e-12)

@@ -119,3 +119,14 @@ def test_preload_closes_every_gap_of_the_pins():
     np.testing.assert_array_equal(increment[:, n:], 0.0)
     thicker = put(drive, "pin_radius_error", 3.0).gap - drive.gap  # the same to the pins' gaps
     np.testing.assert_allclose(increment[:, :n], thicker[:, :n], atol=1e-12)
+
+
+def test_a_runout_moves_every_pin_or_the_flank_by_the_length_of_its_two_numbers():
+    drive = small_drive()
+    of_pins, of_flank = (put(drive, name, 3.0, 4.0).errors for name in ("pin_circle_runout", "flank_runout"))
+    radial = of_pins.pin_radial - drive.errors.pin_radial
+    tangential = of_pins.pin_tangential - drive.errors.pin_tangential
+    np.testing.assert_allclose(np.hypot(radial, tangential), 5e-3)
+    angle = drive.profile.pin_angle()
+    np.testing.assert_allclose(radial, 1e-3 * (3 * np.cos(angle) + 4 * np.sin(angle))[None], atol=1e-12)
+    np.testing.assert_allclose(np.squeeze(of_flank.bore_runout), [3e-3, 4e-3])

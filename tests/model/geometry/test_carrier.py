@@ -148,6 +148,17 @@ def test_programs_that_are_given_up_are_solved_by_the_general_one(monkeypatch):
     np.testing.assert_allclose(others[exist] @ objective, points[exist] @ objective, rtol=1e-8)
 
 
+def test_motions_of_discs_end_on_their_edges_where_the_objective_points():
+    """Discs of the radii 0.5 and 1, then 1.5 and 0.2, beside an unknown that two rows hold within 7."""
+    objective, rows = np.array([0.3, -0.4, 1.2, 0.5, -2.0]), np.outer([1.0, -1.0], np.eye(5)[4])
+    points, exist = optimal_points(objective, rows, np.full((2, 2), 7.0), np.array([[0.5, 1.0], [1.5, 0.2]]))
+    assert exist.all()
+    for point, radii in zip(points, ((0.5, 1.0), (1.5, 0.2)), strict=True):
+        ends = np.concatenate([radii[0] * np.array([0.6, -0.8]), radii[1] * np.array([12, 5]) / 13, [-7.0]])
+        np.testing.assert_allclose(point, ends, atol=1e-4)
+        assert objective @ point == pytest.approx(objective @ ends, rel=1e-8)
+
+
 def test_a_motion_that_nothing_stops_is_no_play():
     rows = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]])
     with pytest.raises(ArithmeticError, match="unbounded"):

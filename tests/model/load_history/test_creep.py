@@ -59,3 +59,11 @@ def test_time_that_stands_still_moves_nothing():
     time = np.array([1.0, 1.0, 2.0, 2.0])
     computed_angle = crept(np.full(4, 800.0), time, np.zeros(4, int), np.array([0.0, 800.0]), CONSTANT)
     np.testing.assert_allclose(computed_angle[[0, 2]], computed_angle[[1, 3]], rtol=1e-12)
+
+
+def test_a_path_begins_as_long_before_its_first_reading_as_it_takes_at_the_speed_of_the_first_two():
+    turns, torque = np.array([100.0, 900.0]), np.array([500.0, 700.0])
+    time = np.array([30.0, 40.0])
+    path, points = merged_path((turns, turns), (torque, torque), np.zeros(2, int), time, np.zeros_like)
+    np.testing.assert_allclose(path.time[:3], [10.0, 30.0, 40.0])
+    assert points.tolist() == [1, 2]

@@ -13,6 +13,8 @@ from pipeline import cli, settings
 from pipeline.config import load_study
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.allocation import Choice
+from pipeline.decisions.allocation_search import Search
+from pipeline.decisions.cheapest import LinearUnits
 from pipeline.decisions.fresh_units import PRELOADED
 from pipeline.report.decisions.bounds import preload_sentence
 from pipeline.statistics.intervals import Estimate, pass_share
@@ -54,14 +56,19 @@ def written(folder: Path, text: str) -> str:
 
 
 def test_an_allocation_is_cheaper_than_scaling_alike_and_runs(
-    outputs: dict, own_runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+    outputs: dict, own_runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    trials: list[LinearUnits] = []
+    linear = Search.linear
+    monkeypatch.setattr(Search, "linear", lambda *arguments: trials.append(linear(*arguments)) or trials[-1])
     study = written(tmp_path, re.sub(r"backlash_arcmin = \S+", "backlash_arcmin = 2.25", QUICK) + COSTS)
     assert cli.main(["allocate", "--study", study, "--yield", "0.85", "--units", "200", "--jobs", "1"]) == 0
     told = capsys.readouterr()
     assert "cheaper" in told.out
     for progress in ("allocate  round 1: yield ", "allocate  check: yield ", "200 units) at cost "):
         assert progress in told.err, "a search takes minutes where units are slow"
+    for units in trials:
+        np.testing.assert_allclose(units.value.std(axis=0), 1.0, rtol=0.05)  # badness is in spreads of its metric
     folder = own_runs / "allocate" / "priced"
     table = pd.read_parquet(folder / "allocation.parquet").set_index("dimension")
     check = pd.read_csv(folder / "check.csv").set_index(["tolerances", "metric"])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm, qmc
 
-from pipeline.decisions.cheapest import LinearUnits, cheapest
+from pipeline.decisions.cheapest import LinearUnits, _meeting, cheapest
 
 RATE = np.array([4.0, 1.0, 9.0, 2.0])
 """Cost of tolerance i is RATE_i / t_i."""
@@ -40,6 +40,12 @@ def test_reciprocal_costs_of_a_chain_meet_the_closed_form():
     np.testing.assert_allclose(scale, closed_form(), rtol=0.02)
     equal = LIMIT / (Z * np.sqrt(np.sum((SENSITIVITY / 3) ** 2)))
     assert np.sum(RATE / scale) < 0.93 * np.sum(RATE / equal)
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.4])
+def test_one_factor_brings_scales_to_the_yield_from_either_side(factor):
+    scale = _meeting(chain(), factor * closed_form(), TARGET, LOW, HIGH)
+    np.testing.assert_allclose(scale, closed_form(), rtol=0.01)
 
 
 def test_bounds_are_kept_and_what_costs_nothing_to_loosen_is_loosened():

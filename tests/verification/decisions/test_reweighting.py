@@ -133,6 +133,9 @@ def test_a_ring_keeps_next_to_nothing_and_is_refused() -> None:
     narrow = normal(distribution="normal", lower_um=-8.0, upper_um=8.0, sigma_um=0.8)
     assert kept_of_one(wide, narrow) == pytest.approx(0.8 * np.sqrt(2 - 0.8**2), rel=1e-3)
     assert kept_of_one(wide, narrow) ** 80 == pytest.approx(0.004, abs=2e-4)
+    box = library()["uniform"](distribution="uniform", lower_um=-1.0, upper_um=1.0)
+    wedge = library()["triangular"](distribution="triangular", lower_um=-1.0, upper_um=1.0, mode_um=1.0)
+    assert kept_of_one(box, wedge) == pytest.approx(0.75, rel=1e-7)  # E(w^2) of w = 2p is 4/3
     ring = study_of("ring", pin_tangential={"lower_um": -2.4, "upper_um": 2.4})
     with pytest.raises(InputError, match=r"moves 80 elements at once, .* keep 0\.\d+ % .*make compare"):
         moved_tolerances(study_of(), ring)

@@ -33,6 +33,7 @@ def test_a_linear_metric_has_the_spread_of_its_tolerances():
     for name, share in result.shares.items():
         assert share == pytest.approx(variances.get(name, 0.0) / sum(variances.values()), abs=0.02)
     np.testing.assert_allclose(result.values.std(ddof=1), result.rss, rtol=0.02)
+    assert result.values.mean() == pytest.approx(5, abs=0.03)
 
 
 def test_capability_of_normal_values_is_their_yield_and_of_others_is_not():

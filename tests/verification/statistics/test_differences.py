@@ -29,6 +29,12 @@ def test_paired_shares_are_newcombes_example():
     np.testing.assert_allclose(share_difference(second, first_order, CONFIDENCE, True), (0.0569, 0.3404), atol=5e-5)
 
 
+def test_many_shares_differ_as_their_binomial_errors_say():
+    a, b = np.arange(40_000) < 12_000, np.arange(40_000) < 14_000
+    half = stats.norm.ppf(0.975) * np.sqrt((0.3 * 0.7 + 0.35 * 0.65) / 40_000)
+    np.testing.assert_allclose(share_difference(a, b, CONFIDENCE, False), (0.05 - half, 0.05 + half), atol=2e-5)
+
+
 def test_means_are_those_of_scipy():
     rng = np.random.default_rng(1)
     a, b = rng.normal(1.0, 2.0, 30), rng.gamma(2.0, 1.0, 30)

@@ -41,16 +41,19 @@ def test_ranks_of_a_monotone_function_are_perfect_and_of_a_constant_unknown():
     assert np.isnan(small_case.ci_low[0, 0])
 
 
-def test_an_interval_over_replicates_is_students_over_the_z_of_each():
+def test_intervals_are_bonetts_of_one_sample_and_students_over_the_z_of_each_of_replicates():
+    """Psychometrika 65 (2000) 23: z of Spearman's coefficient has the variance (1 + r^2 / 2) / (n - 3)."""
     rng, replicate = np.random.default_rng(3), np.repeat(np.arange(4), 50)
     x = rng.normal(size=200)
     y = x + rng.normal(size=200)
     z = [np.arctanh(stats.spearmanr(x[replicate == r], y[replicate == r])[0]) for r in range(4)]
-    half = stats.t.ppf(0.975, 3) * np.std(z, ddof=1) / 2
-    ranks = rank_correlation({"x": x}, y[:, None], 0.95, replicate)
     middle = np.arctanh(stats.spearmanr(x, y)[0])
-    assert ranks.ci_low[0, 0] == pytest.approx(np.tanh(middle - half))
-    assert ranks.ci_high[0, 0] == pytest.approx(np.tanh(middle + half))
+    of_one = stats.norm.ppf(0.975) * np.sqrt((1 + np.tanh(middle) ** 2 / 2) / 197)
+    of_replicates = stats.t.ppf(0.975, 3) * np.std(z, ddof=1) / 2
+    for groups, half in ((None, of_one), (replicate, of_replicates)):
+        ranks = rank_correlation({"x": x}, y[:, None], 0.95, groups)
+        assert ranks.ci_low[0, 0] == pytest.approx(np.tanh(middle - half))
+        assert ranks.ci_high[0, 0] == pytest.approx(np.tanh(middle + half))
 
 
 def test_indices_of_replicates_have_intervals_over_the_replicates():

@@ -192,6 +192,14 @@ def test_with_all_rows_in_full_the_cheap_metric_counts_for_nothing():
     np.testing.assert_allclose(both.first_order.value, alone.first_order.value, rtol=1e-12)
 
 
+def test_a_cheap_metric_that_is_the_expensive_one_tells_of_all_rows():
+    """With half of the rows in full the indices are those of all of them, but for the halves' own coefficients."""
+    low, high = fidelities(np.random.default_rng(4), 1000, 500, 1.0)
+    both, alone = two_fidelity_indices(low, high, 0.95), variance_indices(low[0], low[1], low[2:], 0.95)
+    np.testing.assert_allclose(both.total.value, alone.total.value, atol=0.01)
+    np.testing.assert_allclose(both.first_order.value, alone.first_order.value, atol=0.01)
+
+
 def test_few_rows_in_full_give_no_indices():
     low, high = fidelities(np.random.default_rng(4), 300, FEWEST_BASE_SAMPLES - 1, 0.5)
     assert np.all(np.isnan(two_fidelity_indices(low, high, 0.95).total.value))

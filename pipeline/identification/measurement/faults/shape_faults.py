@@ -90,11 +90,10 @@ LOW, HIGH = 0.2, 0.5
 BENT = 2.0
 """Ratio of the slopes near zero and under load by which a curve is bent: play makes it larger than 1, never half."""
 CLOSED_SHARE = 0.02
-"""Torque, in parts of its range, up to which a drive counts as unloaded."""
-GAINED_SHARE = 0.01
-"""Work that a loop gives back, in parts of torque range times angle range."""
+"""Torque, in parts of its range, up to which a drive counts as unloaded. Half of it, of the range of the angle, is the
+work on the way that closes a loop there."""
 SURE = 4.0
-"""The same in standard deviations of the work of noise: one record in 30,000 exceeds it."""
+"""Standard deviations of the work that noise does: one record in 30,000 exceeds it."""
 OF_MEDIAN_BEND: Unit = 1 / (0.67449 * 6**0.5)
 """Standard deviation of noise over the median size of its second differences from row to row."""
 FEWEST_ROWS = 20
@@ -162,7 +161,7 @@ def gains_energy(torque: Real, angle: Real) -> bool:
         return False
     work = 0.5 * float(np.sum((torque + np.roll(torque, -1)) * (np.roll(angle, -1) - angle)))
     of_noise = noise * float(np.sqrt(np.sum(np.diff(torque) ** 2)))
-    return work < -max(GAINED_SHARE * float(np.ptp(torque) * np.ptp(angle)), SURE * of_noise)
+    return work < -max(0.5 * CLOSED_SHARE * float(np.ptp(torque) * np.ptp(angle)), SURE * of_noise)
 
 
 def drift_per_row(torque: Real, angle: Real) -> Real:
