@@ -54,10 +54,10 @@ def test_a_baseline_that_is_ahead_is_said():
 
 
 def test_a_baseline_that_is_ahead_by_what_is_left_open_is_not_ahead_of_a_right_model():
-    noise, open_part = RNG.standard_normal(N), 0.5
-    replay = {"replay": np.full(N, SIGMA * open_part)}
-    assert outcome(noise + open_part, replay, form=1.0) == "replay predicts unused data better"
-    assert outcome(noise + open_part, replay, open_share=open_part**2, form=1.0) == ""
+    noise, missed = RNG.standard_normal(N), 0.45
+    replay = {"replay": np.full(N, LEVEL + SIGMA * missed)}
+    assert outcome(noise + missed, replay, form=1.0) == "replay predicts unused data better"
+    assert outcome(noise + missed, replay, open_share=1.2 * missed**2, form=1.0) == ""
 
 
 def test_what_holds_nothing_out_is_not_tested():
