@@ -357,11 +357,11 @@ def test_a_play_that_closes_with_warmth_is_no_gain_of_energy():
 
 
 def test_noise_of_the_angle_is_no_gain_of_energy():
-    """A twentieth of the range of the angle, of few rows: the work of a loop scatters by more than a hundredth."""
-    torque = loops(0, 12, -12, 0, rows=40)
+    """A twelfth of the range of the angle, of few rows: in a third of the records the work is beyond a hundredth."""
+    torque = loops(0, 12, -12, 12, -12, 0, rows=40)
     draws = np.random.default_rng(3)
     clean_angle = 2.0 * np.sign(torque) + 0.1 * torque
-    assert not any(gains_energy(torque, clean_angle + 0.3 * draws.standard_normal(len(torque))) for _ in range(200))
+    assert not any(gains_energy(torque, clean_angle + 0.5 * draws.standard_normal(len(torque))) for _ in range(200))
 
 
 def test_a_record_that_ends_at_another_load_is_judged_by_its_closed_loops():
