@@ -135,7 +135,7 @@ def jump_heights(cells: Cells, training: Truth) -> Real:
 def jump_errors(cells: Cells, branch: Whole, training: Truth, height: Real) -> tuple[Real, Real]:
     """Errors [arcmin] (n_cells,) of the mean angle where the angle jumps within a cell; 0 where it does not.
 
-    Of each cell by itself, and those by the place of the jump between two rows.
+    Two arrays: errors of each cell by itself, and errors since the place of the jump between two rows is unknown.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def _ranges(cells: Cells) -> Real:
 def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tuple[Real, Real]:
     """Errors [arcmin] (n_cells,) of the mean angle beside a way through the play; 0 elsewhere.
 
-    Of each cell by itself, and those by the place of the jump between two rows.
+    Two arrays: errors of each cell by itself, and errors since the place of the jump between two rows is unknown.
 
     Parameters
     ----------
@@ -195,6 +195,7 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
     errors, row_errors = np.zeros(len(cells)), np.zeros(len(cells))
 
     def add(height: float, is_beside: Truth, rows_per_Nm: Real | float) -> None:
+        """Add the error by a jump of a height [arcmin] to the cells (n_cells,) that lie beside it."""
         row_error = height * PLACE / cells.count
         error = np.minimum(np.hypot(row_error, height * torque_noise * rows_per_Nm / cells.count), height)
         errors[is_beside] = np.maximum(errors, error)[is_beside]
