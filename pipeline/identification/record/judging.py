@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-from scipy.stats import f
+from scipy.special import fdtri  # scipy.stats is slow to import
 
 from pipeline.arrays import Real, Whole
 from pipeline.identification.record.evidence import Points, Posterior, RecordEvidence, Structure
@@ -306,6 +306,6 @@ class RecordJudge(Rule[Trial]):
         n = max(int(np.sum(np.isfinite(evidence.zeros(points.error, np.ones(len(points), bool))))), 1)
         share = float(np.mean(points.shift**2 / variance))  # of the variance, known by the repeats alone
         known_freedom = points.repeats / max(share, 1e-6) ** 2 if points.repeats else np.inf
-        if square > n * f.ppf(CONFIDENCE, max(freedom, 1), known_freedom):
+        if square > n * fdtri(max(freedom, 1), known_freedom, CONFIDENCE):
             return f"unused data are missed by {np.sqrt(square / n):.2g} times what a right model would leave"
         return "the mean of the other passes predicts unused data better" if plain_gain < 0 else ""
