@@ -19,11 +19,8 @@ SETTLED_CHANGE = 0.02
 """Fall of the sum of squares, in mean squares of a cell, at which a fit has settled: 0.14 standard deviations."""
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-6
 """Levenberg's damping at the start and at least, relative to the diagonal."""
-DAMPING_DECREASE, DAMPING_INCREASE = 5.0, 8.0
-"""Factors of the damping after a step that falls, and after one that does not."""
-TRUSTED_RATIO = 0.25
-"""Share of the fall that derivatives promise from which the damping is eased (Fletcher, AERE report R 6799, 1971).
-Where contacts open and close, derivatives hold for short steps alone, and a longer one would be tried in vain."""
+DAMPING_INCREASE = 8.0
+"""Factor of the damping after a step that does not lower the misfit."""
 SMALL: Rounding = 1e-6
 """Mean square of a cell, in noise, that only rounding leaves."""
 TRIES = 6
@@ -123,7 +120,12 @@ class Descent:
         return self._cost(misfit, self.unknowns)
 
     def _step(self) -> float:
-        """Fall of the sum of squares by the first damped step that falls; 0 where none does."""
+        """Fall of the sum of squares by the first damped step that falls; 0 where none does.
+
+        Where contacts open and close, derivatives hold for short steps alone. The damping is therefore eased by how
+        much of the fall that they promise came true (Nielsen, Damping parameter in Marquardt's method, report
+        IMM-REP-1999-05, Technical University of Denmark), else the next step would be tried in vain.
+        """
         rows = self.fitter.centred_values(self.jacobian, self.weight)[self.is_fitted] * self.root[:, None]
         hessian = rows.T @ rows + np.diag(self.penalty**2)
         gradient = rows.T @ self.misfit - self.penalty**2 * (self.unknowns.flat - self.centre)
@@ -140,8 +142,8 @@ class Descent:
             if np.isfinite(cost) and cost < self.cost:
                 fall = self.cost - cost
                 self.unknowns, self.prediction, self.misfit, self.cost = trial, trial_prediction, misfit, cost
-                if fall > TRUSTED_RATIO * expected_fall:
-                    self.damping = max(self.damping / DAMPING_DECREASE, LEAST_DAMPING)
+                easing = max(1 / 3, 1 - (2 * fall / expected_fall - 1) ** 3)
+                self.damping = max(self.damping * easing, LEAST_DAMPING)
                 return fall
             self.damping *= DAMPING_INCREASE
         return 0.0

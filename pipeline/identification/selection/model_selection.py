@@ -209,8 +209,8 @@ class Selector:
             promise = self.screen(cells, fit, (effect.name,)).get(effect.name)
             extended_model = Model((*fit.model.effects, effect))
             starts = [*(promise.starts if promise else ()), self._from_declared(extended_model, cells, fit.unknowns)]
-            trial_fits = [self.fitter.fit(extended_model, cells, start) for start in starts]
-            fit = min([fit, *(trial_fit for trial_fit in trial_fits if trial_fit.sound)], key=lambda fit: fit.cost)
+            extended_fit = self.fitter.fit_from_best(extended_model, cells, starts)
+            fit = extended_fit if extended_fit.sound and extended_fit.cost < fit.cost else fit
         declared_unknowns = self.fitter.start(fit.model, fit.unknowns.shares)
         refit = self.fitter.fit(fit.model, cells, declared_unknowns) if fit.model.effects else fit
         return refit if refit.sound and refit.cost < fit.cost else fit
