@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.identification.fitting import fitter
+from pipeline.identification.bench import load_path, simulator
+from pipeline.identification.fitting import fitter, least_squares
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection import model_selection, pairs, screening
@@ -17,22 +18,44 @@ ROOT = Path(__file__).parents[2]
 SEED, UNITS = 31001, 10
 """Of the third simulator's units for tuning."""
 OFF = (
+    (load_path, "REPEATED_SHARE", 0.0),
+    (simulator, "BEYOND", 1.2),
+    (simulator, "BEYOND_TURNING", 1.6),
+    (fitter, "SCALES_MOVED", 0.0),
+    (fitter, "ITERATIONS", 45),
+    (fitter, "FIRST_ITERATIONS", 45),
+    (least_squares, "SETTLED_CHANGE", 0.005),
+    (least_squares, "FIRST_DAMPING", 1e-2),
+    (least_squares, "LEAST_DAMPING", 1e-8),
+    (least_squares, "DAMPING_INCREASE", 4.0),
+    (least_squares, "TRIES", 10),
     (model_selection, "PAIRS", 10**6),
+    (model_selection, "ADDITIONS", 10**6),
     (model_selection, "FURTHER_STARTS", 6),
-    (fitter, "FIRST_ITERATIONS", fitter.ITERATIONS),
-    (model_selection, "FIRST_ITERATIONS", fitter.ITERATIONS),
+    (model_selection, "FIRST_ITERATIONS", 45),
+    (model_selection, "FIRST_SHARE", 0.2),
+    (model_selection, "EDGE", 0.005),
     (model_selection, "NEAR_MISFIT", np.inf),
     (model_selection, "RIVAL", np.inf),
     (model_selection, "LEAST_DISTANCE", 0.0),
     (model_selection, "FAR_FROM_DECLARED", 0.0),
+    (pairs, "LARGEST_AMOUNT", 3.0),
+    (screening, "STEPS", (1e-3, 3e-3, 1e-2, 3e-2, 1e-1)),
+    (screening, "SHAPES", (0.1, 0.2, 0.35, 0.5, 0.6, 0.7, 0.85)),
+    (screening, "REACH", 8.0),
     (screening, "STARTS", 10**6),
     (screening, "RIVAL", np.inf),
+    (screening, "RADII", (0.15, 0.05, 0.1, 0.2, 0.35)),
+    (screening, "PHASES", 16),
     (screening, "BEST_DIRECTIONS", 10**6),
+    (screening, "WAVE_STEP", 0.5),
+    (screening, "WAVE_PHASES", 8),
+    (screening, "SIZES", (0.6, 0.75, 0.9, 1.0, 1.15, 1.3, 1.45, 1.6, 1.8, 2.0)),
     (screening, "FAINT", 0.0),
     (screening, "COARSER", 1),
     (screening, "PERIODS", 20),
 )
-"""Every pair is fitted, every start followed to its end, every direction and period looked at."""
+"""Every pair is fitted, every start followed to its end, every direction and period looked at; fits settle later."""
 
 
 def verdict_on(folder: Path) -> tuple[str, tuple[str, ...]]:

@@ -7,6 +7,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 
 from constants import constants  # noqa: E402  of the pages
 
+from tests.attack.test_shortcuts import OFF  # noqa: E402
+
 
 def test_every_numeric_constant_is_explained() -> None:
     numbers = list(constants())
@@ -16,4 +18,9 @@ def test_every_numeric_constant_is_explained() -> None:
 
 def test_constants_that_steer_the_identification_do_not_grow() -> None:
     steering = [number for number in constants() if number.steers_identification]
-    assert 0 < len(steering) <= 176  # at most 100 are aimed at
+    assert 0 < len(steering) <= 100
+
+
+def test_every_shortcut_is_switched_off_where_verdicts_are_compared() -> None:
+    shortcuts = {(c.module, c.name) for c in constants() if c.kind in ("Shortcut", "ShortcutCount", "ShortcutGrid")}
+    assert shortcuts <= {(module.__name__, name) for module, name, _ in OFF}

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.arrays import Real, Whole
-from pipeline.constant_kinds import Fineness
+from pipeline.constant_kinds import Fineness, Rounding, Shortcut
 from pipeline.identification.bench.course import Course, slid_torque
 from pipeline.model.elements import merged_path, polyline
 from pipeline.model.load_history.backbone import NO_LOAD, Backbone
@@ -23,9 +23,9 @@ LEVELS: Fineness = 22
 """Nodes of the backbone in each sense of the torque."""
 PATH_LEVELS: Fineness = 11
 """The same where friction at the contacts is followed step by step, which costs a hundred times as much."""
-REPEATED_SHARE = 0.01
+REPEATED_SHARE: Shortcut = 0.01
 """Share of the range of torque within which two turns are the same: friction then repeats its last loop."""
-LARGEST_RESIDUAL = 1e-3
+LARGEST_RESIDUAL: Rounding = 1e-3
 """Relative residual of an equilibrium that is none."""
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Real
-from pipeline.constant_kinds import Fineness
+from pipeline.constant_kinds import Fineness, Shortcut
 from pipeline.identification.bench.course import Course
 from pipeline.identification.bench.load_path import (
     LARGEST_RESIDUAL,
@@ -28,9 +28,9 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
 
-BEYOND = 1.05
+BEYOND: Shortcut = 1.05
 """Reach of the backbone over the largest torque measured: friction may keep more in the reducer than is read."""
-BEYOND_TURNING = 1.3
+BEYOND_TURNING: Shortcut = 1.3
 """The same where the crank turns: the work on what varies over its angle changes the torque by a tenth or two."""
 KEPT_CURVES: Fineness = 130
 """Backbones that are kept for each crank angle: those of a fit on its way."""

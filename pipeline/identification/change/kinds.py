@@ -11,14 +11,11 @@ import numpy as np
 
 from pipeline.constant_kinds import Fineness
 from pipeline.identification.change.loops import Loop
+from pipeline.identification.measurement.enough import BENT, LOADED_SHARE
 
-LOADED_SHARE = 0.5
-"""Share of the largest torque from which a loop shows the spring: the upper half."""
 PLAY_LOADS = 0.35, 0.7
 """Shares of the largest torque between which the centre line is extrapolated to no torque: above, after the turn, the
 falling branch sticks."""
-STRAIGHT = 2.0
-"""Ratio of the slopes of the upper and lower half of the loaded part beyond which the play is crossed there."""
 LARGEST_ZERO = 0.3
 """Largest zero of the torque that is looked for, as a share of the largest torque; beyond: not measurable."""
 TRIED_ZEROS: Fineness = 121
@@ -74,7 +71,7 @@ def compliance(loop: Loop) -> float:
             (load >= low) & (load <= low + LOADED_SHARE / 2) for low in (LOADED_SHARE, 1 - LOADED_SHARE / 2)
         )
         slopes = [_slope(loop.torque[part], angle[part]) for part in (lower, upper, lower | upper)]
-        if min(slopes) <= 0 or max(slopes[:2]) > STRAIGHT * min(slopes[:2]):
+        if min(slopes) <= 0 or max(slopes[:2]) > BENT * min(slopes[:2]):
             return np.nan
         means.append(slopes[2])
     return float(np.mean(means))

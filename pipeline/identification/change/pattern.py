@@ -10,10 +10,9 @@ from pipeline.arrays import Real
 from pipeline.constant_kinds import Fineness, Seed
 from pipeline.identification.change.loops import Loop
 from pipeline.identification.change.table import LoopTable
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 
-FEWEST = 3
-"""Positions below which no pairing can be told from the true one."""
-MOST_EXACT = 6
+MOST_EXACT: Fineness = 6
 """Positions up to which every pairing is tried."""
 PAIRINGS: Fineness = 999
 """Random pairings of the positions in the test: p is no smaller than 1/1000."""
@@ -62,7 +61,7 @@ def pattern(table: LoopTable, labels: Sequence[str]) -> Pattern:
     distance = np.array(
         [[_distance(loop_before, loop_after) for loop_before in loops_before] for loop_after in loops_after]
     )
-    if n < FEWEST:
+    if n < FEWEST_COMPARED:
         return Pattern(float("nan"), 1, distance)
     if n <= MOST_EXACT:
         permutations_tried = np.array(list(permutations(range(n))))

@@ -11,9 +11,7 @@ from pipeline.errors import InputError
 from pipeline.identification.change.kinds import KINDS, Kind
 from pipeline.identification.change.loops import Curves, Loop, LoopSize, State, curves_at, loop_of, loop_sizes
 from pipeline.identification.change.scatter import Layout
-
-SHORT = 0.5
-"""Share of the largest reach of loops of one size below which a loop is left out: a reading that saturates early."""
+from pipeline.identification.measurement.enough import LEAST_PART
 
 
 @dataclass(frozen=True)
@@ -206,7 +204,7 @@ def _labels(state: State) -> str:
 def _common_reach(curves: Sequence[Curves]) -> float:
     """Torque [N m] that all loops reach but those that saturate early."""
     reaches = np.array([curve.reach for curve in curves])
-    return float(reaches[reaches >= SHORT * reaches.max()].min())
+    return float(reaches[reaches >= LEAST_PART * reaches.max()].min())
 
 
 def _value(number: LoopNumber, loops: dict[LoopSize, Loop]) -> float:

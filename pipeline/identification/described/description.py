@@ -19,6 +19,7 @@ from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.drive_terms import BASIC, BENCH
 from pipeline.identification.generic.generic_drive import LoopModel
 from pipeline.identification.generic.shared_fit import SharedFit, fitted_together
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
@@ -36,11 +37,9 @@ NO_STRUCTURE = float(np.hypot(1.0, REMAINING_SHARE))
 """Prediction error, in noise, that leaves nothing structured."""
 LEAST_LOSS = 0.1
 """Loss, in squared noise, below which branches are alike."""
-FEWEST_GROUPS = 3
-"""Groups of data below which an estimate has no interval."""
 STEP: Rounding = 1e-3
 """Step of the derivatives, in scales of a number."""
-AT_NONE = 1e-3
+AT_NONE: Rounding = 1e-3
 """Number, in its scales, up to which a fit that ends at a bound has found that there is none."""
 NUMBERS = {**BASIC, **BENCH}
 """Numbers of the description by name."""
@@ -225,7 +224,7 @@ def _numbers(
     """Every number, by the fit with all terms and by those without each group of the cells seen."""
     group = data.held_out_parts(training)
     parts = np.unique(group[training])
-    jackknife_fits = [fits.fit(training & (group != part)) for part in parts if len(parts) >= FEWEST_GROUPS]
+    jackknife_fits = [fits.fit(training & (group != part)) for part in parts if len(parts) >= FEWEST_COMPARED]
     at_bound = frozenset().union(*(fit.at_bound for fit in (final, *jackknife_fits)))
     top = float(np.max(np.abs(data.torque)))
     numbers = []

@@ -9,7 +9,8 @@ import pandas as pd
 
 from pipeline.engine.store import write_json, write_tables
 from pipeline.engine.table import Column, Columns, Table
-from pipeline.identification.described.description import FEWEST_GROUPS, FULLY_DESCRIBED, Description, Number
+from pipeline.identification.described.description import FULLY_DESCRIBED, Description, Number
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.results.residual_signatures import Signature, signatures
@@ -120,7 +121,8 @@ def advice(description: Description) -> str:
     blocks = len(np.unique(description.data.block[description.cells]))
     if description.in_sample or blocks < FEWEST_BLOCKS:
         return (
-            f"Measure at least {FEWEST_GROUPS} positions or cycles: whole ones can then be held out and terms claimed."
+            f"Measure at least {FEWEST_COMPARED} positions or cycles: "
+            "whole ones can then be held out and terms claimed."
         )
     unsettled_terms = [
         number.term.replace("_", " ") for number in description.numbers if number.term in UNSETTLED and not number.named

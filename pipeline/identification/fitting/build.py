@@ -9,6 +9,7 @@ from pipeline.arrays import Real, Truth, Whole
 from pipeline.config.designs.design import LAWS, Design, plausible_range
 from pipeline.config.studies.study import Study
 from pipeline.config.studies.tolerances import Case
+from pipeline.constant_kinds import Fineness
 from pipeline.errors import InputError
 from pipeline.identification.bench.course import Course, CrankMotion
 from pipeline.identification.bench.simulator import BEYOND, Forward
@@ -36,7 +37,7 @@ MEASURED_UM = 0.3
 """Standard uncertainty of a measured dimension, its part common to all pins and its own part alike."""
 LOBE_PROFILES = ("disk_profile", "lobe_profile")
 """Dimensions that are one deviation of each lobe's flank."""
-POPULATION = 192
+POPULATION: Fineness = 192
 """Units drawn from the study's distributions where the dimensions are not measured."""
 WAYS, STILL_ALONE = frozenset({LOOPS, RATE, STILL}), frozenset({STILL})
 """Needs of effects that a crank which turns under a held torque, or within a loop, does not meet."""

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
-from pipeline.constant_kinds import Unit
+from pipeline.constant_kinds import Rounding, Unit
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
@@ -19,7 +19,7 @@ from pipeline.model.units import TURN_DEG
 
 JUMP = 2.0
 """Scatter within a cell over the usual one beyond which the angle jumped in it: through the play, or a slip."""
-STEP_SCATTER = 0.27
+STEP_SCATTER: Unit = 0.27
 """Scatter of rows about their line over the height of a step among them: 0.25 for one in the middle, 0.20 to 0.29
 within the middle 90 %: sqrt(d - 3 d^2) with d = s (1 - s) of a step after the share s, its own variance d less what a
 line of slope 6 d takes of it."""
@@ -34,7 +34,7 @@ CELL_WIDTH = 0.02
 """Error of a cell's torque as a share of the distance to its neighbours."""
 SECTORS = 8
 """Of a turn of the crank: what the model's form misses goes with the pins that carry, a quarter of the circle."""
-LEAST_FLOOR = 1e-4
+LEAST_FLOOR: Rounding = 1e-4
 """Noise floor [arcmin] of data without any noise, below what an encoder of a bench resolves."""
 
 

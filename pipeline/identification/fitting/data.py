@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.model.effects.effect import (
     CRANKS,
     CYCLES,
@@ -22,10 +23,8 @@ from pipeline.model.effects.effect import (
 )
 from pipeline.model.units import TURN_DEG
 
-FEWEST_CRANKS = 3
-"""Crank positions that an effect with a phase over the crank angle needs."""
 SHORTFALLS: Mapping[str, str] = {
-    CRANKS: f"fewer than {FEWEST_CRANKS} crank positions of known angle to fit",
+    CRANKS: f"fewer than {FEWEST_COMPARED} crank positions of known angle to fit",
     CYCLES: "fewer than 2 cycles",
     TIME: "no time stamps",
     TEMPERATURE: "no temperature that varies",

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pipeline.arrays import Real, Truth
-from pipeline.constant_kinds import Rounding
+from pipeline.constant_kinds import Rounding, Shortcut, ShortcutCount
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Drives, Forward
 from pipeline.identification.fitting.least_squares import Descent
@@ -20,11 +20,11 @@ from pipeline.identification.fitting.problem import Model, Problem, first_states
 
 STEP: Rounding = 2e-4
 """Step of the finite differences, as a share of a parameter's bounds."""
-SCALES_MOVED = 0.15
+SCALES_MOVED: Shortcut = 0.15
 """Change of a scale's logarithm up to which derivatives by the scales are kept."""
-ITERATIONS = 15
+ITERATIONS: ShortcutCount = 15
 """Least-squares steps of a fit unless the caller asks for others."""
-FIRST_ITERATIONS = 3
+FIRST_ITERATIONS: ShortcutCount = 3
 """Steps of a fit from each of several starts before the best of them goes on."""
 OPEN_SHARE = 0.3
 """Prior standard deviation of an effect's parameter, in shares of its bounds, about no effect (or the middle of the

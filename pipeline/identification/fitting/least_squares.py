@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from pipeline.arrays import Real, Truth
-from pipeline.constant_kinds import Rounding
+from pipeline.constant_kinds import Rounding, Shortcut, ShortcutCount
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector
 from pipeline.identification.fitting.problem import Model
@@ -15,15 +15,17 @@ if TYPE_CHECKING:
     from pipeline.identification.fitting.fitter import Fitter
 
 
-SETTLED_CHANGE = 0.02
+SETTLED_CHANGE: Shortcut = 0.02
 """Fall of the sum of squares, in mean squares of a cell, at which a fit has settled: 0.14 standard deviations."""
-FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-6
-"""Levenberg's damping at the start and at least, relative to the diagonal."""
-DAMPING_INCREASE = 8.0
+FIRST_DAMPING: Shortcut = 1e-3
+"""Levenberg's damping at the start, relative to the diagonal."""
+LEAST_DAMPING: Shortcut = 1e-6
+"""The same at least."""
+DAMPING_INCREASE: Shortcut = 8.0
 """Factor of the damping after a step that does not lower the misfit."""
 SMALL: Rounding = 1e-6
 """Mean square of a cell, in noise, that only rounding leaves."""
-TRIES = 6
+TRIES: ShortcutCount = 6
 """Dampings that are tried, each ten times the one before, until a step lowers the misfit."""
 
 
@@ -142,7 +144,7 @@ class Descent:
             if np.isfinite(cost) and cost < self.cost:
                 fall = self.cost - cost
                 self.unknowns, self.prediction, self.misfit, self.cost = trial, trial_prediction, misfit, cost
-                easing = max(1 / 3, 1 - (2 * fall / expected_fall - 1) ** 3)
+                easing = max(1 / 3, 1 - (2 * fall / float(expected_fall) - 1) ** 3)
                 self.damping = max(self.damping * easing, LEAST_DAMPING)
                 return fall
             self.damping *= DAMPING_INCREASE

@@ -3,12 +3,13 @@
 import numpy as np
 
 from pipeline.arrays import Index, Real, Whole
+from pipeline.constant_kinds import Fineness
 from pipeline.errors import InputError
 from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.measurement.faults.shape_faults import REVOLUTION
 from pipeline.identification.measurement.measurement import Measurement
 
-PARTS = 5
+PARTS: Fineness = 5
 """Parts of a cell, of as many rows each, over which its angle is averaged: the curve is bent within it."""
 
 

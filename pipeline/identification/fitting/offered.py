@@ -3,7 +3,7 @@
 import numpy as np
 
 from pipeline.arrays import Truth
-from pipeline.identification.fitting.data import FEWEST_CRANKS
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 from pipeline.model.effects.effect import CRANKS, CYCLES, LOOPS, MOVES, RATE, SENSES, STILL, TEMPERATURE, TIME, TORQUES
@@ -26,7 +26,7 @@ def met_needs(measurement: Measurement, training: Truth) -> frozenset[str]:
     rows, cells = measurement.rows, measurement.cells
     position, cycle = cells.position[training], cells.cycle[training]
     positions = np.unique(position)
-    if measurement.known_cranks and len(positions) >= FEWEST_CRANKS:
+    if measurement.known_cranks and len(positions) >= FEWEST_COMPARED:
         present.add(CRANKS)
     if any(len(np.unique(cycle[position == p])) > 1 for p in positions):
         present.add(CYCLES)

@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Rounding
 from pipeline.identification.fitting.problem import LIMIT, Model
 
 SCALE_REACH = 4.4
 """Largest change of the logarithm of a scale that is not held to its range: a factor of 80."""
-AT_END = 1e-3
+AT_END: Rounding = 1e-3
 """Share of its reach from an end at which a scale stands there."""
 WIDE = 30.0
 """Ratio of positive bounds beyond which a parameter is fitted by its logarithm."""

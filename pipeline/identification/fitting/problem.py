@@ -11,7 +11,8 @@ from pipeline.arrays import Real, Truth
 from pipeline.identification.bench.instrument_effects import InstrumentEffect, instrument_effects
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Forward
-from pipeline.identification.fitting.data import FEWEST_CRANKS, Data, TurningData
+from pipeline.identification.fitting.data import Data, TurningData
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.model.effects import Conditions, Effect, library
 from pipeline.model.effects.effect import CRANKS, CYCLES, MOVES, TEMPERATURE, TIME
 from pipeline.model.geometry.clearance import Errors
@@ -172,7 +173,7 @@ class Problem:
     def why_not(self, candidate: Candidate, cells: Truth | None = None) -> str:
         """Why the data, or some cells (n_cells,) of them, cannot test an effect; empty if they can."""
         offered_names = set(self.met_needs)
-        if cells is not None and len(np.unique(self.data.position[cells])) < FEWEST_CRANKS:
+        if cells is not None and len(np.unique(self.data.position[cells])) < FEWEST_COMPARED:
             offered_names.discard(CRANKS)
         reasons = [self.data.shortfalls[need] for need in sorted(candidate.needs - offered_names)]
         one_zero = self.data.common_offset or MOVES in self.met_needs

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Real
+from pipeline.constant_kinds import Fineness
 from pipeline.errors import InputError
 from pipeline.identification.fitting.measured_loops import crank_loops
 from pipeline.identification.measurement.measurement import Measurement
 
-STATIONS_A_PITCH = 5
+STATIONS_A_PITCH: Fineness = 5
 """Stations while the crank turns from one pin to the next, after which an ideal drive repeats."""
-FEWEST_STATIONS = 6
+FEWEST_STATIONS: Fineness = 6
 """Stations of a position at least: a cubic and its error take as many."""
 MARGIN = 0.4
 """Share of the turn of the crank that stations reach beyond what was measured, on either side."""

@@ -11,15 +11,17 @@ import scipy  # its filters are slow to import: they are where chatter turns the
 from scipy.optimize import isotonic_regression
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Fineness
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.identification.measurement.rows import Rows
 
 TURN_SHARE = 0.05
 """Share of a position's torque range by which the torque must come back for a turn: smaller loops are no branches."""
 TURN_NOISE = 6.0
 """Standard deviations of the torque by which it must come back: two extremes of noise differ by less."""
-SMOOTHED_PARTS, FEWEST_SMOOTHED = 40, 3
-"""Parts of a run of rows over which a torque that chatters is averaged, and fewest rows of a part: noise that is alike
-in neighbouring rows is beyond what its scatter tells."""
+SMOOTHED_PARTS: Fineness = 40
+"""Parts of a run of rows over which a torque that chatters is averaged: noise that is alike in neighbouring rows is
+beyond what its scatter tells."""
 EQUAL_SHARE = 0.1
 """Share of a position's torque range within which branches start alike."""
 END_SHARE = 0.01
@@ -133,7 +135,7 @@ def _turns(values: Real, threshold: float, noise: float) -> Whole:
     """Turning points (n_turns,) of a torque; of its mean over neighbouring rows where chatter alone turns it."""
     turns = turning_points(values, threshold)
     width = 2 * (len(values) // (2 * SMOOTHED_PARTS)) + 1
-    if noise == 0.0 or width < FEWEST_SMOOTHED:
+    if noise == 0.0 or width < FEWEST_COMPARED:
         return turns
     calm = turning_points(scipy.ndimage.uniform_filter1d(values, width, mode="nearest"), threshold)
     return calm if len(calm) < len(turns) else turns

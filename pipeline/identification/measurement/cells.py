@@ -5,15 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Fineness
 from pipeline.identification.measurement.branches import BranchBlocks, monotone
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.identification.measurement.rows import Rows
 
-CELLS_PER_SENSE = 24
+CELLS_PER_SENSE: Fineness = 24
 """Torque intervals of a branch of one sense whose rows are averaged."""
 CELL_POWER = 1.5
 """Edges of the cells at T_max (k/n)^1.5: the play and the knees of the curve are near zero torque."""
-FEWEST_ROWS = 3
-"""Rows in a cell: fewer give no scatter about a line."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def cells(rows: Rows, usable: Truth, blocks: BranchBlocks, levels: int = CELLS_P
         edges = np.concatenate([-levels_up[:0:-1], levels_up])[1:-1]
         for block in np.flatnonzero(blocks.position == position).tolist():
             usable_rows = np.flatnonzero(usable[blocks.rows[block]]) + blocks.start[block]
-            if usable_rows.size < FEWEST_ROWS:
+            if usable_rows.size < FEWEST_COMPARED:
                 continue
             bin_index = np.searchsorted(edges, monotone(rows.coordinate[usable_rows], blocks.direction[block]))
             groups = _merged_runs(bin_index, levels - 1)
@@ -102,7 +102,7 @@ def _merged_runs(bin_number: Whole, zero: int) -> list[tuple[int, int]]:
     while len(bounds) > 2:
         sizes = np.diff(bounds)
         small = int(np.argmin(sizes))
-        if sizes[small] >= FEWEST_ROWS:
+        if sizes[small] >= FEWEST_COMPARED:
             break
         sides = []
         for neighbour, cut in ((small - 1, small), (small + 1, small + 1)):

@@ -8,9 +8,6 @@ from pipeline.arrays import Real, Truth, Whole
 from pipeline.identification.measurement.branches import BranchBlocks, monotone
 from pipeline.identification.measurement.rows import Rows
 
-FEWEST_OF_LINE = 2
-"""Rows near a turn through which a line is laid; the mean of fewer is taken."""
-
 
 @dataclass(frozen=True)
 class History:
@@ -70,7 +67,7 @@ def _end_torques(rows: Rows, blocks: BranchBlocks, block: int) -> tuple[float, f
 def _at_end(torque: Real, close: Truth) -> float:
     """Torque [N m] at the last row of those ``close`` to it: their mean would fall short by half of the band."""
     rows = np.flatnonzero(close)
-    if len(rows) < FEWEST_OF_LINE:
+    if len(rows) < 2:  # no line goes through them
         return float(np.mean(torque[rows]))
     slope, middle = np.polyfit(rows - rows.mean(), torque[rows], 1)
     return float(middle + slope * (rows[-1] - rows.mean()))

@@ -7,6 +7,7 @@ import numpy as np
 from pipeline.arrays import Real, Truth
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 
 STEEP = 3.0
 """Slopes beyond this multiple of a branch's chord are left out of repeats: in the play and on the steps of a cogging
@@ -14,8 +15,6 @@ motor the difference of two repeats is the noise of the torque times the slope, 
 SURE = 3.0
 """Standard deviations of a difference of two cells that a step must exceed the steep slope by: where cells are narrow,
 noise alone looks steep, and to leave out what is noisy would make the noise too low."""
-FEWEST_CELLS = 3
-"""Cells of a branch that a line between neighbours needs."""
 
 
 class Branch(NamedTuple):
@@ -119,7 +118,7 @@ class Difference(NamedTuple):
 
 def angle_difference(branch: Branch, second: Branch) -> Difference:
     """Angle of `second` less `branch`, steep places left out."""
-    if min(branch.torque.size, second.torque.size) < FEWEST_CELLS:
+    if min(branch.torque.size, second.torque.size) < FEWEST_COMPARED:
         return Difference(np.empty(0), np.empty(0))
     is_comparable = _is_even(second, branch.torque) & ~steep_places(branch)
     second_angle, variance = _interpolate(second, branch.torque)
@@ -144,7 +143,7 @@ def _interpolate(branch: Branch, level: Real) -> tuple[Real, Real]:
 
 def on_nodes(branch: Branch, torque: Real) -> tuple[Real, Real]:
     """Angle and variance of a branch at torques; NaN where it does not reach or is steep."""
-    if branch.torque.size < FEWEST_CELLS:
+    if branch.torque.size < FEWEST_COMPARED:
         return np.full(len(torque), np.nan), np.ones(len(torque))
     angle, variance = _interpolate(branch, torque)
     return np.where(_is_even(branch, torque), angle, np.nan), variance

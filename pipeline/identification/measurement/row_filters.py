@@ -4,6 +4,7 @@ import numpy as np
 
 from pipeline.arrays import Real, Truth
 from pipeline.identification.measurement.branches import TURN_NOISE
+from pipeline.identification.measurement.enough import SURE
 from pipeline.identification.measurement.estimate import MAD_TO_STD, smallest_step
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.unit_sections import InstrumentSection
@@ -21,8 +22,6 @@ FEWEST_ROWS = 5
 """Rows of a tail or of equal extremes: fewer are a turn."""
 LOST_SHARE = 0.05
 """Share of the largest command that a saturated torque falls short by at least."""
-START_NOISE = 4.0
-"""Standard deviations of the torque beyond which it is not zero."""
 CLIPPED_SHARE = 0.1
 """Share of the range of the torque over which an angle that repeats its extreme has reached the end of its range."""
 FEWEST_STEPS = 20
@@ -33,7 +32,7 @@ SPIKE_FACTOR = 8.0
 
 def at_rest(rows: Rows, instrument: InstrumentSection, torque_noise: float) -> Truth:
     """Rows at the start of a position before the torque differs from zero (n,): nobody knows where in the play."""
-    smallest_change = START_NOISE * torque_noise + (instrument.torque_resolution_Nm or 0.0)
+    smallest_change = SURE * torque_noise + (instrument.torque_resolution_Nm or 0.0)
     is_at_rest = np.zeros(len(rows), bool)
     for position in range(len(rows.cranks)):
         of_position = np.flatnonzero(rows.position == position)

@@ -3,11 +3,12 @@
 import numpy as np
 
 from pipeline.arrays import Real, Whole
+from pipeline.constant_kinds import Rounding
 from pipeline.identification.measurement.rows import Recorded
 from pipeline.identification.measurement.turning.motion import unwrapped_crank
 from pipeline.model.units import ARCMIN_A_DEGREE, TURN_DEG
 
-ROUNDED_DEG = 0.1
+ROUNDED_DEG: Rounding = 0.1
 """Angle by which an encoder of one turn may show more than 360 degrees by its rounding."""
 LARGEST_JUMP = 100.0
 """Step of an angle, in its median step, beyond which rows do not follow each other."""

@@ -7,9 +7,10 @@ from scipy.special import ndtri
 
 from pipeline.arrays import Real, Whole
 from pipeline.constant_kinds import ShownCount
+from pipeline.identification.measurement.enough import FEWEST_OF_A_WAVE
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.evidence import Points
-from pipeline.identification.record.terms import LEAST_WAVES, POINTS_A_WAVE, Covariates
+from pipeline.identification.record.terms import LEAST_WAVES, Covariates
 from pipeline.identification.record.turn_record import TurnRecord
 from pipeline.statistics.resampling import CONFIDENCE, LEVEL
 
@@ -63,7 +64,7 @@ def error_orders(record: TurnRecord, points: Points) -> list[OrderRow]:
     signals = sums / np.maximum(squares, 1e-12)
     turns = record.span_deg / 360.0
     place = 2 * np.pi * turns * (intervals + 0.5) / record.n_intervals
-    highest = record.n_intervals / turns / POINTS_A_WAVE
+    highest = record.n_intervals / turns / FEWEST_OF_A_WAVE
     grid = np.arange(max(1.0, 1 / turns), highest, 1 / turns)
     shafts = {order: title for title, order in record.orders.waves.values()} | _mesh_orders(record)
     named_orders = {order: title for order, title in shafts.items() if LEAST_WAVES <= order * turns <= highest * turns}

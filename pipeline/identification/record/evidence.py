@@ -22,7 +22,7 @@ from scipy.sparse import csr_array, dia_array
 from scipy.special import gammaincinv
 
 from pipeline.arrays import Real, Truth, Whole
-from pipeline.constant_kinds import Fineness
+from pipeline.constant_kinds import Fineness, Rounding
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.passes import RecordCells, drift_of_repeats, shift_of_repeats
 from pipeline.identification.record.terms import Term
@@ -35,7 +35,7 @@ ROUNDS: Fineness = 4
 """Times that the sizes are found one after the other, at most."""
 REACH = 0.15
 """Share of the angle that was turned over which the drift of a pass is alike."""
-LEAST_NOISE = 1e-5
+LEAST_NOISE: Rounding = 1e-5
 """Noise of a point [arcmin] at least: below what an encoder resolves."""
 
 

@@ -24,8 +24,6 @@ from pipeline.statistics.resampling import CONFIDENCE
 ADDED_PARTS = 3
 """Further effects that are tried beside the best model, each time: those that promise most."""
 TOLERABLE = "errors of parts within their tolerances"
-LARGEST_SHARE = 1.0
-"""Bound of an effect, in the range of the mean errors: more is no effect beside the spring, but another spring."""
 
 
 @dataclass(frozen=True)
@@ -243,7 +241,7 @@ class RecordJudge(Rule[Trial]):
     def implausible(self, trial: Trial) -> Iterator[str]:
         """Sizes beyond the twist of the drive, and nothing but waves that errors of parts within tolerances cause."""
         for name in trial.effects:
-            if self._size(trial, name) > LARGEST_SHARE * self.evidence.span:
+            if self._size(trial, name) > self.evidence.span:
                 yield f"the size of {name} is larger than the twist of the drive"
         if len(tolerated := self.tolerated_waves(trial)) == len(trial.effects):
             yield f"{TOLERABLE} cause waves as large as {tolerated[0]}"

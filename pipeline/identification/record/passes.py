@@ -10,18 +10,16 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
-from pipeline.constant_kinds import Rounding
-from pipeline.identification.measurement.cells import FEWEST_ROWS
+from pipeline.constant_kinds import Fineness, Rounding
+from pipeline.identification.measurement.enough import FEWEST_COMPARED, FEWEST_OF_A_WAVE, LEAST_PART
 from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE, held_torques, stretches
 from pipeline.identification.measurement.turning.motion import groups as groups_of
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.record.orders import Orders, orders_of
 
-MOST_INTERVALS = 720
+MOST_INTERVALS: Fineness = 720
 """Intervals of the output angle at most: orders up to a quarter of them in a turn have four to a wave."""
-LEAST_PASS = 0.5
-"""Range of a pass over that of the longest from which it counts: pieces at turning points are left out."""
 SAME_TEMPERATURE_K = 2.0
 """Range of the temperatures of passes that count as one."""
 SAME_SPEED = 1.2
@@ -30,8 +28,6 @@ SAME_TORQUE = 0.02
 """Share of the largest torque up to which held torques are one: less than the 3 % at which lost motion is read."""
 DRIFT = 0.002
 """Share of the largest torque up to which a mean torque counts as none."""
-CELLS_A_WAVE = 4
-"""Cells of a pass for each wave of its torque from which the waves are told from scatter."""
 CROSSED_SHARE: Rounding = 1e-3
 """Share of an interval by which an angle may lie beyond the last one by rounding."""
 
@@ -145,7 +141,7 @@ class RecordedPasses:
         number = np.full(len(self), -1)
         spans = {k: float(np.ptp(self.place[stretch == k])) for k in np.unique(stretch[stretch >= 0])}
         longest = max(spans.values(), default=0.0)
-        chosen_passes = [k for k, span in spans.items() if span >= LEAST_PASS * longest > 0]
+        chosen_passes = [k for k, span in spans.items() if span >= LEAST_PART * longest > 0]
         for position, k in enumerate(chosen_passes):
             number[stretch == k] = position
         of_pass = [np.flatnonzero(number == k) for k in range(len(chosen_passes))]
@@ -219,7 +215,7 @@ class RecordedPasses:
         number = self._passes[1]
         rows = np.bincount(number[number >= 0])
         share = min(float(np.ptp(self.place[number >= 0])) / self.span_deg, 1e6)
-        return int(np.clip(np.median(rows) / max(share, 1.0) / FEWEST_ROWS, 1, MOST_INTERVALS))
+        return int(np.clip(np.median(rows) / max(share, 1.0) / FEWEST_COMPARED, 1, MOST_INTERVALS))
 
     @cached_property
     def _cell_of_row(self) -> tuple[Whole, Whole]:
@@ -234,7 +230,7 @@ class RecordedPasses:
         interval = np.minimum((folded_place / width).astype(np.int64), self.n_intervals - 1)
         keys = number[rows] * self.n_intervals + interval
         kept_keys, cell, count = np.unique(keys, return_inverse=True, return_counts=True)
-        has_enough = count >= FEWEST_ROWS
+        has_enough = count >= FEWEST_COMPARED
         new_numbers = np.cumsum(has_enough) - 1
         good = has_enough[cell]
         del kept_keys
@@ -288,7 +284,7 @@ class RecordedPasses:
         deviation = self.cell_means(self.torque) - torque
         for number in np.unique(owner):
             of_pass = owner == number
-            if np.sum(of_pass) >= CELLS_A_WAVE * waves.shape[1]:
+            if np.sum(of_pass) >= FEWEST_OF_A_WAVE * waves.shape[1]:
                 sizes, *_ = np.linalg.lstsq(waves[of_pass], deviation[of_pass], rcond=1e-6)
                 torque[of_pass] += waves[of_pass] @ sizes
         return torque

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Real
+from pipeline.identification.measurement.enough import FEWEST_OF_A_WAVE
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
 from pipeline.identification.record.passes import SAME_SPEED, SAME_TEMPERATURE_K
 from pipeline.identification.record.turn_record import TurnRecord
 
 MOST_STRAIGHT = 2
 """Sizes of torque that tell no softening from the zeros."""
-POINTS_A_WAVE = 4
-"""Intervals in a wave from which it can be tested."""
 LEAST_WAVES = 1.0
 """Waves over the angle that was turned from which one can be tested, and beats from which two are told apart."""
 BASE_SHARE = 10.0
@@ -191,8 +190,8 @@ def _order_refusal(record: TurnRecord, order: float) -> str:
     waves = order * record.span_deg / 360.0
     if waves < LEAST_WAVES:
         return f"the record covers {waves:.2g} of a wave"
-    if record.n_intervals < POINTS_A_WAVE * waves:
-        return f"{record.n_intervals} intervals hold {waves:.0f} waves; {POINTS_A_WAVE} intervals to a wave are needed"
+    if record.n_intervals < FEWEST_OF_A_WAVE * waves:
+        return f"{record.n_intervals} intervals hold {waves:.0f} waves; a wave takes {FEWEST_OF_A_WAVE} intervals"
     return ""
 
 

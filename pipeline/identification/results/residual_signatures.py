@@ -10,14 +10,15 @@ import numpy as np
 from scipy.special import stdtr, stdtrit  # scipy.stats is slow to import
 
 from pipeline.arrays import Real, Truth, Whole
-from pipeline.constant_kinds import Fineness, ShownCount
+from pipeline.constant_kinds import Fineness, Shown, ShownCount
 from pipeline.identification.fitting.data import Data
+from pipeline.identification.measurement.enough import LOADED_SHARE
 from pipeline.identification.measurement.estimate import SEED
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.statistics.resampling import CONFIDENCE, LEVEL, resampled_means
 
-LOW, HIGH = 0.25, 0.5
-"""Shares of the largest torque below which a cell is near zero torque, and above which it is at high torque."""
+LOW: Shown = 0.25
+"""Share of the largest torque below which a cell is near zero torque."""
 RESAMPLES: Fineness = 500
 """Of the block bootstrap: an end of an interval is known to a tenth of its width."""
 WAVES: ShownCount = 160
@@ -74,7 +75,7 @@ class SignatureCells:
         return is_small
 
     def is_loaded(self) -> Truth:
-        is_large: Truth = np.abs(self.torque) >= HIGH * np.max(np.abs(self.torque), initial=0.0)
+        is_large: Truth = np.abs(self.torque) >= LOADED_SHARE * np.max(np.abs(self.torque), initial=0.0)
         return is_large
 
 

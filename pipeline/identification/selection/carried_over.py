@@ -19,13 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
-from pipeline.constant_kinds import Fineness, Rounding
+from pipeline.constant_kinds import Fineness, Grid, Rounding
 from pipeline.identification.selection.statements.discrepancy import REACHES, SIZES, averaged_cells, kernels
 from pipeline.statistics.curve_scatter import dummies
 
 Places = tuple[Real, Real, Whole]
 
-SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
+SHARES: Grid = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Shares of the variance that all positions have in common: midpoints of five equal parts of their uniform prior."""
 REACHES_TRIED: Fineness = 7
 """Steps of the logarithm of the reach: a factor of 1.8 each."""
@@ -100,7 +100,7 @@ class _Seen:
         common, by_position = kernels(self.places, self.places, reach)
         correlation = (share * common + (1 - share) * by_position) / np.outer(self.noise, self.noise)
         roots, vectors = np.linalg.eigh(correlation)
-        variance = np.median(self.noise) ** 2 * np.geomspace(*SIZES, SIZES_TRIED) ** 2
+        variance = np.median(self.noise) ** 2 * np.geomspace(SIZES[0], SIZES[-1], SIZES_TRIED) ** 2
         gain = 1 / (1 + np.maximum(roots, 0.0)[:, None] * variance)
         misfit, zeros = vectors.T @ self.misfit, vectors.T @ self.zeros
         information = (zeros.T * gain.T[:, None]) @ zeros  # (n_sizes, n_positions, n_positions)

@@ -7,35 +7,38 @@ from itertools import permutations, product
 import numpy as np
 
 from pipeline.arrays import Truth, Whole
-from pipeline.constant_kinds import Seed
+from pipeline.constant_kinds import Seed, Shortcut, ShortcutCount, ShownCount
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.identification.selection.criteria import MOST_NAMED, Judge, Selection, Trial, least_fall
 from pipeline.identification.selection.evidence import Covariance, Evidence
 from pipeline.identification.selection.pairs import promising_pairs
 from pipeline.identification.selection.screening import RIVAL, Promise, screen_effects
 
-NEAR_MISFIT = 1.5
+NEAR_MISFIT: Shortcut = 1.5
 """Further starts are followed where their misfit is within this ratio of the best."""
-FIRST_SHARE, EDGE = 0.1, 0.01
-"""Share of its bounds by which a parameter starts off no effect in either sense, and least one from a bound."""
-FURTHER_STARTS = 2
+FIRST_SHARE: Shortcut = 0.1
+"""Share of its bounds by which a parameter starts off no effect in either sense."""
+EDGE: Shortcut = 0.01
+"""Share of its bounds from an end at which it starts at least."""
+FURTHER_STARTS: ShortcutCount = 2
 """Starts of the calibrated numbers within their ranges, beyond the declared one."""
-LEAST_DISTANCE = 0.5
+LEAST_DISTANCE: Shortcut = 0.5
 """Standard deviations of the priors from which a fit from a further start is not on its way to where one ended already.
 """
-FAR_FROM_DECLARED = 0.3
+FAR_FROM_DECLARED: Shortcut = 0.3
 """Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
-MOST_EFFECTS = 4
-"""Effects in one description at most."""
-PAIRS = 10
+MOST_EFFECTS: ShownCount = 4
+"""Effects in one description at most; two of them can be named."""
+PAIRS: ShortcutCount = 10
 """Pairs of effects that are fitted, those that promise most beside the model without effects."""
-ADDITIONS = 4
+ADDITIONS: ShortcutCount = 4
 """Effects that are tried on top of the best, those that explain most of what it leaves."""
-SINGLE_GROUPS, FEWEST_FOLDS = 6, 3
-"""Positions (or cycles) up to which each is left out by itself; more are left out in so many lots, spread evenly over
+SINGLE_GROUPS = 6
+"""Positions (or cycles) up to which each is left out by itself; more are left out in three lots, spread evenly over
 them, so that the time grows as the rows do."""
 SEED: Seed = 20170
 """Of the further starts: equal data give an equal verdict."""
@@ -46,7 +49,7 @@ def parts_of(data: Data, cells: Truth) -> Whole:
     group = data.held_out_parts(cells)
     numbers = np.unique(group[cells])
     rank = np.searchsorted(numbers, group)
-    return rank if len(numbers) <= SINGLE_GROUPS else rank % FEWEST_FOLDS
+    return rank if len(numbers) <= SINGLE_GROUPS else rank % FEWEST_COMPARED
 
 
 class Selector:

@@ -7,12 +7,13 @@ from itertools import combinations
 import numpy as np
 
 from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Shortcut
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.screening import Promise, Screening
 
-LARGEST_AMOUNT = 1.5
+LARGEST_AMOUNT: Shortcut = 1.5
 """Size of an effect, in that which it would need alone, up to which its change of the curves is scaled."""
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Shortcut, ShortcutCount, ShortcutGrid
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.least_squares import Descent
@@ -16,31 +17,37 @@ from pipeline.identification.fitting.parameters import Fit, Vector, values_at_sh
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.model.load_history.load_cycle import ARCMIN
 
-STEPS = (1e-3, 1e-2, 1e-1)
+STEPS: ShortcutGrid = (1e-3, 1e-2, 1e-1)
 """Lengths of the secants, as shares of the way from no effect to a bound."""
-SHAPES = (0.1, 0.35, 0.6, 0.85)
+SHAPES: ShortcutGrid = (0.1, 0.35, 0.6, 0.85)
 """Shares of the bounds at which parameters that leave no trace of an absent effect are looked at."""
-REACH = 4.0
+REACH: Shortcut = 4.0
 """Lengths of its secant up to which an effect is extrapolated."""
-STARTS = 3
+STARTS: ShortcutCount = 3
 """Most starts from which an effect is fitted: senses of its parameters, and bases."""
-RIVAL = 3.0
+RIVAL: Shortcut = 3.0
 """Misfit of a further start in that of the best beyond which it is left out."""
-RADII, PHASES, BEST_DIRECTIONS = (0.15, 0.05, 0.35), 8, 2
-"""Where an effect is looked at besides, in shares of its bounds: it bends with its size, and with its phase. At the
-first distance in all phases, at the others in the best two, or in both senses of one parameter."""
+RADII: ShortcutGrid = (0.15, 0.05, 0.35)
+"""Where an effect is looked at besides, in shares of its bounds: it bends with its size."""
+PHASES: ShortcutCount = 8
+"""Phases that are looked at, all at the first of these distances: an effect bends with its phase, too."""
+BEST_DIRECTIONS: ShortcutCount = 2
+"""The best of these phases, or both senses of one parameter, which are looked at at the other distances."""
 PERIODIC = "periods"
 """Starts of an effect that has a period; looked at beside the first base alone, since there are many of them."""
-WAVE_STEP, WAVE_PHASES = 0.75, 5
-"""Periods of a ripple that are looked at: steps of their number over the range of the angle; phases of each."""
-SIZES, COARSER = (0.75, 1.0, 1.3, 1.6, 2.0), 5
-"""Sizes of a ripple, in those that the residual asks; so many times fewer periods tell which is nearest."""
-FAINT = 15.0
+WAVE_STEP: Shortcut = 0.75
+"""Periods of a ripple that are looked at: steps of their number over the range of the angle."""
+WAVE_PHASES: ShortcutCount = 5
+"""Phases of each."""
+SIZES: ShortcutGrid = (0.75, 1.0, 1.3, 1.6, 2.0)
+"""Sizes of a ripple, in those that the residual asks."""
+COARSER: ShortcutCount = 5
+"""So many times fewer periods tell which of these sizes is nearest."""
+FAINT: Shortcut = 15.0
 """Fall of the sum of squares by a small ripple of the best period and a wider loop, below which none is looked for in
 full: of noise alone the best of 75 periods exceeds it in a tenth of the units, and no claim could rest on it."""
-PERIODS, PERIOD_STEPS = 6, (1, 2)
-"""The best of them, and steps of the fits that tell which are true: of all, and further ones of as many as there are
-starts."""
+PERIODS: ShortcutCount = 6
+"""The best periods, which are fitted on."""
 
 
 @dataclass(frozen=True)
@@ -265,7 +272,7 @@ class Screening:
         starts = [replace(start, reach=as_fitted) for _, start in best_ripples]
         descents = [Descent(self.fitter, model, self.cells, start, self.base) for start in starts]
         descents = [descent for descent in descents if np.isfinite(descent.cost)]
-        for steps, count in zip(PERIOD_STEPS, (PERIODS, STARTS), strict=True):
+        for steps, count in ((1, PERIODS), (2, STARTS)):
             descents = sorted(descents, key=lambda descent: descent.in_noise)[:count]
             for descent in descents:
                 descent.run(steps)

@@ -9,10 +9,11 @@ import numpy as np
 
 from pipeline.arrays import Real
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, TERMS
+from pipeline.identification.measurement.enough import FEWEST_OF_A_WAVE
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED, UNEXPLAINED
-from pipeline.identification.series.shared_effects import FEWEST_OF_A_WAVE, SharedEffects, TriedEffect, share_effects
+from pipeline.identification.series.shared_effects import SharedEffects, TriedEffect, share_effects
 from pipeline.identification.series.states import Series, Trend, series_of, trends_of
 from pipeline.statistics.resampling import LEVEL, jackknife_interval
 

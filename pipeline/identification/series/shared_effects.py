@@ -21,22 +21,14 @@ from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, SOFT, TERMS, title
 from pipeline.identification.generic.generic_drive import LoopModel
 from pipeline.identification.generic.shared_fit import fitted_together
+from pipeline.identification.measurement.enough import FEWEST_COMPARED, FEWEST_OF_A_WAVE
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
+from pipeline.identification.selection.criteria import MOST_NAMED
+from pipeline.identification.selection.model_selection import SINGLE_GROUPS
 from pipeline.identification.series.folds import Folds, StateFolds, held_numbers, reversed_numbers, state_folds
 from pipeline.identification.series.states import Series
 from pipeline.statistics.resampling import LEVEL, max_t
 
-MOST_FOLDS = 6
-"""Folds at most: of more positions several are left out together."""
-FEWEST_POSITIONS = 3
-"""Positions below which no shared effect is claimed: a fold then trains on one."""
-FEWEST_OF_A_WAVE = 4
-"""Positions below which effects of the crank angle are judged by the other states: without one, three are left for the
-mean, amplitude and phase of a wave."""
-FEWEST_STATES = 3
-"""States below which none is left out: the scatter over two has one degree of freedom."""
-MOST_SHARED = 2
-"""Effects that are added one after the other."""
 NO_GAIN = "no significant gain at positions that were left out"
 """Why an effect is not claimed; a twin of a claimed one that helps as much belongs to its class all the same."""
 NOT_SHOWN = "no significant gain at unused positions of states that were left out"
@@ -139,12 +131,12 @@ def share_effects(series: Series) -> SharedEffects:
     """The effects that the states share."""
     recalibrated_folds = fold_fits(series, (), ())
     testable, untestable = candidates(series)
-    by_states = len(series.positions) < FEWEST_OF_A_WAVE and states_with_unused(series) >= FEWEST_STATES
+    by_states = len(series.positions) < FEWEST_OF_A_WAVE and states_with_unused(series) >= FEWEST_COMPARED
     waves = [name for name in testable if by_states and name in CRANK_EFFECTS]
     tried_effects: list[TriedEffect] = []
     classes: list[tuple[TriedEffect, ...]] = []
     base = recalibrated_folds
-    for _ in range(MOST_SHARED if len(series.positions) >= FEWEST_POSITIONS else 1):
+    for _ in range(MOST_NAMED if len(series.positions) >= FEWEST_COMPARED else 1):
         known_names = {name for members in classes for effect in members for name in (effect.name, *twins(effect.name))}
         round_effects = _tried_round(series, base, [name for name in testable if name not in {*known_names, *waves}])
         tried_effects += round_effects
@@ -199,7 +191,7 @@ def fold_groups(series: Series) -> list[tuple[str, ...]]:
     positions = series.positions
     if len(positions) < 2:
         return [()]
-    count = min(len(positions), MOST_FOLDS)
+    count = min(len(positions), SINGLE_GROUPS)
     return [positions[k::count] for k in range(count)]
 
 
@@ -255,7 +247,7 @@ def _tried_round(series: Series, base: Folds, names: Sequence[str]) -> list[Trie
         )
     gains = [np.log(base.loss + LEAST_LOSS) - np.log(trial.loss + LEAST_LOSS) for trial in trials]
     is_known = np.isfinite(base.loss)
-    held_out = len(series.positions) >= FEWEST_POSITIONS and is_known.sum() >= FEWEST_BLOCKS
+    held_out = len(series.positions) >= FEWEST_COMPARED and is_known.sum() >= FEWEST_BLOCKS
     p_family = (
         max_t(np.column_stack([gain[is_known] for gain in gains]), RESAMPLES, SEED)[1]
         if held_out and names
@@ -358,7 +350,7 @@ def _reasons(series: Series, held_out: bool, at_bound: Sequence[str], p: float, 
     if not held_out:
         yield (
             f"{len(series.positions)} positions in {len(series.states)} states are too few to leave any out: "
-            f"a name takes {FEWEST_POSITIONS} positions, and {FEWEST_BLOCKS} of all states together"
+            f"a name takes {FEWEST_COMPARED} positions, and {FEWEST_BLOCKS} of all states together"
         )
     elif at_bound:
         yield f"{', '.join(at_bound)} at a bound of the fit"

@@ -6,8 +6,8 @@ import pytest
 from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
 from pipeline.identification.measurement import row_filters
+from pipeline.identification.measurement.enough import SURE
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.identification.measurement.row_filters import START_NOISE
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
 NOISE = 0.1  # [N m], declared
@@ -44,7 +44,7 @@ def test_rows_within_four_deviations_of_no_torque_at_the_start_are_not_usable(tm
         expected[start : start + 3] = True  # 0, 0.15, 0.30, and not 0.45 N m
     np.testing.assert_array_equal(at_rest(measurement), expected)
     np.testing.assert_array_equal(measurement.usable, ~expected)
-    is_later = (np.abs(measurement.rows.torque) < START_NOISE * NOISE) & ~expected
+    is_later = (np.abs(measurement.rows.torque) < SURE * NOISE) & ~expected
     assert is_later.sum() > 20  # passes through zero that stay
 
 

@@ -6,12 +6,12 @@ import numpy as np
 
 from pipeline.arrays import Index, Truth
 from pipeline.config.files.table_file import LARGEST_VALUE
-from pipeline.identification.measurement.cells import FEWEST_ROWS
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.identification.measurement.faults import shape_faults
 from pipeline.identification.measurement.faults.branch_faults import branch_faults
 from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
 from pipeline.identification.measurement.measured_rows import MeasuredRows
-from pipeline.identification.measurement.repeated_branches import FEWEST_CELLS, mean_loops
+from pipeline.identification.measurement.repeated_branches import mean_loops
 from pipeline.identification.measurement.row_filters import SATURATION_RULE
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.unit_file import UnitFile
@@ -58,7 +58,7 @@ def _unknown_noise(measurement: MeasuredRows) -> Iterator[Fault]:
         yield Fault(
             "too few points",
             "the noise, which errors are counted in, is not known: no cycle is repeated, and no branch has the "
-            f"{FEWEST_CELLS * FEWEST_ROWS} rows that its scatter takes; "
+            f"{FEWEST_COMPARED**2} rows that its scatter takes; "
             "measure more rows a branch, or each cycle twice",
             "fatal",
         )

@@ -6,31 +6,29 @@ import numpy as np
 
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
-from pipeline.constant_kinds import Shown, Unit
+from pipeline.constant_kinds import Shown, ShownRange, Unit
 from pipeline.identification.measurement.columns import ANGLE_UNITS, TORQUE_UNITS
+from pipeline.identification.measurement.enough import BENT, FEWEST_COMPARED, LOADED_SHARE, SURE
 from pipeline.identification.measurement.repeated_branches import Loop, loop_distance
 from pipeline.model.units import ARCMIN, ARCMIN_A_DEGREE, TURN_DEG
 
-LARGEST_TORQUE = 20.0
-"""Times the rated torque: no reducer stands more."""
-SMALLEST_TORQUE = 5e-3
-"""Times the rated torque: below it a cycle says nothing about the reducer; torques in kN m lie there."""
-LIKELY_TORQUE = (0.05, 5.0)
-"""Times the rated torque, of a bench: by which other units are suggested."""
-DOUBTFUL_TORQUE = 0.05
-"""Times the rated torque, below which loops may be those of the input."""
+POSSIBLE_TORQUE = (5e-3, 20.0)
+"""Times the rated torque: a smaller cycle says nothing about the reducer (torques in kN m lie there), and no reducer
+stands a larger one."""
+LIKELY_TORQUE: ShownRange = (0.05, 5.0)
+"""Times the rated torque, of a bench: by which other units are suggested; smaller loops may be those of the input."""
 REVOLUTION = TURN_DEG * ARCMIN_A_DEGREE
 """In minutes of arc; an output that turns further is not held."""
 FINEST_ANGLE = 1e-2
 """Span [arcmin] below which no encoder resolves a loop."""
-LIKELY_ANGLE = (0.2, 1200.0)
+LIKELY_ANGLE: ShownRange = (0.2, 1200.0)
 """Span of a loop [arcmin], by which other units are suggested."""
 
 
 def implausible_torque(torque: Real, rated_torque: float) -> str:
     """Why torques [N m] cannot be in N m, with the units that they could be in; empty if they can."""
     top = float(np.max(np.abs(torque)))
-    if SMALLEST_TORQUE * rated_torque <= top <= LARGEST_TORQUE * rated_torque:
+    if POSSIBLE_TORQUE[0] * rated_torque <= top <= POSSIBLE_TORQUE[1] * rated_torque:
         return ""
     advice = _advice(top, TORQUE_UNITS, (LIKELY_TORQUE[0] * rated_torque, LIKELY_TORQUE[1] * rated_torque), "torque_Nm")
     return f"the largest torque is {top:.4g} N m, the rated torque {rated_torque:g} N m; {advice}"
@@ -66,7 +64,7 @@ def doubtful_side(top: float, span: float, rated_torque: float, ratio: float) ->
     rated_torque : torque of the output [N m].
     ratio : input turns per turn of the output.
     """
-    if top >= DOUBTFUL_TORQUE * rated_torque and span <= LIKELY_ANGLE[1]:
+    if top >= LIKELY_TORQUE[0] * rated_torque and span <= LIKELY_ANGLE[1]:
         return ""
     found_text = f"the loops reach {top:.3g} N m of a rated torque of {rated_torque:g} N m and span {span:.4g} arcmin"
     at_output = LIKELY_TORQUE[0] * rated_torque <= top * ratio <= LIKELY_TORQUE[1] * rated_torque
@@ -85,15 +83,11 @@ def _advice(value: float, units: dict[str, float], likely: tuple[float, float], 
     return f"[columns.{quantity}] unit = {' or '.join(fitting)} would be likely"
 
 
-LOW, HIGH = 0.2, 0.5
-"""Shares of the largest torque below which a row is near zero torque, and above which it is loaded."""
-BENT = 2.0
-"""Ratio of the slopes near zero and under load by which a curve is bent: play makes it larger than 1, never half."""
+LOW = 0.2
+"""Share of the largest torque below which a row is near zero torque."""
 CLOSED_SHARE = 0.02
 """Torque, in parts of its range, up to which a drive counts as unloaded. Half of it, of the range of the angle, is the
 work on the way that closes a loop there."""
-SURE = 4.0
-"""Standard deviations of the work that noise does: one record in 30,000 exceeds it."""
 OF_MEDIAN_BEND: Unit = 1 / (0.67449 * 6**0.5)
 """Standard deviation of noise over the median size of its second differences from row to row."""
 FEWEST_ROWS = 20
@@ -101,8 +95,6 @@ FEWEST_ROWS = 20
 DISTANCE_RATIO = 3.0
 """Distance of a position from its nearest neighbour in shape, in the largest distance between the others and in noise
 floors, from which it stands out."""
-FEWEST_POSITIONS = 3
-"""Positions among which one can stand out."""
 LARGEST_PLAY = 0.5
 """Gap of the pins in parts of their radius that no drive has."""
 LARGEST_TWIST = 500.0
@@ -173,9 +165,9 @@ def drift_per_row(torque: Real, angle: Real) -> Real:
     rates = {}
     for sense in (1, -1):
         load = sense * torque
-        loaded = np.flatnonzero(load >= HIGH * load.max())
+        loaded = np.flatnonzero(load >= LOADED_SHARE * load.max())
         visits = np.split(loaded, np.flatnonzero(np.diff(loaded) > 1) + 1)
-        visits = [rows for rows in visits if rows.size and load[rows].max() > 0.5 * (1 + HIGH) * load.max() > 0]
+        visits = [rows for rows in visits if rows.size and load[rows].max() > 0.5 * (1 + LOADED_SHARE) * load.max() > 0]
         if len(visits) > 1:
             used = np.concatenate(visits)
             is_after = np.concatenate([rows > rows[np.argmax(load[rows])] for rows in visits])
@@ -199,7 +191,7 @@ def _bend(load: Real, twist: Real) -> float:
     """Slope of the twist over the load near zero over that under load in both senses; 1 where there are few rows."""
     load = load - 0.5 * (load.max() + load.min())  # an angle has any zero
     top = float(np.max(load))
-    parts = [np.abs(load) <= LOW * top, load >= HIGH * top, load <= -HIGH * top]
+    parts = [np.abs(load) <= LOW * top, load >= LOADED_SHARE * top, load <= -LOADED_SHARE * top]
     if top == 0.0 or min(part.sum() for part in parts) < FEWEST_ROWS:
         return 1.0
     slope_near_zero, *loaded_slopes = (_slope(load[part], twist[part]) for part in parts)
@@ -216,7 +208,7 @@ def _slope(load: Real, twist: Real) -> float:
 def standing_out(loops: list[Loop], floor: float) -> Iterator[tuple[int, float, float]]:
     """Position whose mean loop is far from all others, which are alike; its distance and theirs [arcmin]."""
     n = len(loops)
-    if n < FEWEST_POSITIONS:
+    if n < FEWEST_COMPARED:
         return
     distances = np.array([[loop_distance(loop, second) for second in loops] for loop in loops])
     for position in range(n):

@@ -10,24 +10,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Fineness
 from pipeline.identification.measurement.branches import turning_points
-from pipeline.identification.measurement.cells import FEWEST_ROWS
+from pipeline.identification.measurement.enough import FEWEST_COMPARED, LEAST_PART
 from pipeline.model.units import TURN_DEG
 
-MOST_INTERVALS = 24
+MOST_INTERVALS: Fineness = 24
 """Intervals of a turn at most: each costs the model a position; orders up to half of them are seen."""
-MOST_POSITIONS = 96
+MOST_POSITIONS: Fineness = 96
 """Intervals of the record at most; of longer records turns are left out evenly."""
 TURN_BACK_DEG = 5.0
 """Angle by which the crank must come back for its sense to have changed."""
-LARGEST_STEP = 0.5
-"""Share of a turn beyond which a step from row to row is that of an angle counted from 0 to 360 degrees."""
 LEVEL_SHARE = 0.05
 """Share of the largest torque within which two turns are of one held torque."""
 HELD_SHARE = 0.1
 """Share of the largest torque by which a row may differ from the torque held."""
-LEAST_TURN = 0.5
-"""Share of a turn's intervals that it must have to count: pieces at the ends of a pass are left out."""
 CENTRED_SHARE = 0.2
 """Share of an interval by which the mean angle of its rows may lie off its middle."""
 
@@ -67,7 +64,7 @@ def unwrapped_crank(crank: Real, run: Whole) -> Real:
     for number in np.unique(run):
         rows = np.flatnonzero((run == number) & np.isfinite(crank))
         step = np.diff(crank[rows], prepend=crank[rows[:1]])
-        jumps = -np.sign(step) * (np.abs(step) > LARGEST_STEP * TURN_DEG)
+        jumps = -np.sign(step) * (np.abs(step) > TURN_DEG / 2)  # of an angle that is counted from 0 to 360 degrees
         counted_on[rows] += TURN_DEG * np.cumsum(jumps)
     return counted_on
 
@@ -93,14 +90,14 @@ def motion(crank: Real, run: Whole, torque: Real, pins: int, lobes: int) -> Moti
     levels = np.array([held[level == number].mean() for number in range(int(level.max(initial=-1)) + 1)])
     turn[np.abs(torque - held) > HELD_SHARE * largest_torque] = -1
     counts = np.bincount(turn[turn >= 0]) if np.any(turn >= 0) else np.ones(1, int)
-    pitches = _pitches(float(np.median(counts[counts >= LEAST_TURN * counts.max()])), pins, lobes)
+    pitches = _pitches(float(np.median(counts[counts >= LEAST_PART * counts.max()])), pins, lobes)
     width = TURN_DEG * pitches / pins
     interval = np.full(len(crank), -1)
     interval[is_known] = np.floor(np.mod(crank[is_known], lobes * TURN_DEG) / width).astype(np.int64)
     left_out = _thin_revolutions(turn, revolution, pins / pitches)
     for number in np.unique(turn[turn >= 0]):
         of_turn = turn == number
-        if len(np.unique(interval[of_turn])) < LEAST_TURN * pins / pitches:
+        if len(np.unique(interval[of_turn])) < LEAST_PART * pins / pitches:
             turn[of_turn] = -1
     turn[turn >= 0] = np.unique(turn[turn >= 0], return_inverse=True)[1]
     return Motion(
@@ -174,7 +171,7 @@ def _pitches(rows: float, pins: int, lobes: int) -> int:
 
     A whole number of intervals fits into a turn of the output.
     """
-    fewest = max(fewest_pitches(pins), int(np.ceil(FEWEST_ROWS * pins / max(rows, 1.0))))
+    fewest = max(fewest_pitches(pins), int(np.ceil(FEWEST_COMPARED * pins / max(rows, 1.0))))
     return next((pitches for pitches in range(fewest, pins) if pins * lobes % pitches == 0), pins)
 
 

@@ -11,7 +11,8 @@ from pipeline.config.files.table_file import shortened_list
 from pipeline.constant_kinds import Rounding
 from pipeline.errors import InputError
 from pipeline.identification.measurement.branches import BranchBlocks
-from pipeline.identification.measurement.cells import FEWEST_ROWS, Cells
+from pipeline.identification.measurement.cells import Cells
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.identification.measurement.load_history import History
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.repeatability import Noise
@@ -24,8 +25,6 @@ from pipeline.model.units import ARCMIN_A_DEGREE, TURN_DEG
 
 WHOLE_TOLERANCE: Rounding = 1e-6
 """Of an interval: what counts as a whole number of them."""
-FEWEST_LEVELS = 3
-"""Held torques from which each is predicted from the others: of two, the one trained on knows no compliance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +124,7 @@ class TurnedRows(Measurement):
         owner = motion.turn[usable] * (len(rows.cranks) + 1) + rows.position[usable]
         numbers, first_row, count = np.unique(owner, return_index=True, return_counts=True)
         parts = [usable[start : start + size] for start, size in zip(first_row, count, strict=True)]
-        parts = [part for part in parts if len(part) >= FEWEST_ROWS and self._is_centred(part)]
+        parts = [part for part in parts if len(part) >= FEWEST_COMPARED and self._is_centred(part)]
         level = np.array([motion.level[part[0]] for part in parts], np.int64)
         parts = [parts[k] for k in np.argsort(level, kind="stable")]
         first_rows = np.array([part[0] for part in parts], np.int64)
@@ -228,7 +227,7 @@ class TurnedRows(Measurement):
         """What is left out at once: "torque", "cycle", "repeat", "revolution" or "sense"; "" where nothing can be."""
         if self.unit.settings.held_out.by:
             return self.unit.settings.held_out.by
-        if len(np.unique(self.level)) >= FEWEST_LEVELS:
+        if len(np.unique(self.level)) >= FEWEST_COMPARED:
             return "torque"
         names = ("cycle", "repeat", "revolution", "torque", "sense")
         return next((name for name in names if len(np.unique(self._groups(name))) > 1), "")

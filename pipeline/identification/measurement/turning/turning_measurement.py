@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.identification.measurement.cells import FEWEST_ROWS
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.faults.data_faults import recording_faults
 from pipeline.identification.measurement.faults.fault import Fault, fault_of_rows
@@ -73,8 +73,8 @@ def _turns(measurement: TurnedRows) -> Iterator[Fault]:
     if not len(measurement.cells) or motion.width > TURN_DEG / FEWEST_INTERVALS:
         yield Fault(
             "too few points",
-            f"a turn has too few rows for {FEWEST_INTERVALS} intervals of whole pitches of the pins with {FEWEST_ROWS} "
-            "rows in each; record the angle more often",
+            f"a turn has too few rows for {FEWEST_INTERVALS} intervals of whole pitches of the pins "
+            f"with {FEWEST_COMPARED} rows in each; record the angle more often",
             "fatal",
         )
 

@@ -7,13 +7,12 @@ import numpy as np
 from pipeline.arrays import Real, Whole
 from pipeline.constant_kinds import Rounding
 from pipeline.identification.measurement.cells import Cells
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.identification.measurement.estimate import UNKNOWN_NOISE, rms, robust
 from pipeline.identification.measurement.repeatability import Noise
 from pipeline.identification.measurement.repeated_branches import Difference, centred_differences
 from pipeline.model.units import TURN_DEG
 
-FEWEST_COMMON = 3
-"""Intervals that two turns must share to be held against each other."""
 SAME_DEG: Rounding = 1e-6
 """Angles [deg] that differ by less are the same."""
 
@@ -63,7 +62,7 @@ def _repeats(cells: Cells, kind: Whole, place: Whole, order: Whole) -> Iterator[
             for later in blocks[position + 1 :]:
                 second = np.flatnonzero(cells.block == later)
                 _, rows, repeated_rows = np.intersect1d(place[first_cells], place[second], return_indices=True)
-                if len(rows) >= FEWEST_COMMON and order[first_cells[0]] <= order[second[0]]:
+                if len(rows) >= FEWEST_COMPARED and order[first_cells[0]] <= order[second[0]]:
                     angle = cells.angle_mean[second[repeated_rows]] - cells.angle_mean[first_cells[rows]]
                     yield from centred_differences([Difference(angle, np.ones(len(angle)))])
                     break

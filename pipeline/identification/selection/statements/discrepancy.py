@@ -16,17 +16,17 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from pipeline.arrays import Real, Truth, Whole
-from pipeline.constant_kinds import Rounding
+from pipeline.constant_kinds import Fineness, Grid, Rounding
 from pipeline.identification.fitting.fitter import STEP, Fitter
 from pipeline.identification.fitting.parameters import Fit, values_at_shares
 from pipeline.statistics.curve_scatter import dummies
 
-TORQUE_BINS = 24
+TORQUE_BINS: Fineness = 24
 """Intervals of the range of the torque, for each sense and position, over which cells are averaged."""
 REACHES = (0.03, 1.0)
 """Reach of the process in largest torques: cells are as wide as the first, a shape as wide as the last."""
-SIZES = (1e-3, 1e3)
-"""Sizes of the process in standard deviations of noise."""
+SIZES: Grid = (1e-3, 1e3)
+"""Ends of the sizes of the process, in standard deviations of noise."""
 JITTER: Rounding = 1e-9
 """Share of the noise's variance that keeps matrices definite."""
 

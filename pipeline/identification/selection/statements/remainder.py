@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Fineness
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.statistics.curve_scatter import CurveScatter, curve_scatter
 
-TORQUE_BINS = 12
+TORQUE_BINS: Fineness = 12
 """Intervals of the range of the torque, of each sense of loading, over which residuals are compared."""
 
 
