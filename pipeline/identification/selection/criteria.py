@@ -63,11 +63,21 @@ class Trial:
     Attributes
     ----------
     rms : misfit of these cells, in their noise.
+    other_solutions : further fits of the model from other starts that are at least a twentieth as probable.
     """
 
     fit: Fit
     evidence: Evidence
     rms: float
+    other_solutions: tuple["Trial", ...] = ()
+
+
+def most_probable(solutions: Sequence[Trial]) -> Trial:
+    """The most probable of several solutions of one model, with those that are nearly as probable."""
+    best = max(solutions, key=lambda trial: trial.evidence.value)
+    others = (trial for trial in solutions if trial is not best)
+    near = tuple(trial for trial in others if trial.evidence.value >= best.evidence.value - ODDS)
+    return replace(best, other_solutions=near)
 
 
 @dataclass(frozen=True)

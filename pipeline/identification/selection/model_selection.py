@@ -13,7 +13,15 @@ from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
 from pipeline.identification.measurement.enough import FEWEST_COMPARED
-from pipeline.identification.selection.criteria import MOST_NAMED, Judge, Selection, Trial, least_fall
+from pipeline.identification.selection.criteria import (
+    MOST_NAMED,
+    ODDS,
+    Judge,
+    Selection,
+    Trial,
+    least_fall,
+    most_probable,
+)
 from pipeline.identification.selection.evidence import Covariance, Evidence
 from pipeline.identification.selection.pairs import promising_pairs
 from pipeline.identification.selection.screening import RIVAL, Promise, screen_effects
@@ -111,8 +119,28 @@ class Selector:
             fits.append(self.fitter.fit_from_best(model, cells, [start], rival_cost=_rival_cost(fits)))
         trials = {fit.model.name: self.trial(fit, cells, covariance, base) for fit in fits if np.isfinite(fit.cost)}
         selection = judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
+        selection = self._with_all_solutions(selection, promises, cells, covariance, judge)
         selection = self._with_additions(selection, cells, covariance, judge)
         return self._with_twins(selection, cells, covariance, judge)
+
+    def _with_all_solutions(
+        self, selection: Selection, promises: Mapping[str, Promise], cells: Truth, covariance: Covariance, judge: Judge
+    ) -> Selection:
+        """The selection with single effects, as probable as what may be named, fitted from all of their starts.
+
+        Where contacts open and close, and where calibrated numbers may stand in for an effect, a fit has several
+        solutions. The most probable one counts; the others widen the intervals of its parameters.
+        """
+        if not selection.best_model:
+            return selection
+        trials, least_odds = dict(selection.trials), selection.odds[selection.best_model] - 2 * ODDS
+        for name in [name for name, odds in selection.odds.items() if odds >= least_odds and name in promises]:
+            model, base = trials[name].fit.model, selection.base
+            starts = [*promises[name].starts, self._from_declared(model, cells, base.fit.unknowns)]
+            fits = [self.fitter.fit(model, cells, start, base_fit=base.fit) for start in starts]
+            solutions = [self.trial(fit, cells, covariance, base) for fit in fits if fit.sound]
+            trials[name] = most_probable([trials[name], *solutions])
+        return judge.select(selection.base, trials, selection.promised_misfits)
 
     def _with_twins(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
         """The selection with pairs in which an effect that looks like a member of the best pair takes its place.

@@ -32,10 +32,12 @@ def intervals(fitter: Fitter, trial: Trial) -> tuple[FittedParameter, ...]:
     Notes
     -----
     The posterior holds noise, the structure beside the model and the priors of calibrated numbers and tolerances
-    (``evidence``); a share ``FORM`` of its own size is added to the deviation of what grows with an effect.
+    (``evidence``); a share ``FORM`` of its own size is added to the deviation of what grows with an effect. The
+    interval reaches over those of other solutions that are nearly as probable.
     """
     fit, bounds = trial.fit, fitter.bounds(trial.fit.model)
-    ends = _ends(trial, bounds)
+    low_ends, high_ends = zip(*(_ends(solution, bounds) for solution in (trial, *trial.other_solutions)), strict=True)
+    ends = np.min(low_ends, axis=0), np.max(high_ends, axis=0)
     values = [values_at_shares(bounds, np.clip(vector, 0, 1)) for vector in (fit.unknowns.shares, *ends)]
     parameters = [(effect.name, parameter) for effect in fit.model.effects for parameter in effect.parameters]
     estimates = []
