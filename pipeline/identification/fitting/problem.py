@@ -20,6 +20,7 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import SECONDS_AN_HOUR
 from pipeline.sampling.errors import Errors as SampledErrors
+from pipeline.statistics.resampling import LEVEL
 
 Candidate = Effect | InstrumentEffect
 
@@ -142,8 +143,8 @@ class Problem:
         )
 
     def _time_constant_bounds(self, record: str, low: float, high: float) -> tuple[float, float]:
-        """Bounds of a time constant: from the sampling interval to the length of the record."""
-        shortest = float(np.clip(self.interval[record], low, high))
+        """Bounds of a time constant: to the length of the record, from where 95 % is over at the second reading."""
+        shortest = float(np.clip(self.interval[record] / np.log(1 / LEVEL), low, high))
         return shortest, max(float(np.clip(self.record[record], low, high)), LEAST_RECORD * shortest)
 
     def within_tolerance(self, model: "Model", values: Sequence[float]) -> bool:
