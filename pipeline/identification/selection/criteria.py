@@ -169,9 +169,12 @@ def prior_log_odds(n_effects: int, n_tried: int) -> float:
     return -float(np.log(max(comb(n_tried, n_effects), 1)))
 
 
-def least_fall(n_effects: int, n_tried: int) -> float:
-    """Fall of the sum of squares, in the noise, from which so many effects, of ``n_tried``, can have the odds."""
-    return 2 * (ODDS - prior_log_odds(n_effects, n_tried))
+def least_fall(n_effects: int, n_tried: int, n_before: int = 0) -> float:
+    """Fall of the sum of squares, in the noise, from which so many effects can have the odds over ``n_before``.
+
+    Of ``n_tried`` effects.
+    """
+    return 2 * (ODDS + prior_log_odds(n_before, n_tried) - prior_log_odds(n_effects, n_tried))
 
 
 @dataclass(frozen=True)

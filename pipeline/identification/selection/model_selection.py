@@ -24,7 +24,7 @@ from pipeline.identification.selection.criteria import (
 )
 from pipeline.identification.selection.evidence import Covariance, Evidence
 from pipeline.identification.selection.pairs import promising_pairs
-from pipeline.identification.selection.screening import RIVAL, Promise, screen_effects
+from pipeline.identification.selection.screening import RIVAL, Promise, Screening, screen_effects
 
 NEAR_MISFIT: Shortcut = 1.5
 """Further starts are followed where their misfit is within this ratio of the best."""
@@ -162,14 +162,12 @@ class Selector:
     def _with_additions(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
         """The selection with further effects beside its most probable single one, and beside its most probable model.
 
-        A second one while what is left could give a pair the odds, in squares of the noise; further ones, which only
-        describe, while structure is left that is not the form of the model.
+        A second one where any could give a pair the odds over the single effect; further ones, which only describe,
+        while structure is left that is not the form of the model.
         """
         single = selection.best_single
-        if single is not None:
-            left_square = cells.sum() * single.evidence.structure.square
-            if left_square >= least_fall(MOST_NAMED, len(self.testable)):
-                selection, _ = self._extended(selection, single, cells, covariance, judge)
+        if single is not None and self._could_be_a_pair(single.fit, cells):
+            selection, _ = self._extended(selection, single, cells, covariance, judge)
         current = selection.description
         while MOST_NAMED <= current.fit.model.n_effects < self.most_effects:
             if current.evidence.structure.size <= selection.limit:
@@ -179,6 +177,13 @@ class Selector:
                 break
             current = further
         return selection
+
+    def _could_be_a_pair(self, single: Fit, cells: Truth) -> bool:
+        """Whether another effect beside a fitted single one promises the fall that the odds over it take."""
+        least = least_fall(MOST_NAMED, len(self.testable), MOST_NAMED - 1)
+        screening = Screening(self.fitter, cells, single, single.sigma)
+        others = [effect for effect in self.testable.values() if effect not in single.model.effects]
+        return any(screening.could_lower(effect, least) for effect in others)
 
     def _extended(
         self,

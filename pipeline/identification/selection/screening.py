@@ -116,20 +116,37 @@ class Screening:
         if effect.starts == PERIODIC:
             return self._ripples(effect)
         model = Model((*self.base.model.effects, effect))
-        bounds = np.array(self.fitter.problem.bounds(effect))
-        grows = (bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)
-        zero = np.where(grows, -bounds[:, 0] / np.ptp(bounds, axis=1), 0.0)
+        shapes, grows = self._shapes(effect)
         best_of_shape: dict[int, tuple[float, Real, Real]] = {}
-        for shape, length in product(product(*(((0.0,) if growing else SHAPES) for growing in grows)), STEPS):
-            for sense, probe in enumerate(self._probes(model, np.where(grows, zero, shape), grows, length)):
+        for shape, length in product(shapes, STEPS):
+            for sense, probe in enumerate(self._probes(model, shape, grows, length)):
                 if sense not in best_of_shape or probe[0] < best_of_shape[sense][0]:
                     best_of_shape[sense] = probe
         confirmed_starts = []
         for _, shares, unknowns in best_of_shape.values():
             probes = [(self._misfit_at(model, start), start) for start in self._starts_beside_base(shares, unknowns)]
             confirmed_starts.append(min(probes, key=lambda candidate_start: candidate_start[0]))
-        confirmed_starts += self._directional_starts(model, zero, grows)
+        confirmed_starts += self._directional_starts(model, np.where(grows, shapes[0], 0.0), grows)
         return [candidate_start for candidate_start in confirmed_starts if np.isfinite(candidate_start[0])]
+
+    def could_lower(self, effect: Candidate, least_fall: float) -> bool:
+        """Whether a secant of an effect promises a fall of the sum of squares, in the noise, of ``least_fall``."""
+        left = self.base_misfit - least_fall * self.base_misfit / self.base.cost
+        if effect.starts == PERIODIC:
+            return any(misfit <= left for misfit, _ in self._ripples(effect))
+        model = Model((*self.base.model.effects, effect))
+        shapes, grows = self._shapes(effect)
+        lengths = STEPS[:0:-1]  # the smallest looks the same, or at the play alone
+        looks = product(shapes, lengths)
+        return any(misfit <= left for at in looks for misfit, *_ in self._probes(model, at[0], grows, at[1]))
+
+    def _shapes(self, effect: Candidate) -> tuple[list[Real], Truth]:
+        """Shares of the bounds without an effect, and which parameters grow from there; the others at ``SHAPES``."""
+        bounds = np.array(self.fitter.problem.bounds(effect))
+        grows = (bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)
+        zero = np.where(grows, -bounds[:, 0] / np.ptp(bounds, axis=1), 0.0)
+        shapes = product(*(((share,) if growing else SHAPES) for share, growing in zip(zero, grows, strict=True)))
+        return [np.array(shape) for shape in shapes], grows
 
     def _directional_starts(self, model: Model, zero: Real, grows: Truth) -> list[tuple[float, Vector]]:
         """Starts about no effect: in all directions at the first distance, in the best of them at the others."""

@@ -16,6 +16,8 @@ from pipeline.identification.selection.criteria import (
     Judge,
     Trial,
     form_limit,
+    least_fall,
+    most_probable,
     prior_log_odds,
     without_names,
 )
@@ -258,3 +260,15 @@ def test_an_effect_is_not_named_while_what_it_leaves_differs_between_cycles():
     assert by_cycle.best_model == "coulomb"
     assert by_cycle.members == ()
     assert "discrepancy" in by_cycle.reasons["coulomb"]
+
+
+def test_of_several_solutions_the_most_probable_counts_and_those_within_the_odds_are_kept():
+    solutions = [trial("coulomb", Known(value)) for value in (5.0, 9.0, 9.0 - 0.9 * ODDS, 9.0 - 1.1 * ODDS)]
+    result = most_probable(solutions)
+    assert result.evidence.value == 9.0
+    assert [other.evidence.value for other in result.other_solutions] == [9.0 - 0.9 * ODDS]
+
+
+def test_a_pair_whose_fall_is_the_least_has_just_the_odds_over_a_single_effect():
+    half = 0.5 * least_fall(2, TRIED, 1)
+    assert half + prior_log_odds(2, TRIED) - prior_log_odds(1, TRIED) == pytest.approx(ODDS)

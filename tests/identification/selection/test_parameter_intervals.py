@@ -1,5 +1,6 @@
 """Intervals of fitted parameters, refitted numbers, and how likely fitted tolerances are."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -37,6 +38,14 @@ def test_the_interval_of_a_size_that_cannot_be_negative_never_reaches_zero():
     result = estimated(-3.8, deviation=0.012, bounds=[(0.0, 10.0)])
     assert 0 < result.ci_low < result.value
     assert result.ci_high / result.value == pytest.approx(result.value / result.ci_low, rel=1e-6)
+
+
+def test_an_interval_reaches_over_other_solutions_that_are_nearly_as_probable():
+    near, far = (estimated(truth) for truth in (2.0, 3.0))
+    fitter, evidence = fitter_at(2.0), SimpleNamespace(deviations=np.array([1.0, 0.01]))
+    trials = [Trial(fitter_at(truth).fit(COULOMB), evidence, 1.0) for truth in (2.0, 3.0)]
+    (result,) = intervals(fitter, replace(trials[0], other_solutions=(trials[1],)))
+    assert (result.value, result.ci_low, result.ci_high) == pytest.approx((near.value, near.ci_low, far.ci_high))
 
 
 def test_a_parameter_at_its_bound_has_no_interval_and_says_so():

@@ -88,6 +88,13 @@ def promised(look):
     return min(misfit for misfit, _ in look.starts(EFFECT)) / look.base_misfit
 
 
+def test_an_effect_could_lower_the_misfit_by_what_it_promises_and_no_more():
+    fitter, look, _ = looked(0.3)
+    fall = least(fitter, 1) - least(fitter, 2)
+    assert look.could_lower(EFFECT, 0.99 * fall)
+    assert not look.could_lower(EFFECT, 1.01 * fall)
+
+
 def test_what_the_base_can_follow_or_goes_the_other_way_promises_nothing():
     assert promised(looked(0.3, confused=1.0)[1]) > 0.99
     assert promised(looked(-0.3)[1]) > 0.99
