@@ -66,7 +66,7 @@ def test_creep_is_told_from_hysteresis_by_another_rate_or_a_dwell(tmp_path):
 
 @pytest.mark.parametrize(("name", "record"), [("creep", TIME), ("run_in", CYCLES)])
 def test_time_constants_lie_within_what_the_record_resolves(name, record, tmp_path, condensed):
-    """Of a shorter one 95 % is over at the second reading; beyond the record nothing is described, let alone claimed."""
+    """Of shorter ones 95 % is over at the second reading; nothing beyond the record is described, let alone claimed."""
     problem = problem_of(make_unit(tmp_path / "u", {}, Bench(cycles=3, rows=40), condensed), condensed)
     low, high = problem.bounds(candidates()[name])[1]
     time = problem.forward.courses[0].time
