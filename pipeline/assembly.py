@@ -16,7 +16,7 @@ from pipeline.config.mechanisms.mechanism import LawInputs
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated_laws, scaled_laws
 from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
-from pipeline.model.elastic.ring import ring_flexibility
+from pipeline.model.elastic.beam import ring_flexibility
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.contacts import OUTPUT, Clocking, clocking, same_places
 from pipeline.model.geometry.cycloid_profile import KEPT_ANGLES, CycloidProfile

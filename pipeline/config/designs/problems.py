@@ -16,7 +16,7 @@ from pipeline.config.designs.sections import Cycloid, Operation
 from pipeline.config.files.section import MISSING, Mistake, nearest_name
 from pipeline.config.mechanisms import OutputMechanism
 from pipeline.config.mechanisms.crankshaft import Shaft
-from pipeline.model.elastic.ring import THICKEST
+from pipeline.model.elastic.beam import THICKEST
 from pipeline.model.geometry.contacts import clocking
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 

@@ -1,4 +1,4 @@
-"""Deflection of a straight round pin or shaft that bends and shears between its supports.
+"""Deflection of a straight round pin or shaft that bends and shears between its supports, and of a thin ring.
 
 Source: Timoshenko, Gere, Mechanics of Materials (unit loads: section 9.10 of the third edition); shear coefficient of
 the round section by Cowper, J. Appl. Mech. 33 (1966) 335.
@@ -6,12 +6,16 @@ the round section by Cowper, J. Appl. Mech. 33 (1966) 335.
 
 import numpy as np
 
-from pipeline.arrays import Real
+from pipeline.arrays import Complex, Real
 from pipeline.model.contact.laws import Material
 
 SHORTEST, LONGEST = 1.0, 10.0
 """Free length over diameter: below, the pin's root deforms more than the beam does (a cantilever's shear is 36 % of its
 deflection there); above, its slope at the disk is no longer small against the disk's width."""
+THICKEST = 0.25
+"""Wall over mean radius: Roark's factors for shear and hoop force make two opposite loads go 10 % farther there."""
+ORDERS = np.arange(2, 201)
+"""Waves around the ring: its first ones deflect by 1/order^4, and 200 leave 1e-7 of a radial load's deflection."""
 
 
 def _flexibility(length: float, bending: float, shear: float) -> Real:
@@ -91,3 +95,38 @@ def shaft_flexibility(planes: Real, span: float, diameter: float, material: Mate
     bent = sum(weight * (values * (end - start)) @ values.T for weight, values in zip((1, 4, 1), corners, strict=True))
     slope = (corners[2] - corners[0]) / (end - start)
     return np.asarray(bent / (6 * bending) + (slope * (end - start)) @ slope.T / shear)
+
+
+def ring_flexibility(
+    place: Complex, direction: Complex, radii: tuple[float, float], width: float, modulus: float
+) -> Real:
+    """Displacement (n, n) [mm/N] of each loaded place along its direction by a unit force at each along its own.
+
+    Parameters
+    ----------
+    place : (n,) complex [mm], of which the angle counts: the forces act on the inner radius.
+    direction : (n,) complex unit vectors.
+    radii : inner and outer one [mm].
+    width : along the axis [mm].
+    modulus : Young's modulus [MPa].
+
+    Notes
+    -----
+    Timoshenko, Strength of Materials, part II (third edition), section 12; Roark's formulas for stress and strain, table
+    of circular rings, has the same ring under single loads, with factors for thick ones.
+    A wave V sin(n t) of the tangential displacement of the centre line, R from the axis, goes with n V cos(n t) inwards
+    where the line keeps its length, and bends it by the energy pi E I n^2 (n^2 - 1)^2 V^2 / (2 R^3). A place z within
+    the line moves around by 1 + (n^2 - 1) z/R times as much, since the section turns. Without waves a radial force
+    widens the ring by R/(2 pi E A). Order 1 and a turn are motions of the ring as a whole, which are held.
+    """
+    inner, outer = radii
+    centre, wall = 0.5 * (inner + outer), outer - inner
+    outwards = place / np.abs(place)
+    along = np.conj(outwards) * direction
+    lever = 1 + (ORDERS**2 - 1) * 0.5 * wall / centre
+    wave = outwards[:, None] ** ORDERS
+    load = (along.imag[:, None] * lever - 1j * along.real[:, None] * ORDERS) * wave  # its parts: of cosine and sine
+    energy = np.pi * modulus * width * wall**3 / 12 * (ORDERS * (ORDERS**2 - 1)) ** 2 / centre**3
+    bent = np.real((load / energy) @ np.conj(load.T))
+    hoop = np.multiply.outer(along.real, along.real) * centre / (2 * np.pi * modulus * width * wall)
+    return np.asarray(bent + hoop)

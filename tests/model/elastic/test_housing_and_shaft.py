@@ -14,7 +14,7 @@ from pipeline.config.designs.design import HousingRing
 from pipeline.config.mechanisms.crankshaft import Shaft
 from pipeline.config.reading import parse_design
 from pipeline.errors import InputError
-from pipeline.model.elastic.ring import THICKEST, ring_flexibility
+from pipeline.model.elastic.beam import THICKEST, ring_flexibility
 from pipeline.model.load_history.response import respond
 from pipeline.mounting import drive_of
 from pipeline.sampling.errors import draw
