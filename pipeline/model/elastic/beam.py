@@ -112,8 +112,9 @@ def ring_flexibility(
 
     Notes
     -----
-    Timoshenko, Strength of Materials, part II (third edition), section 12; Roark's formulas for stress and strain, table
-    of circular rings, has the same ring under single loads, with factors for thick ones.
+    Timoshenko, Strength of Materials, part II (third edition), section 12; Roark's formulas for stress and strain has
+    the same ring under single loads in its table of circular rings, with factors for thick ones.
+
     A wave V sin(n t) of the tangential displacement of the centre line, R from the axis, goes with n V cos(n t) inwards
     where the line keeps its length, and bends it by the energy pi E I n^2 (n^2 - 1)^2 V^2 / (2 R^3). A place z within
     the line moves around by 1 + (n^2 - 1) z/R times as much, since the section turns. Without waves a radial force
