@@ -256,6 +256,7 @@ def test_one_turn_is_described_in_sample(tmp_path):
     assert identification.verdict.named_effects == ()
     assert identification.why_not["coulomb"] == "the crank turns in one sense alone"
     assert identification.why_not["output_torsion"] == "a single torque is held"
+    assert identification.why_not["encoder_eccentricity"] == "the angle of a position has no range"
 
 
 def test_held_out_torques_change_nothing_that_is_fitted(tmp_path):

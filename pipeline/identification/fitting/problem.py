@@ -180,6 +180,8 @@ class Problem:
         one_zero = self.data.common_offset or MOVES in self.met_needs
         if isinstance(candidate, InstrumentEffect) and candidate.common_offset and not one_zero:
             reasons.append("every position has its own zero of the angle")
+        if not reasons and not all(low < high for low, high in self.bounds(candidate)):
+            reasons.append("the angle of a position has no range")
         return "; ".join(reasons)
 
 
