@@ -184,14 +184,19 @@ def test_data_that_do_not_tell_their_noise_support_no_verdict(tmp_path):
     assert all(fault.severity == "note" for fault in faults.values())
 
 
+def gains(torque, angle, cycle=None):
+    """Of rows that are one cycle unless their cycles are said."""
+    return gains_energy(torque, angle, np.zeros(len(torque), int) if cycle is None else cycle)
+
+
 def test_exchanged_columns_are_found_where_no_row_is_near_zero():
     """The angle jumps through the play: once it is taken for the torque, one row alone is near zero, by its noise."""
     torque = np.tile(np.concatenate([np.linspace(a, b, 41)[1:] for a, b in ((0, 12), (12, -12), (-12, 0))]), 2)
     net = torque - 0.5 * np.sign(np.gradient(torque))
     angle = net / 5 + 0.5 * np.tanh(2 * net)
     angle[np.abs(angle) < 0.2] = 0.3
-    assert not gains_energy(torque, angle)
-    assert gains_energy(angle, torque)
+    assert not gains(torque, angle)
+    assert gains(angle, torque)
 
 
 def test_an_angle_that_is_likely_in_another_unit_is_noted(tmp_path):
@@ -313,10 +318,10 @@ def test_a_loop_with_play_that_begins_without_torque_takes_work_or_none():
     """0, +T, -T, +T through play without friction: the first loading is no part of the cycle."""
     torque = np.concatenate([np.linspace(0, 10, 50), np.linspace(10, -10, 100), np.linspace(-10, 10, 100)])
     angle = 2.0 * np.sign(torque) + 0.1 * torque
-    assert not gains_energy(torque, angle)
+    assert not gains(torque, angle)
     rubbing = angle - 0.3 * np.sign(np.gradient(torque))  # rising torque turns the output less
-    assert not gains_energy(torque, rubbing)
-    assert gains_energy(torque, angle + 0.3 * np.sign(np.gradient(torque)))
+    assert not gains(torque, rubbing)
+    assert gains(torque, angle + 0.3 * np.sign(np.gradient(torque)))
 
 
 def test_a_drift_that_goes_on_over_the_cycles_is_no_gain_of_energy():
@@ -327,8 +332,8 @@ def test_a_drift_that_goes_on_over_the_cycles_is_no_gain_of_energy():
     for drift in (-0.002, 0.002):
         moved = drift * np.arange(len(torque))
         angle = 5.0 * np.tanh((torque - 0.05 * sense) / 3.0)
-        assert not gains_energy(torque, angle + moved)
-        assert gains_energy(torque, 5.0 * np.tanh((torque + 0.3 * sense) / 3.0) + moved)
+        assert not gains(torque, angle + moved)
+        assert gains(torque, 5.0 * np.tanh((torque + 0.3 * sense) / 3.0) + moved)
 
 
 def loops(*turns, rows=200):
@@ -343,7 +348,7 @@ def test_where_an_angle_rests_within_the_play_is_no_drift():
     for seed in range(20):
         rest = np.random.default_rng(seed).uniform(-2.0, 2.0, len(torque))
         angle = np.where(np.abs(torque) < 0.1, rest, 2.0 * np.sign(torque)) + 0.1 * torque
-        assert not gains_energy(torque, angle), seed
+        assert not gains(torque, angle), seed
 
 
 def test_a_play_that_closes_with_warmth_is_no_gain_of_energy():
@@ -351,9 +356,21 @@ def test_a_play_that_closes_with_warmth_is_no_gain_of_energy():
     torque = loops(0, *4 * [12, -12], 0)
     closing = 2.0 - 1.0 * np.arange(len(torque)) / len(torque)
     angle = closing * np.tanh(5.0 * torque) + 0.1 * torque
-    assert not gains_energy(torque, angle)
+    assert not gains(torque, angle)
     rubbing = 1.5 * np.sign(np.gradient(torque))
-    assert gains_energy(torque, closing * np.tanh(5.0 * torque) + 0.1 * (torque + rubbing))
+    assert gains(torque, closing * np.tanh(5.0 * torque) + 0.1 * (torque + rubbing))
+
+
+@pytest.mark.parametrize("plays", [(2.0, 1.6, 1.5, 0.5), (0.5, 0.6, 1.4, 2.0)])
+def test_a_play_that_warmth_changes_between_cycles_is_no_gain_of_energy(plays):
+    """Cycles begin and end under load: there the angle jumps by what the pause changed."""
+    torque = loops(-12, *4 * [12, -12])
+    cycle = np.repeat(np.arange(4), len(torque) // 4)
+    play = np.array(plays)[cycle]
+    sense = np.sign(np.gradient(torque))
+    assert not gains(torque, play * np.tanh(5.0 * torque) + 0.1 * torque, cycle)
+    assert not gains(torque, play * np.tanh(5.0 * torque) + 0.1 * (torque - 1.5 * sense), cycle)
+    assert gains(torque, play * np.tanh(5.0 * torque) + 0.1 * (torque + 1.5 * sense), cycle)
 
 
 def test_noise_of_the_angle_is_no_gain_of_energy():
@@ -361,7 +378,7 @@ def test_noise_of_the_angle_is_no_gain_of_energy():
     torque = loops(0, 12, -12, 12, -12, 0, rows=40)
     draws = np.random.default_rng(3)
     clean_angle = 2.0 * np.sign(torque) + 0.1 * torque
-    assert not any(gains_energy(torque, clean_angle + 0.5 * draws.standard_normal(len(torque))) for _ in range(200))
+    assert not any(gains(torque, clean_angle + 0.5 * draws.standard_normal(len(torque))) for _ in range(200))
 
 
 def test_a_record_that_ends_at_another_load_is_judged_by_its_closed_loops():
@@ -370,5 +387,5 @@ def test_a_record_that_ends_at_another_load_is_judged_by_its_closed_loops():
     torque = np.concatenate([np.linspace(*leg, 200) for leg in legs])
     sense = np.repeat([np.sign(end - start) for start, end in legs], 200)
     angle = 5.0 * np.tanh((torque - 0.3 * sense) / 3.0)
-    assert not gains_energy(torque, angle)
-    assert gains_energy(torque[::-1], angle[::-1])
+    assert not gains(torque, angle)
+    assert gains(torque[::-1], angle[::-1])

@@ -209,7 +209,7 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
             "of torque_Nm and angle_arcmin in [columns]",
             "fatal",
         )
-    elif all(shape_faults.gains_energy(rows.torque[loop], rows.angle[loop]) for loop in loops):
+    elif all(shape_faults.gains_energy(rows.torque[loop], rows.angle[loop], rows.cycle[loop]) for loop in loops):
         yield Fault(
             "swapped columns",
             "every loop gives back more work than it takes, which no drive does: exchange the columns of torque_Nm and "

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Whole
 from pipeline.config.designs.design import Design
 from pipeline.constant_kinds import Shown, ShownRange, Unit
 from pipeline.identification.measurement.columns import ANGLE_UNITS, TORQUE_UNITS
@@ -128,20 +128,34 @@ def columns_exchanged(torque: Real, angle: Real) -> bool:
     return _bend(torque, angle) < 1 / BENT and _bend(angle, torque) > BENT
 
 
-def gains_energy(torque: Real, angle: Real) -> bool:
+def gains_energy(torque: Real, angle: Real, cycle: Whole) -> bool:
     """Whether closed loops of rows in time order give back more work than they take.
+
+    Parameters
+    ----------
+    torque, angle, cycle : (n,) of the rows of a position; ``cycle`` numbers its cycles.
 
     Notes
     -----
     The work taken is the integral of the torque over the angle, which of a passive drive is not negative over a closed
     cycle. With the columns exchanged, or the rows reversed in time, it has the other sign. Rows before the first and
     after the last visit of no torque, at a row or between two, belong to no closed loop: a record may end under load.
-    There the way that closes it does no work, whatever the angle drifts by. A drift that goes on from cycle to cycle
-    does work under load; it is taken off first. Noise of the angle does work, too, in proportion to the steps of the
+    There the way that closes it does no work, whatever the angle drifts by. A drift does work under load. Whether it
+    goes on through the cycles, or in the pauses between them alone, the record does not say: either is taken off, and
+    work has to be given back both times. Noise of the angle does work, too, in proportion to the steps of the
     torque. A record without a cycle of half of the torque's range is not judged.
     """
-    angle = angle - np.arange(len(angle)) * drift_per_row(torque, angle)
     noise = OF_MEDIAN_BEND * float(np.median(np.abs(np.diff(angle, 2)))) if len(angle) > 2 else 0.0
+    begins = np.flatnonzero(np.diff(cycle)) + 1
+    of_pauses = np.zeros(len(angle))
+    of_pauses[begins] = angle[begins] - angle[begins - 1]
+    going_on = np.arange(len(angle)) * drift_per_row(torque, angle)
+    of_noise = noise * float(np.sqrt(np.sum(np.diff(torque) ** 2) + 2 * np.sum(torque[begins] ** 2)))
+    return all(_gives_back(torque, angle - drift, SURE * of_noise) for drift in (going_on, np.cumsum(of_pauses)))
+
+
+def _gives_back(torque: Real, angle: Real, of_noise: float) -> bool:
+    """Whether the closed part of rows without drift gives back more work than noise may do, and than closes it."""
     torque, angle = _with_crossings(torque, angle)
     unloaded_points = np.flatnonzero(torque == 0)
     if len(unloaded_points) < 2:
@@ -152,8 +166,7 @@ def gains_energy(torque: Real, angle: Real) -> bool:
     if np.ptp(torque) < 0.5 * whole_range:
         return False
     work = 0.5 * float(np.sum((torque + np.roll(torque, -1)) * (np.roll(angle, -1) - angle)))
-    of_noise = noise * float(np.sqrt(np.sum(np.diff(torque) ** 2)))
-    return work < -max(0.5 * CLOSED_SHARE * float(np.ptp(torque) * np.ptp(angle)), SURE * of_noise)
+    return work < -max(0.5 * CLOSED_SHARE * float(np.ptp(torque) * np.ptp(angle)), of_noise)
 
 
 def drift_per_row(torque: Real, angle: Real) -> Real:
