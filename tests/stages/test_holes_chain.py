@@ -147,10 +147,15 @@ def test_stiffness_of_the_whole_drive_hardly_depends_on_the_width_of_the_patches
     np.testing.assert_allclose(rigidity[0], rigidity[1], rtol=3e-3)
 
 
-@pytest.mark.parametrize("crank", [0.0, 90.0, 123.4])
-def test_patches_carry_unit_forces_with_the_arms_of_their_contacts(crank):
+@pytest.fixture(scope="module")
+def perforated():
     study = small_study("arms")
-    disk = elastic.elastic_disk(study)
+    return study, elastic.elastic_disk(study)
+
+
+@pytest.mark.parametrize("crank", [0.0, 90.0, 123.4])
+def test_patches_carry_unit_forces_with_the_arms_of_their_contacts(perforated, crank):
+    study, disk = perforated
     reducer = assembly.reducer(study.design, crank)
     patches = elastic.disk_patches(study, disk, reducer)
     resultant = disk.rigid_motions.T @ disk.loads(patches).toarray()
