@@ -20,7 +20,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def truth(study):
-    return coverage.truths(coverage.reference(study, batches=10))
+    return coverage.truths(coverage.reference(study, batches=5))
 
 
 @pytest.mark.parametrize(
