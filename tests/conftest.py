@@ -1,5 +1,6 @@
 """What the processes of a test run share: cores and condensed disks, each made by one of them, once."""
 
+import gc
 import os
 import shutil
 import sys
@@ -20,9 +21,9 @@ settings.register_profile("alike", deadline=None, derandomize=True, suppress_hea
 settings.load_profile("alike")  # the same examples everywhere, however slow the machine
 
 BEGUN_FIRST = (
-    "test_effects_of_designs",  # compiles the equilibrium and the path of friction, while others are at
+    "test_friction_of_disks",  # compiles all forms of the solver, and what they share once, while others are at
     *("test_series", "test_kills", "test_damage", "test_changed", "test_noise", "test_boundary"),  # these
-    *("test_registered", "test_friction_of_disks", "test_random_designs", "test_page_numbers", "test_turning_drive"),
+    *("test_effects_of_designs", "test_registered", "test_random_designs", "test_page_numbers", "test_turning_drive"),
     *("test_verify", "test_results", "test_compiled", "test_perforation", "test_blind", "test_page_agrees"),
     *("test_turn", "test_carrier_chain", "test_recovery", "test_generic_drive", "test_drivers_of_turn", "test_tails"),
     *("test_lots", "test_coverage", "test_intervals", "test_record", "test_chain", "test_holes_chain"),
@@ -37,6 +38,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if missing := set(rank) - {path.stem for path in Path(__file__).parent.rglob("test_*.py")}:
         raise pytest.UsageError(f"tests/conftest.py: BEGUN_FIRST names files that are not there: {sorted(missing)}")
     items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()  # what is imported and collected stays: it need not be gone through again
 
 
 @pytest.fixture(scope="session")

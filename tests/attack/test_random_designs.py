@@ -27,7 +27,7 @@ SECONDS = 30.0
 """Of processor time that a design may take; the slowest of 500 is in docs/promises.md."""
 
 
-SEEDS = (1, 4, 7, 10, 11, 16, 18, 25, 27)
+SEEDS = (1, 4, 7, 11, 18, 25, 27)
 """The quickest of the first 28, of both mechanisms: solved, refused as a whole, and with units that fail."""
 PRELOADED = (30, 43, 60, pytest.param(49, marks=pytest.mark.attack))
 """More with units whose ends at no torque are hard to find; that of 282 pins takes ten seconds."""

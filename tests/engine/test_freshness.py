@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_runs import ONE, hashes, ran
 from toy_study import ADD, DRAW, FINISH, STAGES, Numbers, Toy
@@ -73,13 +73,17 @@ def test_an_equal_result_upstream_leaves_the_rest_fresh(tmp_path: Path, capsys: 
     assert ran(capsys.readouterr().err) == ["draw"]
 
 
-@settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@pytest.fixture(scope="module")
+def in_one_chunk(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    return hashes(run(STAGES, Toy(), ["finish"], tmp_path_factory.mktemp("runs"), Resources(1, 40)))
+
+
+@settings(max_examples=8)
 @given(chunk=st.integers(1, 50))
-def test_values_do_not_depend_on_the_chunk(tmp_path_factory: pytest.TempPathFactory, chunk: int) -> None:
-    runs_of_chunk_sizes = [
-        run(STAGES, Toy(), ["finish"], tmp_path_factory.mktemp("runs"), Resources(1, size)) for size in (chunk, 40)
-    ]
-    assert hashes(runs_of_chunk_sizes[0]) == hashes(runs_of_chunk_sizes[1])
+def test_values_do_not_depend_on_the_chunk(
+    tmp_path_factory: pytest.TempPathFactory, in_one_chunk: dict, chunk: int
+) -> None:
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path_factory.mktemp("runs"), Resources(1, chunk))) == in_one_chunk
 
 
 def test_values_do_not_depend_on_the_number_of_jobs(tmp_path: Path) -> None:

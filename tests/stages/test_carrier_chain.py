@@ -42,7 +42,7 @@ def small_study(study="rv", own_design=None, **changes):
     return parse_study(data, "rv_small", "rv_small.toml", lambda name: own_design or load_design(name, ROOT))
 
 
-@pytest.mark.parametrize(("name", "rated"), [("rv", 200), ("rv_two_disks", 400)])
+@pytest.mark.parametrize(("name", "rated"), [pytest.param("rv", 200, marks=pytest.mark.attack), ("rv_two_disks", 400)])
 def test_a_study_of_a_carrier_runs_and_its_contacts_are_in_balance(tmp_path, name, rated):
     study = small_study(name)
     outputs = run(STAGES, study, ["aggregate"], tmp_path, Resources(1, 4))

@@ -15,7 +15,7 @@ from stages import drivers
 from stages.chain import STAGES
 
 ROOT = Path(__file__).parents[2]
-N = 90
+N = 76
 METRICS = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin", "peak_pressure_MPa")
 
 

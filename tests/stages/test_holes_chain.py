@@ -136,8 +136,12 @@ def test_the_laws_of_output_pins_are_those_of_a_cylinder_in_its_hole(law):
         assert np.all(np.sqrt(laws.force_limit / force[0]) * b[0] <= 3.0 * (1 + 1e-12))  # half of the pin's radius
 
 
+@pytest.mark.attack
 def test_stiffness_of_the_whole_drive_hardly_depends_on_the_width_of_the_patches(runs):
-    """One law and one mesh for every patch: what the narrower patch yields more, the law yields less."""
+    """One law and one mesh for every patch: what the narrower patch yields more, the law yields less.
+
+    Of a cylinder between flats and of holes alone that is in make test: ``test_verify.py``, ``test_perforation.py``.
+    """
     rigidity = []
     for width in (0.4, 0.8):
         reduce = {"roller_patch_half_width_mm": width}
@@ -147,10 +151,15 @@ def test_stiffness_of_the_whole_drive_hardly_depends_on_the_width_of_the_patches
     np.testing.assert_allclose(rigidity[0], rigidity[1], rtol=3e-3)
 
 
-@pytest.mark.parametrize("crank", [0.0, 90.0, 123.4])
-def test_patches_carry_unit_forces_with_the_arms_of_their_contacts(crank):
+@pytest.fixture(scope="module")
+def perforated():
     study = small_study("arms")
-    disk = elastic.elastic_disk(study)
+    return study, elastic.elastic_disk(study)
+
+
+@pytest.mark.parametrize("crank", [0.0, 90.0, 123.4])
+def test_patches_carry_unit_forces_with_the_arms_of_their_contacts(perforated, crank):
+    study, disk = perforated
     reducer = assembly.reducer(study.design, crank)
     patches = elastic.disk_patches(study, disk, reducer)
     resultant = disk.rigid_motions.T @ disk.loads(patches).toarray()

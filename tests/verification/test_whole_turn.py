@@ -216,7 +216,7 @@ def test_the_worst_of_other_contacts_lie_where_those_of_the_stated_ones_do_or_el
 
 
 def test_intervals_of_audited_estimates_hold_the_truth() -> None:
-    """Of 200 experiments 90 to 98 %: values of 400 units, 40 of which show a shortfall in a third of the cases."""
+    """Of 120 experiments 89 to 99 %: values of 400 units, 40 of which show a shortfall in a third of the cases."""
     rng = np.random.default_rng(5)
 
     def shortfall(n: int) -> np.ndarray:
@@ -225,13 +225,13 @@ def test_intervals_of_audited_estimates_hold_the_truth() -> None:
     population = rng.normal(size=400_000) + shortfall(400_000)
     truths = {"share": np.mean(population <= 0.5), "mean": population.mean(), "p95": np.quantile(population, 0.95)}
     hits = dict.fromkeys(truths, 0)
-    for _ in range(200):
+    for _ in range(120):
         found, missed = rng.normal(size=400), shortfall(40)
         estimates = audited_distribution(found, missed, 0.95)
         estimates["share"] = audited_share((found <= 0.5 - one for one in missed), 0.95)
         for name, truth in truths.items():
             hits[name] += estimates[name].ci_low <= truth <= estimates[name].ci_high
-    assert all(180 <= count <= 198 for count in hits.values()), hits
+    assert all(107 <= count <= 119 for count in hits.values()), hits
 
 
 def test_audited_estimates_of_many_units_hold_no_table_of_all_sums() -> None:

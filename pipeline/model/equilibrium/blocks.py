@@ -200,6 +200,13 @@ def workspace(system: System) -> Workspace:
     )
 
 
+def with_axis_of_blocks(work: Workspace) -> Workspace:
+    """The same room with the axis of the blocks, of one block too: what is seldom run is compiled once for all."""
+    if work.active.ndim == 2:
+        return work
+    return work._replace(**{name: getattr(work, name)[np.newaxis] for name in Part._fields})
+
+
 @algebraic_part
 def count(active: Index) -> int:
     """Number of blocks, of which ``active`` (n_blocks, longest block), or without the first axis of one, has lists."""

@@ -313,6 +313,8 @@ def solve(
     neighbour_states = (start.copy(), np.zeros(gap.shape))
     if neighbours is not None:
         neighbour_states = neighbours.motion[:, n_eliminated:].copy(), np.ascontiguousarray(neighbours.force[:, order])
+    # of several blocks the friction of no slider: what is compiled for paths with friction serves them too
+    friction = None if len(system.blocks) == 1 else friction_of(Sliders.none(n_motions), order)
     progress = np.zeros(3, np.int64)
     inputs, rows = (steps, ordered_gap, clearance, neighbour_states), (motion, force, iterations, residual)
     while _solve_batch(system, work, inputs, progress, rows):
@@ -320,7 +322,7 @@ def solve(
         if t == 0 and np.any(neighbour_states[1][s]):
             neighbour_states[0][s], neighbour_states[1][s], progress[2] = start[s], 0.0, 0
             continue
-        n_updates, residual[s, t] = solved_afresh(system, None, steps[t], ordered_gap[s], clearance[s], work)
+        n_updates, residual[s, t] = solved_afresh(system, friction, steps[t], ordered_gap[s], clearance[s], work)
         iterations[s, t] += n_updates
     if len(system.blocks) > 1:
         force = np.take(force, np.argsort(order), axis=2)  # in C order, which an index with ... does not leave

@@ -31,12 +31,22 @@ HELD_OUT_SEED = 1
 """Of the units of these tests; no rate is reported on it."""
 
 
+OF_ONE = next(case for case in range(9) if kind_of(case) == "one")
+"""A case of one effect."""
+
+
 @pytest.fixture(scope="module")
 def parts():
     """Parts of an elastic drive without errors, contacts after Palmgren."""
     drawn = drawn_parts(np.random.default_rng(3), designs(ROOT), elastic=True)
     exact = {key: np.zeros_like(value) for key, value in drawn.errors.items()}
     return replace(drawn, errors=exact, factors=dict.fromkeys(drawn.factors, 1.0))
+
+
+@pytest.fixture(scope="module")
+def unit_of_one():
+    """A unit with one effect."""
+    return drawn_unit(HELD_OUT_SEED, OF_ONE, designs(ROOT), elastic=False)
 
 
 @pytest.fixture(scope="module")
@@ -133,9 +143,8 @@ def test_effects_have_the_names_and_the_numbers_of_the_library(unit):
         assert len(cause.sizes(position.disk, position.course, rng)) == len(library[name].parameters)
 
 
-def test_a_unit_is_the_same_whatever_was_drawn_before_and_hides_its_truth(tmp_path):
-    case = next(case for case in range(9) if kind_of(case) == "one")
-    first, again = (drawn_unit(HELD_OUT_SEED, case, designs(ROOT), elastic=False) for _ in range(2))
+def test_a_unit_is_the_same_whatever_was_drawn_before_and_hides_its_truth(tmp_path, unit, unit_of_one):
+    first, again = unit_of_one, drawn_unit(HELD_OUT_SEED, OF_ONE, designs(ROOT), elastic=False)
     assert first.truth == again.truth
     first.write(tmp_path / "a")
     again.write(tmp_path / "b")
@@ -175,8 +184,7 @@ def test_a_power_law_is_met_by_one_contact(unit):
     assert slope[2, 2] == pytest.approx(3 * 4**0.5)
 
 
-def test_the_truth_is_sealed_until_the_verdict_is_stored(tmp_path, monkeypatch):
-    case = next(case for case in range(9) if kind_of(case) == "one")
+def test_the_truth_is_sealed_until_the_verdict_is_stored(tmp_path, monkeypatch, unit_of_one):
     seen = []
 
     def identified(path, home, root):
@@ -184,10 +192,9 @@ def test_the_truth_is_sealed_until_the_verdict_is_stored(tmp_path, monkeypatch):
         verdict = {"verdict": "identified", "named": ["coulomb"], "parameters": [], "noise": {"floor_arcmin": 0.1}}
         return verdict, 3.0, ""
 
-    elastic_or_not = drawn_unit
-    monkeypatch.setattr(command_line, "drawn_unit", lambda *case: elastic_or_not(*case, elastic=False))
+    monkeypatch.setattr(command_line, "drawn_unit", lambda *_: unit_of_one)
     monkeypatch.setattr(command_line, "_identified", identified)
-    row = command_line.one_unit(HELD_OUT_SEED, case, "code", ROOT, tmp_path)
+    row = command_line.one_unit(HELD_OUT_SEED, OF_ONE, "code", ROOT, tmp_path)
     assert SEAL in seen[0]
     assert TRUTH not in seen[0]
     truth = json.loads(next(tmp_path.rglob(TRUTH)).read_text())

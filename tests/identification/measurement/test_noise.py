@@ -64,7 +64,7 @@ def test_floor_and_random_are_the_noise_of_a_cell_where_repeats_are_at_other_tor
     np.testing.assert_allclose(np.mean(ratios, axis=0), 1.0, atol=0.04)
 
 
-@pytest.mark.parametrize("noise", [0.1, 0.5, 2.0])
+@pytest.mark.parametrize("noise", [0.1, pytest.param(0.5, marks=pytest.mark.attack), 2.0])
 def test_noise_that_looks_steep_is_not_left_out_of_its_floor(tmp_path, noise):
     ratios = []
     for seed in range(3):

@@ -60,7 +60,7 @@ def test_half_of_a_single_position_is_better_than_none_of_it_and_than_all_of_it(
     assert replay / nothing == pytest.approx(2 * (1 - share), rel=0.1)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("share", [pytest.param(0.0, marks=pytest.mark.attack), 0.5, 1.0])
 def test_several_positions_tell_the_share(share):
     nothing, expected, replay = errors(share, trained=4, seeds=range(6))
     assert expected < 1.05 * min(nothing, replay) + SIGMA[0] ** 2

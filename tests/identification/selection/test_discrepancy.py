@@ -41,14 +41,14 @@ def test_noise_alone_has_little_structure():
 
 def test_the_interval_of_a_parameter_holds_it_beside_structure_where_least_squares_does_not():
     covered_by_process, reference = 0, 0
-    for seed in range(12):
+    for seed in range(8):
         residual = drawn(seed, 1.0, 0.5, 4.0) + 0.1 * TORQUE
         slope = np.sum(TORQUE * residual) / np.sum(TORQUE**2)
         reference += abs(slope - 0.1) < 2 * 0.1 / np.sqrt(np.sum(TORQUE**2))
         fit = found(residual - slope * TORQUE)
         covered_by_process += abs(slope + fit.moved[0] - 0.1) < 2 * fit.error[0]
-    assert covered_by_process >= 9
-    assert reference <= 5
+    assert covered_by_process >= 6
+    assert reference <= 3
 
 
 def test_one_position_parts_nothing_from_what_is_shared():

@@ -42,9 +42,9 @@ def test_a_commercial_disk_is_well_shaped(holes, phase):
 @given(
     pins=st.integers(9, 28),
     shortening=st.floats(0.3, 0.8),
-    edges=st.integers(24, 36),
+    edges=st.integers(16, 24),
     growth=st.floats(0.2, 0.45),
-    holes=st.integers(3, 16),
+    holes=st.integers(3, 10),
     phase=st.floats(0, 6),
     position=st.floats(0.3, 0.7),
     fill=st.floats(0.3, 0.9),
@@ -103,7 +103,7 @@ def opening_of_a_hole(width_ratio, modulus, thickness):
 
 @pytest.mark.parametrize(
     ("stress", "width_ratio"),
-    [("plane_stress", 0.05), ("plane_stress", 0.1), ("plane_stress", 0.2), ("plane_strain", 0.2)],
+    [("plane_stress", 0.05), ("plane_stress", 0.2), ("plane_strain", 0.2)],
 )
 def test_opposite_forces_open_a_hole_as_in_an_infinite_plate(stress, width_ratio):
     outer, thickness = 40.0, 2.0

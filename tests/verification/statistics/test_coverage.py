@@ -20,7 +20,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def truth(study):
-    return coverage.truths(coverage.reference(study, batches=10))
+    return coverage.truths(coverage.reference(study, batches=5))
 
 
 @pytest.mark.parametrize(
@@ -28,7 +28,7 @@ def truth(study):
     [
         pytest.param("latin_hypercube", 250, marks=pytest.mark.attack),
         pytest.param("sobol", 50, marks=pytest.mark.attack),
-        *(("latin_hypercube", 100), ("sobol", 30)),
+        ("latin_hypercube", 100),
     ],
 )
 def test_intervals_of_replicates_cover(study, truth, experiment, repeats):

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.arrays import Real
 from pipeline.model.compiled import algebraic_part, borrowing_entry
-from pipeline.model.equilibrium.blocks import Friction, System, Workspace, workspace
+from pipeline.model.equilibrium.blocks import Friction, System, Workspace, with_axis_of_blocks, workspace
 from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL, activate, converge, reset
 from pipeline.model.equilibrium.primal_active_set import solved_afresh
 from pipeline.model.equilibrium.return_mapping import follow
@@ -217,5 +217,7 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
             progress=progress,
         )
     ) is not None:
-        _, progress.afresh[0] = solved_afresh(system, friction, n_unsolved, gap, clearance, work)
+        _, progress.afresh[0] = solved_afresh(
+            system, friction, n_unsolved, gap, clearance, with_axis_of_blocks(work)
+        )
     return path.motion, path.force[:, position_of_contact], float(progress.largest_residual[0])
