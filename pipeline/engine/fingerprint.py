@@ -126,7 +126,6 @@ def source_hashes(module: str) -> dict[str, str]:
         If the module has no source file.
     """
     packages = {*OWN_PACKAGES, module.partition(".")[0]}
-    found_modules = _modules_of_runs[-1] if _modules_of_runs else {}
     hashes: dict[str, str] = {}
     seen_modules: set[str] = set()
     single_files: set[str] = set()
@@ -138,59 +137,24 @@ def source_hashes(module: str) -> dict[str, str]:
         seen_modules.add(name)
         if name.rpartition(".")[0] in single_files:  # a thing in a module, no module
             continue
-        if name not in found_modules:
-            found_modules[name] = _module(name)
-        found = found_modules[name]
-        if found is not None:
-            hashes |= found.hashes
-            packages |= found.packages
-            if not found.is_package:
+        root, path = _locate(name)
+        if path is not None:
+            hashes[path.relative_to(root).as_posix()], imports = _source(path, path.stat().st_mtime_ns, name)
+            if path.name == "__init__.py":  # templates and style sheets of a package
+                data = (file for file in sorted(path.parent.iterdir()) if file.suffix in TEMPLATES)
+                hashes |= {f.relative_to(root).as_posix(): hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
+                if name in GROUPS:
+                    modules = [entry.module for entry in entry_points(GROUPS[name])]
+                    packages |= {module.partition(".")[0] for module in modules}
+                    files = sorted(file.relative_to(path.parent) for file in path.parent.rglob("*.py"))
+                    waiting += [".".join((name, *file.with_suffix("").parts)) for file in files] + modules
+            else:
                 single_files.add(name)
-            waiting += [*found.modules, *reversed(found.imports)]  # a module before the things in it
+            waiting += reversed(imports)  # a module before the things in it
             waiting.append(name.rpartition(".")[0])
     if not hashes:
         raise TypeError(f"module {module}: no source file found")
     return hashes
-
-
-@dataclass(frozen=True)
-class _Module:
-    """The hashes of a module and of its templates by their paths, and what it imports.
-
-    Attributes
-    ----------
-    modules : that it imports because they lie in it, or because other packages register them.
-    packages : top packages of these.
-    """
-
-    hashes: Mapping[str, str]
-    imports: Sequence[str]
-    is_package: bool
-    modules: Sequence[str] = ()
-    packages: frozenset[str] = frozenset()
-
-
-_modules_of_runs: list[dict[str, _Module | None]] = []
-"""What the modules are that a run has looked for, by their names: while it runs, the code that it runs is the same."""
-
-
-def _module(name: str) -> _Module | None:
-    """The module of a name; None if the name is not a module but a thing in one."""
-    root, path = _locate(name)
-    if path is None:
-        return None
-    digest, imports = _source(path, path.stat().st_mtime_ns, name)
-    hashes = {path.relative_to(root).as_posix(): digest}
-    if path.name != "__init__.py":
-        return _Module(hashes, imports, is_package=False)
-    data = (file for file in sorted(path.parent.iterdir()) if file.suffix in TEMPLATES)
-    hashes |= {f.relative_to(root).as_posix(): hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
-    if name not in GROUPS:
-        return _Module(hashes, imports, is_package=True)
-    registered = [entry.module for entry in entry_points(GROUPS[name])]
-    files = sorted(file.relative_to(path.parent) for file in path.parent.rglob("*.py"))
-    modules = [".".join((name, *file.with_suffix("").parts)) for file in files] + registered
-    return _Module(hashes, imports, True, modules, frozenset(module.partition(".")[0] for module in registered))
 
 
 def _locate(name: str) -> tuple[Path, Path | None]:
@@ -207,16 +171,14 @@ def _locate(name: str) -> tuple[Path, Path | None]:
 
 @contextmanager
 def remembered_sources(file: Path) -> Iterator[None]:
-    """Within it a source is read once, and taken apart if no run that ``file`` tells of has, by the same rules."""
+    """Within it a source that a run before has read by the same rules is not taken apart again; ``file`` lists them."""
     rules = hashlib.sha256(Path(__file__).read_bytes() + sys.version.encode()).hexdigest()
     content = valid(read_json(file), SourceMemory)
     memory = content["sources"] if content and content["rules"] == rules else {}
     _read_sources.update(memory)
-    _modules_of_runs.append({})
     try:
         yield
     finally:
-        _modules_of_runs.pop()
         if _read_sources.keys() - memory.keys():
             make_way(file)
             write_json(file, with_seal({"rules": rules, "sources": _read_sources}))
