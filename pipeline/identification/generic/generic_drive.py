@@ -111,17 +111,12 @@ class GenericDrive:
 
 
 class LoopModel:
-    """Predictions of one state's loops.
-
-    It keeps what friction leaves of the torque, which other numbers do not change, and the twist that was found last,
-    from which twist and crank angle are found of numbers nearby in half as many rounds.
-    """
+    """Predictions of one state's loops; keeps what friction leaves of the torque, which other numbers do not change."""
 
     def __init__(self, loops: CrankLoops):
         self.loops = loops
         self._carried: tuple[tuple[SlidingFriction, float] | None, Real] = None, np.empty((0, 0))
         self._zeros = loops.zeros(loops.angle)
-        self._twist, self._cells = np.zeros(loops.torque.size), self._zeros
 
     def predict_angle(self, values: Mapping[str, float]) -> Real:
         """Angle (n_cells,) [arcmin], each group with the zero that fits its cells best.
@@ -135,19 +130,19 @@ class LoopModel:
         factor = np.array([drive.first_loading.factor(torque, loops.runs) for torque in carried])
         delayed = self._delayed_twist(drive, carried)
         motor_rate, parts = loops.crank_per_output if loops.at_input else 0.0, loops.torque.shape[1]
-        at_start = CrankAngle.from_readings(loops, np.zeros(loops.torque.size))
-        error_at_start = drive.wave("reading", at_start)[0][::parts]
+        twist, cells = np.zeros(loops.torque.size), self._zeros
+        error_at_start = drive.wave("reading", CrankAngle.from_readings(loops, twist))[0][::parts]
         for _ in range(ROUNDS):
-            twist, angle_before = self._twist, self._cells
+            angle_before = cells
             from_start = np.repeat(self._zeros - loops.start + error_at_start, parts)
             crank = CrankAngle.from_readings(loops, from_start + twist)
-            self._twist = drive.twist(carried, factor, crank, motor_rate) + delayed
-            reading = (self._twist + drive.wave("reading", crank)[0]).reshape(-1, parts).mean(axis=1)
+            twist = drive.twist(carried, factor, crank, motor_rate) + delayed
+            reading = (twist + drive.wave("reading", crank)[0]).reshape(-1, parts).mean(axis=1)
             self._zeros = loops.zeros(loops.angle - reading)
-            self._cells = reading + self._zeros
-            if np.max(np.abs(self._cells - angle_before)) < CLOSE or not drive.waves:
+            cells = reading + self._zeros
+            if np.max(np.abs(cells - angle_before)) < CLOSE or not drive.waves:
                 break
-        return self._cells
+        return cells
 
     def _carried_torque(self, drive: GenericDrive) -> Real:
         """Torque (n_stages, n_cells n_parts) [N m] behind the friction of each stage, as it is measured."""
