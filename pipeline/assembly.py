@@ -18,7 +18,7 @@ from pipeline.model.contact.laws import ContactLaws, LineContact, Material, conc
 from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
 from pipeline.model.elastic.beam import ring_flexibility
 from pipeline.model.geometry.clearance import Errors
-from pipeline.model.geometry.contacts import OUTPUT, Clocking, clocking, same_places
+from pipeline.model.geometry.contacts import Clocking, clocking, same_places
 from pipeline.model.geometry.cycloid_profile import KEPT_ANGLES, CycloidProfile
 from pipeline.model.geometry.out_of_round import ORDERS
 from pipeline.model.geometry.reducer import Bearing, OutputContacts, Reducer, nominal_reducer
@@ -199,17 +199,17 @@ def compliance_beside_disks(design: Design, reducer: Reducer) -> Real:
     A disk's forces are those of its input bearing, by its balance: they bend the shaft, and the disk goes along with it
     as a whole. So its contacts yield by the flexibility between the disks' planes, along their normals.
     """
-    rows = np.flatnonzero(reducer.contacts.kind == OUTPUT)
+    pins, rows = reducer.n_pins, slice(reducer.n_pins, None)
     materials = {name: _material(section, design) for name, section in design.materials.items()}
     full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
     of_output = design.output.compliance(reducer.contacts.some(rows), reducer.disk_of_contact[rows], materials)
     if of_output is not None:
-        full[np.ix_(rows, rows)] += of_output
+        full[rows, rows] = of_output
     if design.input_shaft:
         flexibility = design.input_shaft.flexibility(reducer.n_disks, materials)
         full += reducer.planar @ np.kron(flexibility, np.eye(2)) @ reducer.planar.T
     if design.housing.ring:
-        pins, ring = reducer.n_pins, design.housing.ring
+        ring = design.housing.ring
         radii = design.cycloid.pin_circle_radius_mm, 0.5 * design.housing.outer_diameter_mm
         modulus = materials[ring.material].youngs_modulus
         full[:pins, :pins] += ring_flexibility(reducer.pins.centre, reducer.pins.normal, radii, ring.width_mm, modulus)

@@ -15,7 +15,7 @@ from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.elements import ElasticModulus
 from pipeline.model.geometry.clearance import Errors
-from pipeline.model.geometry.contacts import OUTPUT, PIN
+from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.reducer import Reducer, of_each_disk
 from pipeline.model.load_history.drive import Drive, GapReading
 from pipeline.model.metrics.turn import RunningConditions
@@ -50,8 +50,8 @@ def drive_of(
     contacts = len(reducer.contacts)
     shift = np.zeros((len(clearance), contacts))
     if not reducer.is_centred:
-        output = np.flatnonzero(reducer.contacts.kind == OUTPUT)
-        bearing_rows = output[study.design.output.bearing_rows(reducer.contacts.some(output))]
+        output = slice(reducer.n_pins, None)
+        bearing_rows = reducer.n_pins + study.design.output.bearing_rows(reducer.contacts.some(output))
         shift[:, bearing_rows] = of_each_disk(clearance, reducer.n_disks)[:, reducer.disk_of_contact[bearing_rows]]
         clearance = np.full(len(clearance), study.design.cycloid.eccentricity_mm)  # no bearing is met within it
     of_modulus = () if modulus is None else (ElasticModulus(modulus),)

@@ -25,6 +25,9 @@ UNIT_ANGLES = 16_000
 """Units times loaded angles that are looked at: half a minute of processor time with nine tolerances."""
 LOOKS = 55 * UNIT_ANGLES
 """The same times the scales of all tolerances, which are 55 of nine: a study of more tolerances has fewer units."""
+CARRIER_FACTOR, LEAST = 3, 64
+"""Times that a look at an RV reducer takes, whose rigid play is a program of its own; its units that are looked at all
+the same."""
 TRIAL = 10
 """Units whose contact forces give the springs of the rough model; a fit to all units then corrects its metrics."""
 BATCH = 64
@@ -80,7 +83,8 @@ def _run(job: Job) -> Tables:
 
 def units_looked_at(study: Study) -> int:
     """Units at the scales of each tolerance, at most."""
-    return min(UNIT_ANGLES, LOOKS // len(scaled_points(study))) // len(study.cycle.crank_deg)
+    units = min(UNIT_ANGLES, LOOKS // len(scaled_points(study))) // len(study.cycle.crank_deg)
+    return max(units // CARRIER_FACTOR, min(units, LEAST)) if study.design.output.carries_disks else units
 
 
 def _surrogate(job: Job, stop: int) -> Columns:

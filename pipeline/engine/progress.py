@@ -43,7 +43,7 @@ class _Current:
 
     def __init__(self) -> None:
         self.last_line = self.start = time.perf_counter()
-        self.name = ""
+        self.name = self.command = ""
         self.line: Line | None = None
 
     def begin(self, name: str, line: "Line | None" = None) -> None:
@@ -51,12 +51,17 @@ class _Current:
         self.name, self.line, self.start = name, line, time.perf_counter()
 
 
+def resume_command() -> None:
+    """Name the command again, whose stages have all run."""
+    _current.begin(_current.command)
+
+
 class Heartbeat:
     """While the context is open, a line whenever nothing was printed for `SILENCE`; a terminal redraws its line.
 
     Parameters
     ----------
-    name : what is done as long as no stage has begun.
+    name : the command: what is done while no stage runs.
     silence : time without a line [s].
     """
 
@@ -64,6 +69,7 @@ class Heartbeat:
         self.silence = silence
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
+        _current.command = name
         _current.begin(name)
 
     def __enter__(self) -> "Heartbeat":

@@ -92,6 +92,7 @@ def run(
                 output = _execute(stage, study, current, inputs, runs, resources)
             outputs[stage.name] = output
             _note_seal(runs / study.name / MANIFEST, stage.name, output)
+    progress.resume_command()
     return outputs
 
 
@@ -340,12 +341,17 @@ def _run_whole(stage: Stage, job: Job, work: Work) -> dict[str, int]:
     return {}
 
 
+def _equal_chunks(total: int, size: int) -> list[tuple[int, int]]:
+    """Bounds of as few chunks as have at most ``size`` items, alike but for one item: all processes end together."""
+    count = -(-total // size)
+    return [(total * k // count, total * (k + 1) // count) for k in range(count)]
+
+
 def _solve_chunks(stage: Stage, job: Job, work: Work, resources: Resources, code: str) -> dict[str, int]:
     assert stage.items is not None
     assert stage.prepare is not None
     total = stage.items(job)
-    size = resources.chunk * stage.chunk_factor
-    bounds = [(start, min(start + size, total)) for start in range(0, total, size)]
+    bounds = _equal_chunks(total, resources.chunk * stage.chunk_factor)
     work.keep(bounds)
     waiting_chunks = [bound for bound in bounds if bound[0] not in work.finished_chunks]
     reads = {name: name.partition("/") for name in stage.chunk_reads}

@@ -107,12 +107,22 @@ class TurnDrives:
 
     def drive(self, step: int, units: Units) -> Drive:
         """Units at a step."""
-        pitch, phase = divmod(int(step), self.phases)
-        order = self.places(pitch)
-        block = self.blocks[phase]
-        compliance = block[pitch % len(block)][np.ix_(order, order)]
+        study, (pitch, phase) = self.study, divmod(int(step), self.phases)
+        order, block, kept = self.places(pitch), self.blocks[phase], self._kept_compliance
         crank, laws = float(self.crank_deg(int(step))), self.laws[phase][order]
-        return drive_of(self.study, crank, compliance, units.errors, units.clearance, laws, units.modulus)
+        compliance = None if kept is not None else block[pitch % len(block)][np.ix_(order, order)]
+        drive = drive_of(study, crank, compliance, units.errors, units.clearance, laws, units.modulus)
+        return drive if kept is None else replace(drive, compliance=kept)
+
+    @cached_property
+    def _kept_compliance(self) -> Real | None:
+        """Compliance (n_contacts, n_contacts) [mm/N] of rigid disks on cranks, with which it turns; None of others."""
+        design, is_rigid = self.study.design, self.study.reduce.disk == "rigid"
+        if not (is_rigid and design.output.carries_disks) or design.housing.ring or design.effects:
+            return None
+        compliance = assembly.compliance_beside_disks(design, assembly.reducer(design, 0.0))
+        compliance.flags.writeable = False
+        return compliance
 
     @cached_property
     def repeats(self) -> bool:

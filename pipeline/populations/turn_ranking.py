@@ -6,7 +6,7 @@ the results, by least squares on solved pairs of units and pitches.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from pipeline.populations.turn_springs import Springs
 
 WAVES = 4
 """Waves of the direction of the eccentric in the disk: two tell the paper's rigidity to R = 0.97, none to 0.37."""
+SAME_METRIC = 1e-9
+"""Of a value: metrics that differ by less at all pitches are the same."""
 SPRING_FLOOR = 1e-12
 """Least compliance of a spring [mm/N]."""
 
@@ -43,13 +45,22 @@ class Ranking:
 
     @classmethod
     def from_pairs(
-        cls, springs: Springs, forces: PinForces, gaps: SeparateGaps, pitches: Index, metrics: Mapping[str, Real]
+        cls,
+        springs: Springs,
+        forces: PinForces,
+        gaps: SeparateGaps,
+        pitches: Index,
+        metrics: Mapping[str, Real],
+        jointly: bool,
     ) -> "Ranking":
         """By least squares on metrics (n, n_pitches) of units at some pitches; those that hardly exist are not ranked.
+
+        Nor are those that are another one's, as the width of the loop is the backlash where nothing rubs.
 
         Parameters
         ----------
         gaps : of the units.
+        jointly : whether the correlation is that of all metrics together.
         """
         n_sides = [len(first) - 1 + first.shape[1] for first in forces.first]
         none = tuple(np.zeros((side, 0)) for side in n_sides)
@@ -58,17 +69,21 @@ class Ranking:
         parts += [np.broadcast_to(turn, (*parts[0].shape[:2], turn.shape[1])), forces.at(gaps, pitches)]
         features = np.concatenate(parts, axis=2)
         is_known = {name: np.isfinite(values) for name, values in metrics.items()}
-        names = tuple(
-            name
-            for name, values in metrics.items()
-            if is_known[name].sum() > 2 * features.shape[2] and np.ptp(values[is_known[name]]) > 0
-        )
+        names: tuple[str, ...] = ()
+        for name, values in metrics.items():
+            is_other = any(np.allclose(values, metrics[k], rtol=SAME_METRIC, atol=0, equal_nan=True) for k in names)
+            if is_known[name].sum() > 2 * features.shape[2] and np.ptp(values[is_known[name]]) > 0 and not is_other:
+                names += (name,)
         known = np.all([is_known[name] for name in names], axis=0) & np.isfinite(features).all(axis=2)
         values = np.stack([metrics[name] for name in names], axis=-1) if names else np.zeros((*known.shape, 0))
         slopes = fitted_slopes(features[known], values[known])
         missed = values - (features @ slopes[1:] + slopes[0])
         lengths = gaps.of_pins.shape[1], gaps.of_lobes.shape[1], pitches
         correlations = {name: fitted_correlation(*lengths, missed[..., k]) for k, name in enumerate(names)}
+        if jointly and names:
+            scale = np.sqrt([correlations[name].variance for name in names])
+            joint = fitted_correlation(*lengths, np.concatenate(np.moveaxis(missed / scale, -1, 0)))
+            correlations = {name: replace(joint, variance=one.variance) for name, one in correlations.items()}
         own, of_plus, of_minus = np.split(slopes, [len(slopes) - sum(n_sides), len(slopes) - n_sides[1]])
         return cls(springs, forces, names, own, (of_plus, of_minus), correlations)
 

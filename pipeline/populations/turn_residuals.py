@@ -11,12 +11,13 @@ Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), sec. 2.2, 4
 Srinivas et al., IEEE Trans. Inf. Theory 58 (2012) 3250.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from pipeline.arrays import Index, Real
+from pipeline.arrays import Index, Real, Single
 from pipeline.model.compiled import entry
 
 CHOICES = {
@@ -29,10 +30,6 @@ CHOICES = {
 the share of the disk, and the part that no other pitch shows over the variance of the rest."""
 ASCENTS = 2
 """Times that each of them is chosen, the others as they were."""
-
-SPREADS = 2.0
-"""Standard deviations of a bound above what is expected. Of 120 units of the paper's drive it has 71 pitches solved and
-misses 0.10 % of the rigidity; with 1.75 these are 58 and 0.13 %."""
 WINDINGS = 8
 """Of the crank on both sides: at four pins and the longest length the next one adds 1e-4."""
 
@@ -116,51 +113,72 @@ def _log_likelihood(choice: Correlation, pitches: Index, rows: Real) -> float:
 
 
 def upper_bounds(
-    correlation: Correlation, solved_pitches: Index, residuals: Real, other_pitches: Index, predicted_values: Real
+    correlations: Sequence[Correlation],
+    solved_pitches: Index,
+    residuals: Real | Single,
+    other_pitches: Index,
+    predicted_values: Real | Single,
+    spreads: float,
 ) -> Real:
-    """Upper confidence bounds (n_units, n_others) of a metric at other pitches, larger ones being worse.
+    """Upper confidence bounds (n_metrics, n_units, n_others) of metrics at other pitches, larger ones being worse.
 
     Parameters
     ----------
+    correlations : of each metric, which but for their variances are the first one's.
     solved_pitches : (n_units, n_solved) solved pitches of each unit; negative ones fill up a row.
-    residuals : (n_units, n_solved) true metric less the ranking's there; those that are missing count for nothing.
-    other_pitches, predicted_values : (n_units, n_others) pitches, and the ranking's metric there.
+    residuals : (n_metrics, n_units, n_solved) true metric less the ranking's there; where one is missing the pitch
+        counts for nothing.
+    other_pitches : (n_units, n_others)
+    predicted_values : (n_metrics, n_units, n_others) the ranking's metrics there.
+    spreads : standard deviations above what is expected, of this unit's misses or of those in training, the larger.
 
     Notes
     -----
-    So many standard deviations above the mean as `SPREADS`: of this unit's misses or of those in training, the larger.
     The mean's correlation is that with the nearest solved pitch alone, which is no smaller than the process' own and
     needs no further system.
     """
     bounds = np.array(predicted_values, float)
     solved, others = (np.ascontiguousarray(part, np.intp) for part in (solved_pitches, other_pitches))
-    own = correlation.of_distance, correlation.noise, correlation.variance
-    solved = np.where(np.isfinite(residuals), solved, -1)
-    _add_bounds(own, np.ascontiguousarray(residuals, float), solved, others, bounds)
+    variances = np.array([correlation.variance for correlation in correlations])
+    solved = np.where(np.isfinite(residuals).all(axis=0), solved, -1)
+    missed = np.ascontiguousarray(np.moveaxis(residuals, 0, -1), float)
+    _add_bounds(correlations[0].of_distance, correlations[0].noise, variances, missed, solved, others, spreads, bounds)
     return bounds
 
 
 @entry
 def _add_bounds(
-    correlation: tuple[Real, float, float], residuals: Real, solved_pitches: Index, other_pitches: Index, bounds: Real
+    of_distance: Real,
+    noise: float,
+    least_variances: Real,
+    residuals: Real,
+    solved_pitches: Index,
+    other_pitches: Index,
+    spreads: float,
+    bounds: Real,
 ) -> None:
-    """Add what the ranking misses at most to its metric ``bounds`` at other pitches, see ``upper_bounds``."""
-    of_distance, noise, least_variance = correlation
+    """Add what the ranking misses at most to its metrics ``bounds`` at other pitches, see ``upper_bounds``."""
+    n_metrics = len(least_variances)
+    mean, variance, missed = np.empty(n_metrics), np.empty(n_metrics), np.empty(n_metrics)
     for s in range(solved_pitches.shape[0]):
         known = np.flatnonzero(solved_pitches[s] >= 0)
         if len(known) == 0:
             continue
         pitches, values, matrix = solved_pitches[s][known], residuals[s][known], np.empty((len(known), len(known)))
-        mean, variance = np.mean(values), max(np.var(values), least_variance)
+        for k in range(n_metrics):
+            mean[k], variance[k] = np.mean(values[:, k]), max(np.var(values[:, k]), least_variances[k])
         for i in range(len(known)):
             for j in range(len(known)):
                 matrix[i, j] = of_distance[abs(pitches[i] - pitches[j])]
             matrix[i, i] += noise
         weights = np.linalg.solve(matrix, values - mean)
-        for i in range(bounds.shape[1]):
-            nearest, missed = 0.0, mean
+        for i in range(bounds.shape[2]):
+            nearest, missed[:] = 0.0, mean
             for j in range(len(known)):
                 along = of_distance[abs(other_pitches[s, i] - pitches[j])]
                 nearest = max(nearest, along)
-                missed += along * weights[j]
-            bounds[s, i] += missed + SPREADS * np.sqrt((1.0 - nearest**2 / (1.0 + noise)) * variance)
+                for k in range(n_metrics):
+                    missed[k] += along * weights[j, k]
+            share = spreads * np.sqrt(1.0 - nearest**2 / (1.0 + noise))
+            for k in range(n_metrics):
+                bounds[k, s, i] += missed[k] + share * np.sqrt(variance[k])

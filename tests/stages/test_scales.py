@@ -43,6 +43,8 @@ def test_more_tolerances_have_fewer_units_for_the_same_time():
     points = 1 + len(SCALES) * len(scaled_tolerances(many))
     assert points == 103
     assert units_looked_at(many) == 880_000 // 103 // 323
+    cycle = many.cycle.model_copy(update={"crank_deg": many.cycle.crank_deg[:31]})
+    assert units_looked_at(many.model_copy(update={"cycle": cycle})) == 880_000 // 103 // 31 // 3  # of carriers
 
 
 @pytest.fixture(scope="module")

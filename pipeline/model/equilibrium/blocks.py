@@ -4,6 +4,7 @@ Nearly every reducer has one block. Its loops are compiled without the axis of t
 time of one disk and saves a sixth of that of two.
 """
 
+import threading
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -34,40 +35,64 @@ class Blocks:
 
 
 def coupled_blocks(compliance: Real) -> Blocks:
-    """Blocks of the contacts that a ``compliance`` (n_contacts, n_contacts) [mm/N] couples."""
+    """Blocks of the contacts that a ``compliance`` (n_contacts, n_contacts) [mm/N] couples.
+
+    Those of an array that cannot be written, as of cranks at all angles, are kept until the next one.
+    """
+    if compliance.flags.writeable:
+        return _coupled_blocks(compliance)
+    kept = _KEPT.get("last")
+    if kept is None or kept[0] is not compliance:
+        kept = _KEPT["last"] = compliance, _coupled_blocks(compliance)
+    return kept[1]
+
+
+_KEPT: dict[str, tuple[Real, Blocks]] = {}
+
+
+def _coupled_blocks(compliance: Real) -> Blocks:
     n, self_compliance = len(compliance), np.diag(compliance).copy()
     elastic = self_compliance > 0.0
     one_block = Blocks(np.arange(n), np.array([[0, n]]), np.ascontiguousarray(compliance), self_compliance)
     if np.all(compliance[np.argmax(elastic), elastic]):  # most reducers have one elastic body, or none
         return one_block
-    component = _first_coupled(np.packbits(compliance != 0.0).tobytes(), n)
-    of_bodies = np.unique(component[elastic])
-    if len(of_bodies) < 2:
+    layout = _layout(np.packbits(compliance != 0.0).tobytes(), n)
+    if layout is None:
         return one_block
-    rank = np.where(elastic, component, n)
-    order = np.argsort(rank, kind="stable")
-    bounds = np.concatenate([np.searchsorted(rank[order], of_bodies), [n]])
-    ranges = np.column_stack([bounds[:-1], bounds[1:]])
-    block_values = np.zeros((n, int(np.max(np.diff(bounds)))))
-    for start, end in ranges:
-        rows = order[start:end]
-        block_values[start:end, : end - start] = compliance[np.ix_(rows, rows)]
+    order, ranges, places = layout
+    block_values = np.append(compliance, 0.0)[places]
     return Blocks(order, ranges, block_values, self_compliance[order])
 
 
 @lru_cache(maxsize=16)
-def _first_coupled(packed: bytes, n: int) -> Index:
-    """The first of ``n`` contacts that each is coupled to, by way of others too; itself if none.
+def _layout(packed: bytes, n: int) -> tuple[Index, Index, Index] | None:
+    """Order and ranges of the blocks of ``n`` contacts, and which number of the matrix stands where in theirs.
 
     ``packed`` has the bits of the matrix of coupled pairs, which hardly changes with the crank angle: it is kept.
+    None of one block; what no number of the matrix fills is the one behind them.
     """
     is_coupled = np.unpackbits(np.frombuffer(packed, np.uint8), count=n * n).reshape(n, n).astype(bool)
+    elastic, component = np.diag(is_coupled), _first_coupled(is_coupled)
+    of_bodies = np.unique(component[elastic])
+    if len(of_bodies) < 2:
+        return None
+    rank = np.where(elastic, component, n)
+    order = np.argsort(rank, kind="stable")
+    bounds = np.concatenate([np.searchsorted(rank[order], of_bodies), [n]])
+    ranges = np.column_stack([bounds[:-1], bounds[1:]])
+    places = np.full((n, int(np.max(np.diff(bounds)))), n * n)
+    for start, end in ranges:
+        rows = order[start:end]
+        places[start:end, : end - start] = n * rows[:, None] + rows
+    return order, ranges, places
+
+
+def _first_coupled(is_coupled: Truth) -> Index:
+    """The first contact that each (n,) is coupled to, by way of others too; itself if none."""
+    n = len(is_coupled)
     first_contact = np.arange(n)
     while True:
-        spread = np.minimum(
-            np.where(is_coupled, first_contact, n).min(axis=1, initial=n),
-            first_contact,
-        )
+        spread = np.minimum(np.where(is_coupled, first_contact, n).min(axis=1, initial=n), first_contact)
         if np.array_equal(spread, first_contact):
             return first_contact
         first_contact = spread
@@ -165,6 +190,19 @@ class Workspace(NamedTuple):
     slack: Real  # (n_blocks, longest block) of the active contacts, in the interior-point iteration [mm]
     thrust: Real  # (n_disks,) force of each input bearing
     spring: Real  # (n_disks, 8) see bearing_springs
+
+
+_ROOM = threading.local()
+"""The last ``kept_workspace`` of each thread."""
+
+
+def kept_workspace(system: System) -> Workspace:
+    """A workspace that this thread's next system takes too if it is as large: what is in it lasts until then."""
+    size = (*system.contact_jacobian.shape, system.compliance.shape[1], len(system.blocks), system.bearings)
+    if getattr(_ROOM, "size", None) != size:
+        _ROOM.size, _ROOM.room = size, workspace(system)
+    room: Workspace = _ROOM.room
+    return room
 
 
 def workspace(system: System) -> Workspace:

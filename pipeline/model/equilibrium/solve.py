@@ -30,7 +30,16 @@ from pipeline.arrays import Index, Real, Whole
 from pipeline.model.compiled import algebraic_part, borrowing_entry, compile_for, compiled_before
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.equilibrium.blocks import Friction, System, Workspace, count, coupled_blocks, part_of, workspace
+from pipeline.model.equilibrium.blocks import (
+    Friction,
+    System,
+    Workspace,
+    count,
+    coupled_blocks,
+    kept_workspace,
+    part_of,
+    workspace,
+)
 from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL, activate, converge, reset
 from pipeline.model.equilibrium.primal_active_set import solved_afresh
 from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
@@ -307,7 +316,7 @@ def solve(
     system, order = elastic.reduced_system if linear else elastic.full_system
     motion, force = np.empty((*shape, n_motions)), np.empty((*shape, n_contacts))
     iterations, residual = np.empty(shape, np.int64), np.empty(shape)
-    work, steps = workspace(system), np.ascontiguousarray(torque, dtype=float)
+    work, steps = kept_workspace(system), np.ascontiguousarray(torque, dtype=float)
     ordered_gap = np.ascontiguousarray(gap if len(system.blocks) == 1 else gap[:, order])
     clearance, start = np.ascontiguousarray(clearance, dtype=float), np.ascontiguousarray(start[:, n_eliminated:])
     neighbour_states = (start.copy(), np.zeros(gap.shape))

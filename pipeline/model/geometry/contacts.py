@@ -86,7 +86,7 @@ class Contacts:
     def __len__(self) -> int:
         return len(self.arm)
 
-    def some(self, rows: np.ndarray) -> "Contacts":
+    def some(self, rows: np.ndarray | slice) -> "Contacts":
         """Some of the contacts."""
         return Contacts(*(getattr(self, name)[rows] for name in Contacts.__dataclass_fields__))
 

@@ -5,7 +5,7 @@ crank angle 0 it is parallel to the housing frame. Array order: (n_pins,) or the
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -208,6 +208,7 @@ def disk_rotation(profile: CycloidProfile, crank: float) -> float:
     return -crank / profile.lobes
 
 
+@lru_cache(maxsize=KEPT_ANGLES)
 def pin_contacts(profile: CycloidProfile, crank: float) -> PinContacts:
     """Nominal contacts of every pin at the crank angle ``crank`` [rad].
 

@@ -30,6 +30,8 @@ FOOT_TOLERANCE = 1e-9
 """Turn [rad] left at the foot point, to which the distance is second order: below 1e-15 mm."""
 SINGLE_STEPS = 3
 """Newton steps to a single foot; what has not met ``FOOT_TOLERANCE`` then is scanned for."""
+SAME_PHASE = 12
+"""Digits of a crank angle [rad] that a phase of a pitch is told from others by."""
 FOOT_STEPS = 100
 """Newton steps or bisections within a bracket."""
 SMALL_TURN = 0.1
@@ -69,15 +71,22 @@ def valleys(profile: CycloidProfile, crank: float) -> Valleys:
         radial * turn,
         np.exp(1j * root),
     )
+    n_pitches = int(crank // (2 * np.pi / profile.pins))
+    rooms = np.roll(_rooms(flank, round(crank - 2 * np.pi / profile.pins * n_pitches, SAME_PHASE)), -n_pitches, axis=1)
+    rows = [*(row for direction in directions for row in (direction.real, direction.imag)), *rooms]
+    return Valleys(np.array(rows), _points_of_valley(profile), complex(np.exp(1j * crank) * turn))
+
+
+@lru_cache
+def _points_of_valley(profile: CycloidProfile) -> Real:
+    """``Valleys.points``."""
     psi = valley_points(profile, VALLEY_SCAN)
-    curve_points = (profile.eccentricity * np.exp(1j * profile.pins * psi), np.exp(1j * psi), flank.normal(psi))
-    return Valleys(
-        np.vstack(
-            [*(row for direction in directions for row in (direction.real, direction.imag)), *_rooms(flank, pins.phase)]
-        ),
-        np.vstack([psi, *(row for direction in curve_points for row in (direction.real, direction.imag))]),
-        complex(np.exp(1j * crank) * turn),
+    curve_points = (
+        profile.eccentricity * np.exp(1j * profile.pins * psi),
+        np.exp(1j * psi),
+        profile.generating.normal(psi),
     )
+    return np.vstack([psi, *(row for direction in curve_points for row in (direction.real, direction.imag))])
 
 
 def valley_points(profile: CycloidProfile, scan: int) -> Real:
@@ -86,13 +95,15 @@ def valley_points(profile: CycloidProfile, scan: int) -> Real:
     return 0.5 * profile.lobe_pitch * even_grid * np.abs(even_grid)
 
 
-def _rooms(profile: CycloidProfile, phase: Real) -> tuple[Real, Real]:
-    """How far a pin may move (n_pins,) before its foot is no longer the only one, and until the other flank is nearer.
+@lru_cache(maxsize=KEPT_ANGLES)
+def _rooms(profile: CycloidProfile, crank: float) -> Real:
+    """How far pins may move (2, n_pins) before their foot is no longer the only one, and until another flank is nearer.
 
+    A pitch on the next pin has them: they are kept by the crank angle [rad] within it.
     The first is the least gap over change of normal among the points of the valley that are no neighbours of the
     foot, and Newton's own limit; the second the least gap of the other side of the root.
     """
-    psi = valley_points(profile, VALLEY_SCAN)
+    phase, psi = pin_contacts(profile, crank).phase, valley_points(profile, VALLEY_SCAN)
     flank, normal = profile.flank(psi), profile.normal(psi)
     lobe_position = -phase / profile.lobes
     gap = np.abs(profile.locus(lobe_position)[:, None] - flank) - profile.pin_radius
@@ -101,7 +112,7 @@ def _rooms(profile: CycloidProfile, phase: Real) -> tuple[Real, Real]:
         gap / np.maximum(rotated_normal, OTHER_NORMAL), axis=1, where=rotated_normal > OTHER_NORMAL, initial=np.inf
     )
     room = np.min(gap, axis=1, where=psi * lobe_position[:, None] <= 0, initial=np.inf)
-    return np.minimum(smallest_room, SINGLE_FOOT * np.abs(profile.locus_radius(phase))), room
+    return np.stack([np.minimum(smallest_room, SINGLE_FOOT * np.abs(profile.locus_radius(phase))), room])
 
 
 @part

@@ -229,7 +229,12 @@ def _with_disk_labels(contacts: Contacts, disk: DiskPose) -> Contacts:
     """The contacts of a disk, its name in their labels where it is one of several."""
     if disk.body == DISK:
         return contacts
-    return replace(contacts, label=np.char.add(contacts.label.astype(str), f", {disk.body}"))
+    return replace(contacts, label=_labels_of_disk(tuple(contacts.label.tolist()), disk.body))
+
+
+@lru_cache
+def _labels_of_disk(labels: tuple[str, ...], disk: str) -> np.ndarray:
+    return np.array([f"{label}, {disk}" for label in labels])
 
 
 def nominal_reducer(

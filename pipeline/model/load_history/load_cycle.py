@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # its functions are slow to import: they are when they are called
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria
 from pipeline.model.geometry.rigid_play.rigid_backlash import RigidPlay, rigid_play
 from pipeline.model.load_history.drive import Drive
@@ -226,19 +226,24 @@ def _loaded_poses(elastic: ElasticReducer, gap: Real, pose: Real, torque: float)
     scale = np.where(rotates, 1 / np.abs(jacobian).max(), 1.0)
     load = np.zeros(len(scale))
     load[reducer.output_motion] = torque
-    force, slack = np.zeros_like(gap), gap - pose @ jacobian.T
+    slack = gap - pose @ jacobian.T
     stops = slack < TOUCHING
     is_basis = (np.sum(stops, axis=1) == len(scale)) & np.all(slack > -TOUCHING, axis=1)
     units, rows = np.flatnonzero(is_basis), np.nonzero(stops[is_basis])[1].reshape(-1, len(scale))
     of_basis = (jacobian * scale)[rows]
     loads = np.broadcast_to((load * scale)[:, None], (*rows.shape, 1))
-    force[units[:, None], rows] = np.maximum(np.linalg.solve(of_basis.swapaxes(1, 2), loads)[..., 0], 0.0)
+    force = np.maximum(np.linalg.solve(of_basis.swapaxes(1, 2), loads)[..., 0], 0.0)
+    depth = _depth(elastic, rows, force)
+    start[units] += scale * np.linalg.solve(of_basis, depth[..., None])[..., 0]
     for k in np.flatnonzero(~is_basis & np.any(stops, axis=1)):
         stopping = np.flatnonzero(stops[k])
-        force[k, stopping], _ = scipy.optimize.nnls((jacobian[stopping] * scale).T, load * scale)
-    depth = np.where(force > 0, elastic.laws.deflection(force) + force @ elastic.compliance, 0.0)
-    start[units] += scale * np.linalg.solve(of_basis, depth[units[:, None], rows][..., None])[..., 0]
-    for k in np.flatnonzero(~is_basis):
-        carries = force[k] > 0
-        start[k] += np.linalg.lstsq(jacobian[carries], depth[k, carries], rcond=None)[0]
+        force, _ = scipy.optimize.nnls((jacobian[stopping] * scale).T, load * scale)
+        rows, force = stopping[force > 0], force[force > 0]
+        start[k] += np.linalg.lstsq(jacobian[rows], _depth(elastic, rows, force), rcond=None)[0]
     return start
+
+
+def _depth(elastic: ElasticReducer, rows: Index, force: Real) -> Real:
+    """How deep contacts (..., n_rows) are that alone carry forces (..., n_rows) [N]; 0 without one [mm]."""
+    give = np.einsum("...ij,...j->...i", elastic.compliance[rows[..., :, None], rows[..., None, :]], force)
+    return np.where(force > 0, elastic.laws[rows].deflection(force) + give, 0.0)

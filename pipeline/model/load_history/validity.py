@@ -10,12 +10,14 @@ have a status of their own; their reasons here mean nothing.
 """
 
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 
 import numpy as np
 
 from pipeline.arrays import Real
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.contacts import PIN
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.load_history.drive import NO_TORQUE, Drive
 from pipeline.model.load_history.load_cycle import BRANCHES
 from pipeline.model.load_history.response import CycleResponse
@@ -71,10 +73,9 @@ def _stuck(drive: Drive, response: CycleResponse, torque: float) -> np.ndarray:
 
 
 def _reason(
-    drive: Drive, response: CycleResponse, metric: Metric, definitions: Definitions
+    drive: Drive, response: CycleResponse, metric: Metric, definitions: Definitions, rotation: Real
 ) -> Iterator[tuple[np.ndarray, str]]:
     """States (n,) in which the metric does not hold, and why, the first reason first."""
-    rotation = _rotation(drive, response, NMM_PER_NM * metric.largest_torque(definitions))
     yield rotation > LARGEST_ROTATION * drive.profile.lobe_pitch, ROTATION
     if len(drive.sliders.acting) and metric.moves_at is not None:
         yield _stuck(drive, response, NMM_PER_NM * metric.moves_at(definitions)), STUCK
@@ -98,16 +99,25 @@ def invalid_metrics(drive: Drive, response: CycleResponse, definitions: Definiti
     friction, too: it keeps the output from the end of its play (presliding longer than the play; rubbing pins in a disk
     that its bearing lets go).
     """
-    height = float(np.ptp(np.abs(drive.profile.flank(np.linspace(0, drive.profile.lobe_pitch, 201)))))
-    largest_clearance = LARGEST_CLEARANCE * min(drive.profile.eccentricity, height)
+    largest_clearance = LARGEST_CLEARANCE * min(drive.profile.eccentricity, _height(drive.profile))
     is_displaced = _clearance(drive, response, NMM_PER_NM * definitions.lost_motion) > largest_clearance
+    torques = {name: NMM_PER_NM * metric.largest_torque(definitions) for name, metric in library().items()}
+    rotations = {torque: _rotation(drive, response, torque) for torque in set(torques.values())}
     reasons = {}
     for name, metric in library().items():
-        reason = np.where(is_displaced, CLEARANCE, "").astype(object)
-        for states, text in _reason(drive, response, metric, definitions):
-            reason[states & (reason == "")] = text
+        reason = np.full(len(is_displaced), "", object)
+        reason[is_displaced] = CLEARANCE
+        for states, text in _reason(drive, response, metric, definitions, rotations[torques[name]]):
+            if np.any(states):
+                reason[states & (reason == "")] = text
         reasons[name] = reason
     return reasons
+
+
+@lru_cache
+def _height(profile: CycloidProfile) -> float:
+    """Height of the lobes [mm]."""
+    return float(np.ptp(np.abs(profile.flank(np.linspace(0, profile.lobe_pitch, 201)))))
 
 
 def beyond_limit_share(drive: Drive, states: Equilibria) -> np.ndarray:

@@ -5,13 +5,15 @@ from typing import Any
 
 import pandas as pd
 
-from pipeline.config.studies.study import ALL_LIMITS
+from pipeline import assembly
+from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation import Allocation, Choice, allocation_rows, check_rows
 from pipeline.decisions.bounds import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS, BoundFindings, table_rows
 from pipeline.decisions.fresh_units import PRELOADED
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import bounds_figure, tradeoff_figure
 from pipeline.figures.labels import METRICS, PARAMETERS
+from pipeline.model.metrics import library
 from pipeline.report.layout import (
     Picture,
     drawn_picture,
@@ -36,6 +38,7 @@ def write_bounds_page(bound_findings: BoundFindings, folder: Path) -> None:
         "decisions/bounds.html",
         study=bound_findings.study,
         sentence=bounds_sentence(tables[BOUNDS], tables[STACKS]),
+        definitions=_definitions(bound_findings.study, list(dict.fromkeys(tables[BOUNDS]["metric"]))),
         bounds=[_bound(row) for row in tables[BOUNDS].to_dict("records")],
         stacks=[_stack(row) for row in tables[STACKS].to_dict("records")],
         cranks=sorted(set(tables[CONTRIBUTIONS]["crank_deg"])),
@@ -65,7 +68,17 @@ def bounds_sentence(bounds: pd.DataFrame, stacks: pd.DataFrame) -> str:
             f" (99.73 % of drawn units: {side} {number(extreme(far_stacks), metric)}{unit})" if len(far_stacks) else ""
         )
         parts.append(f"{metric.inline} {number(extreme(rows['value']), metric)}{unit}{drawn_text}")
-    return f"With every error anywhere within its limits the worst values are: {', '.join(parts)}."
+    angles = ", ".join(f"{crank:.4g}°" for crank in sorted(set(bounds["crank_deg"])))
+    return (
+        f"With every error anywhere within its limits the worst values at the crank angles looked at ({angles}) are: "
+        f"{', '.join(parts)}. At others units may be worse."
+    )
+
+
+def _definitions(study: Study, names: list[str]) -> list[tuple[str, str]]:
+    """Title and definition of metrics, with the torques at which they are read."""
+    torques = vars(assembly.definitions(study))
+    return [(library()[name].title, library()[name].definition.format(**torques)) for name in names]
 
 
 def _picture(bounds: pd.DataFrame, stacks: pd.DataFrame, folder: Path) -> Picture:

@@ -65,19 +65,32 @@ def _hole_changes(
     return changes
 
 
-def gap_changes(profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_reading: str, pose: Real) -> Real:
-    """What finite motions ``pose`` (n, n_motions) change the gap of every contact by, (n, n_contacts) [mm]."""
+def _gaps_of_pins(
+    profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_reading: str, pose: Real | None
+) -> Real:
+    """Gaps (n, n_disks n_pins) of the pins after finite motions ``pose`` (n, n_motions) [mm]; None for none."""
+    gap = []
+    for number, disk in enumerate(reducer.disks):
+        motion = None if pose is None else _motion(reducer, disk.body, pose)
+        of_disk = errors.of_disk(number)
+        gap.append(pin_gaps(profile, disk, of_disk, method="exact", disk_reading=disk_reading, motion=motion))
+    return np.hstack(gap)
+
+
+def _gap_changes(
+    profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_reading: str, pose: Real, before: Real
+) -> Real:
+    """What finite motions ``pose`` (n, n_motions) change the gap of every contact by, (n, n_contacts) [mm].
+
+    ``before`` (n, n_disks n_pins) are the gaps of the pins [mm] without any.
+    """
     change = -pose @ reducer.contact_jacobian.T
+    change[:, : reducer.n_pins] = _gaps_of_pins(profile, reducer, errors, disk_reading, pose) - before
     for number, disk in enumerate(reducer.disks):
         holes = _round_holes(reducer, number)
-        rows, of_disk = np.arange(number * profile.pins, (number + 1) * profile.pins), errors.of_disk(number)
-        before, after = (
-            pin_gaps(profile, disk, of_disk, method="exact", disk_reading=disk_reading, motion=motion)
-            for motion in (None, _motion(reducer, disk.body, pose))
-        )
-        change[:, rows] = after - before
-        motion, (_, output) = _motion(reducer, disk.body, pose), _motion(reducer, "output", pose)
-        change[:, holes] = _hole_changes(reducer, disk, holes, of_disk, motion, output)
+        if len(holes):
+            motion, (_, output) = _motion(reducer, disk.body, pose), _motion(reducer, "output", pose)
+            change[:, holes] = _hole_changes(reducer, disk, holes, errors.of_disk(number), motion, output)
     return change
 
 
@@ -193,19 +206,19 @@ def _shifting_ends(
     small: RigidPlay,
 ) -> Real:
     """As `_centred_ends`, of disks whose centres can shift."""
-    ends = []
+    ends, before = [], _gaps_of_pins(profile, reducer, errors, disk_reading, None)
     for name in ("pose_plus", "pose_minus"):
         pose, rows, found = getattr(small, name).copy(), np.arange(len(gap)), np.full(len(gap), np.nan)
         for _ in range(STEPS):
             if not len(rows):
                 break
             some = Errors(**{error: values[rows] for error, values in vars(errors).items()})
-            left_out = gap_changes(profile, reducer, some, disk_reading, pose[rows])
+            left_out = _gap_changes(profile, reducer, some, disk_reading, pose[rows], before[rows])
             left_out += pose[rows] @ reducer.contact_jacobian.T
             play = rigid_play(reducer, gap[rows] + left_out, bearing_clearance[rows])
-            before, after = (poses[:, reducer.output_motion] for poses in (pose[rows], getattr(play, name)))
-            settled = ~play.preloaded & (np.abs(after - before) <= SETTLED * small.backlash[rows])
-            found[rows[settled]] = after[settled]
+            last_end, end = (poses[:, reducer.output_motion] for poses in (pose[rows], getattr(play, name)))
+            settled = ~play.preloaded & (np.abs(end - last_end) <= SETTLED * small.backlash[rows])
+            found[rows[settled]] = end[settled]
             pose[rows] = getattr(play, name)
             rows = rows[~settled & ~play.preloaded]
         ends.append(found)
@@ -232,6 +245,19 @@ def finite_ends(
     A unit whose gaps interfere has those of small motions. Missing where an end is not found.
     """
     small = rigid_play(reducer, gap, bearing_clearance)
+    return _moved_ends(profile, reducer, errors, disk_reading, gap, bearing_clearance, small)
+
+
+def _moved_ends(
+    profile: CycloidProfile,
+    reducer: Reducer,
+    errors: Errors,
+    disk_reading: str,
+    gap: Real,
+    bearing_clearance: Real,
+    small: RigidPlay,
+) -> Real:
+    """``finite_ends`` from the play under small motions."""
     ends, free = small.ends.copy(), np.flatnonzero(~small.preloaded)
     if not len(free):
         return ends
@@ -260,6 +286,7 @@ def backlash_change(
     ----------
     gap, bearing_clearance : as `finite_ends`.
     """
-    plus, minus = finite_ends(profile, reducer, errors, disk_reading, gap, bearing_clearance)
-    change: Real = plus - minus - rigid_play(reducer, gap, bearing_clearance).backlash
+    small = rigid_play(reducer, gap, bearing_clearance)
+    plus, minus = _moved_ends(profile, reducer, errors, disk_reading, gap, bearing_clearance, small)
+    change: Real = plus - minus - small.backlash
     return change

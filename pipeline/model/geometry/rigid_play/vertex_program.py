@@ -18,6 +18,10 @@ FEASIBLE = 1e-10
 """Violation of a limit, in the unit of the limits over that of the rows, that is rounding."""
 LEAST_PIVOT = 1e-9
 """Share of the rows' largest entry below which a pivot is rounding."""
+FAR = 1e4
+"""Limits of a box beyond all optima, of which those of the programs are 1."""
+PERTURBATION, LEAST_WEIGHT = 1e-7, 1e-4
+"""Share of the objective's largest part that is added to each, and the share of that below which a weight is 0."""
 CANDIDATES = 0.5
 """Share of the largest violation above which rows enter, one after the other, before all rows are looked at again."""
 MOST_VIOLATED = 20
@@ -226,6 +230,35 @@ def _points(objective: Real, basis: Index, rows: Real, limits: Real, radii: Real
 
 def _optimal_basis(objective: Real, rows: Real) -> Index:
     """Rows (n_unknowns,) that are met at the optimum of limits 1, whose weights >= 0 make the objective."""
+    basis = _basis_from_far(objective, rows)
+    if basis is not None:
+        return basis
+    basis = _basis_of_weights(objective, rows)
+    return _points(objective, basis, rows, np.ones((1, len(rows))), np.zeros((1, 0)))[2]
+
+
+def _basis_from_far(objective: Real, rows: Real) -> Index | None:
+    """As ``_optimal_basis``, by pivots from a box far beyond the limits; None if it is not found.
+
+    Notes
+    -----
+    Of a box the basis is dual feasible at once. Where the objective is a single unknown all weights but one are 0, and
+    pivots that lower none could run in a circle: to each a share of its own is added (Charnes, Econometrica 20 (1952)
+    160). What the rows found make of the objective itself decides.
+    """
+    n_rows, size = rows.shape
+    side, share = np.where(objective < 0, -1.0, 1.0), PERTURBATION * np.abs(objective).max()
+    perturbed = objective + side * share * (1.0 + np.arange(size) / size)
+    in_box = np.vstack([rows, np.diag(side)])
+    limits = np.append(np.ones(n_rows), np.full(size, FAR))[None]
+    _, state, basis = _points(perturbed, n_rows + np.arange(size), in_box, limits, np.zeros((1, 0)))
+    if state[0] != 0 or np.any(basis >= n_rows):
+        return None
+    return basis if np.all(np.linalg.solve(rows[basis].T, objective) > -LEAST_WEIGHT * share) else None
+
+
+def _basis_of_weights(objective: Real, rows: Real) -> Index:
+    """Rows (n_unknowns,) whose weights >= 0 make the objective, those of 0 as independent as can be."""
     weights, misfit = scipy.optimize.nnls(rows.T, objective)
     if misfit > 1e-9 * np.linalg.norm(objective):
         raise ArithmeticError("a linear program is unbounded: no contact stops a motion")
@@ -233,5 +266,4 @@ def _optimal_basis(objective: Real, rows: Real) -> Index:
     span = np.linalg.qr(rows[basis].T)[0]
     off_span = rows - rows @ span @ span.T  # each further row is the one that is farthest from those chosen
     farthest = scipy.linalg.qr(off_span.T, mode="r", pivoting=True)[1]
-    basis = np.append(basis, farthest[: rows.shape[1] - len(basis)])
-    return _points(objective, basis, rows, np.ones((1, len(rows))), np.zeros((1, 0)))[2]
+    return np.append(basis, farthest[: rows.shape[1] - len(basis)])
