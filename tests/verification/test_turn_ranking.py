@@ -155,7 +155,10 @@ def test_forces_of_a_unilateral_law_are_found(rough) -> None:
     assert np.corrcoef(peaks.ravel(), true.ravel())[0, 1] > 0.98
 
 
-def test_a_ranking_of_metrics_that_are_linear_in_what_it_knows_is_exact(rough, forces: PinForces) -> None:
+@pytest.mark.parametrize("jointly", [False, True])
+def test_a_ranking_of_metrics_that_are_linear_in_what_it_knows_is_exact(
+    jointly: bool, rough, forces: PinForces
+) -> None:
     springs, gaps = rough
     rng = np.random.default_rng(9)
     many = SeparateGaps(*(np.repeat(part, 40, axis=0) for part in vars(gaps).values()))
@@ -167,7 +170,7 @@ def test_a_ranking_of_metrics_that_are_linear_in_what_it_knows_is_exact(rough, f
     metric = 3.0 + sum(part / max(part.std(), 1.0) for part in parts)
     metrics = {"metric": metric, "constant": np.ones(metric.shape), "few": np.where(np.arange(6) < 1, metric, np.nan)}
     metrics["few"][1:] = np.nan
-    ranking = Ranking.from_pairs(springs, forces, many, PITCHES, metrics)
+    ranking = Ranking.from_pairs(springs, forces, many, PITCHES, metrics, jointly)
     assert ranking.names == ("metric",)
     found = ranking.predict_metrics(many)["metric"]
     assert np.abs(found - metric).max() < 1e-2 * metric.std()
