@@ -142,14 +142,14 @@ def upper_bounds(
     variances = np.array([correlation.variance for correlation in correlations])
     solved = np.where(np.isfinite(residuals).all(axis=0), solved, -1)
     missed = np.ascontiguousarray(np.moveaxis(residuals, 0, -1), float)
-    _add_bounds(correlations[0].of_distance, correlations[0].noise, variances, missed, solved, others, spreads, bounds)
+    correlation = correlations[0].of_distance, correlations[0].noise
+    _add_bounds(correlation, variances, missed, solved, others, spreads, bounds)
     return bounds
 
 
 @entry
 def _add_bounds(
-    of_distance: Real,
-    noise: float,
+    correlation: tuple[Real, float],
     least_variances: Real,
     residuals: Real,
     solved_pitches: Index,
@@ -158,6 +158,7 @@ def _add_bounds(
     bounds: Real,
 ) -> None:
     """Add what the ranking misses at most to its metrics ``bounds`` at other pitches, see ``upper_bounds``."""
+    of_distance, noise = correlation
     n_metrics = len(least_variances)
     mean, variance, missed = np.empty(n_metrics), np.empty(n_metrics), np.empty(n_metrics)
     for s in range(solved_pitches.shape[0]):

@@ -264,7 +264,16 @@ class _Pool:
         best_columns = np.argpartition(np.where(is_repeated, np.inf, -predicted_values), count - 1, axis=2)[..., :count]
         solved_values, is_open = np.full(predicted_values.shape, np.nan, np.float32), np.ones(len(rows), bool)
         columns_of_best = best_columns.astype(np.int16)
-        return cls(rows, pitches, predicted_values, columns_of_best, solved_values, is_open, tuple(rankings), effort)
+        return cls(
+            rows=rows,
+            pitches=pitches,
+            predicted_values=predicted_values,
+            best_columns=columns_of_best,
+            solved_values=solved_values,
+            is_open=is_open,
+            names=tuple(rankings),
+            effort=effort,
+        )
 
     def first_pairs(self) -> Index:
         """Pairs (n_pairs, 2) of a pitch and a unit: evenly over the turn, or of each metric the best ranked."""
