@@ -221,3 +221,14 @@ def test_a_loaded_unit_is_in_balance_and_its_disk_carries_its_share(cranks):
     share = np.sum(states.force[..., : reducer.n_pins] * reducer.pins.arm, axis=2)
     expected = -cycle.state_torque * PLANET * LOBES / (SUN + PLANET * 40)
     np.testing.assert_allclose(share, np.broadcast_to(expected, share.shape), atol=1e-6 * torque)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_first_basis_is_found_from_afar_where_the_objective_is_one_unknown(seed):
+    rng = np.random.default_rng(seed)
+    rows, objective = rng.normal(size=(40, 5)), np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+    basis = vertex_program._basis_from_far(objective, rows)
+    assert basis is not None
+    vertex = np.linalg.solve(rows[basis], np.ones(5))
+    best = linprog(-objective, A_ub=rows, b_ub=np.ones(40), bounds=(None, None))
+    assert objective @ vertex == pytest.approx(-best.fun, rel=1e-8)
