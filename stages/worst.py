@@ -13,7 +13,7 @@ from pipeline.model.metrics import library
 from pipeline.model.units import UM_PER_MM
 from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks, symmetric, turned_blocks
 from pipeline.populations.turn_ranking import Ranking
-from pipeline.populations.turn_search import TRAINING_UNITS, Worst, audit, search, train_ranking
+from pipeline.populations.turn_search import TRAINING_UNITS, Worst, search_and_audit, train_ranking
 from stages.reduce import DiskMatrices
 from stages.sample import SAMPLED_TABLES, errors_of_columns
 from stages.tables.keys import SAMPLE
@@ -100,16 +100,11 @@ def _solve(search_inputs: Shared, chunk: Chunk) -> Tables:
     drives, samples = search_inputs.drives, np.arange(chunk.start, chunk.stop)
     units = units_of(drives.study, {name: chunk.tables[f"sample/{name}"] for name in SAMPLED_TABLES})
     audited_rows = np.flatnonzero(np.isin(samples, search_inputs.audited_samples))
-    search_columns = _columns(drives, samples, search(drives, search_inputs.ranking, units))
-    return {"found": search_columns, "audit": _audit(drives, samples[audited_rows], units.some(audited_rows))}
-
-
-def _audit(drives: TurnDrives, samples: Index, units: Units) -> dict[str, np.ndarray]:
-    if not len(samples):
-        return AUDIT.empty()
-    of_pitches, worst_values = audit(drives, units)
-    columns = {OF_PITCHES[name].name: values for name, values in of_pitches.value.items()}
-    return _columns(drives, samples, worst_values) | columns | {N_PHASES.name: np.full(len(samples), drives.phases)}
+    found, of_pitches, audited = search_and_audit(drives, search_inputs.ranking, units, audited_rows)
+    at_pitches = {OF_PITCHES[name].name: values for name, values in of_pitches.value.items()}
+    n_phases = {N_PHASES.name: np.full(len(audited_rows), drives.phases, np.int32)}
+    audit_columns = _columns(drives, samples[audited_rows], audited) | at_pitches | n_phases
+    return {"found": _columns(drives, samples, found), "audit": audit_columns}
 
 
 def _columns(drives: TurnDrives, samples: Index, worst_values: Worst) -> dict[str, np.ndarray]:

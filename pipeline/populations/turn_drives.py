@@ -172,7 +172,7 @@ class TurnDrives:
         turns, first_steps = np.divmod(steps, self._period) if self.repeats else (np.zeros_like(steps), steps)
         order = np.argsort(first_steps, kind="stable")
         steps_found, start = np.unique(first_steps[order], return_index=True)
-        for step, group in zip(steps_found, np.split(order, start[1:]), strict=True):
+        for step, group in zip(steps_found, np.split(order, start)[1:], strict=True):
             for part in np.split(group, np.arange(SOLVED_AT_ONCE, len(group), SOLVED_AT_ONCE)):
                 yield part, int(step), self._units_turned_back(units.some(rows[part]), turns[part])
 

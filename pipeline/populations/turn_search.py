@@ -5,9 +5,10 @@ all metrics. What the rough model misses at them corrects the ranking of the oth
 misses is seen on units that are solved at every pitch and beside the worst of these.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,11 @@ from pipeline.populations.turn_drives import TurnDrives, Units
 from pipeline.populations.turn_forces import PinForces
 from pipeline.populations.turn_gaps import SeparateGaps
 from pipeline.populations.turn_ranking import Ranking, SpringWork
-from pipeline.populations.turn_residuals import upper_bounds
+from pipeline.populations.turn_residuals import Correlation, upper_bounds
 from pipeline.populations.turn_springs import Springs
 
 TRAINING_UNITS, TRAINING_PITCHES = 60, 150
 """Units that are solved at each of some pitches, drawn for each, for the slopes of the ranking."""
-ROUNDS = 6
-"""Further rounds at most, each ranked anew by what the ranking missed at the pitches solved so far."""
 RANKED_AT_ONCE, GAPS_AT_ONCE = 50, 250
 """Units whose features at all pitches are held together, and whose gaps are: 150 MB at 6,320 pitches."""
 MANY_PINS = 60
@@ -45,6 +44,7 @@ class _Effort:
     ----------
     shared : pitches over the turn at which all units are solved at first, for all metrics.
     first : the best ranked ones that are, too.
+    rounds : further ones at most, each ranked anew by what the ranking missed at the pitches solved so far.
     share, count : of those that may be worse, and at most, in each further round.
     candidates : the best ranked ones among which these are chosen.
     spreads : standard deviations that one may lie above what is expected of it.
@@ -52,16 +52,17 @@ class _Effort:
 
     shared: int
     first: int
+    rounds: int
     share: float
     count: int
     candidates: int
     spreads: float
 
 
-RANKED = _Effort(shared=0, first=3, share=0.1, count=1_000, candidates=150, spreads=2.0)
+RANKED = _Effort(shared=0, first=3, rounds=6, share=0.1, count=1_000, candidates=150, spreads=2.0)
 """The ranking knows what decides: the worst of 3,000 units was always among the candidates. Of 120 units of the paper's
 drive the rigidity has 71 pitches solved and misses 0.10 %; with 1.75 standard deviations these are 58 and 0.13 %."""
-SPREAD = _Effort(shared=60, first=0, share=1.0, count=25, candidates=10_000, spreads=1.5)
+SPREAD = _Effort(shared=60, first=0, rounds=4, share=1.0, count=38, candidates=10_000, spreads=1.5)
 """Of carriers: where a few contacts carry and cranks err, the ranking foretells half of what varies over the turn, and
 the worst may have any rank. What is solved all over the turn foretells the rest."""
 GOLDEN = 0.5 * (5**0.5 - 1)
@@ -129,11 +130,18 @@ class _Best:
             order = np.argsort(-value, axis=1, kind="stable")
             value[:], step[:] = np.take_along_axis(value, order, axis=1), np.take_along_axis(step, order, axis=1)
 
+    def some(self, rows: Index) -> "_Best":
+        """The worst of some of the units."""
+        best_values = _Best(len(rows))
+        for name in ("value", "step", "missing", "n_solved"):
+            setattr(best_values, name, getattr(self, name)[rows])
+        return best_values
+
     def worst_values(self) -> Worst:
         worst, step = self.value[..., 0], self.step[..., 0]
         values = np.where(self.missing | ~np.isfinite(worst), np.nan, self.sign * worst)
         names = list(library())
-        best_steps = self.step.reshape(len(step), -1)
+        best_steps = self.step.reshape(len(step), step.shape[1] * BEST_CLIMBED)
         value, steps = (dict(zip(names, columns.T, strict=True)) for columns in (values, step))
         return Worst(value, steps, best_steps, self.n_solved)
 
@@ -167,35 +175,56 @@ def _top_states(drives: TurnDrives) -> list[int]:
 
 def search(drives: TurnDrives, ranking: Ranking, units: Units) -> Worst:
     """The worst of units as found at their most promising pitches."""
-    best_values = _Best(len(units))
-    design = drives.study.design
+    return search_and_audit(drives, ranking, units, np.zeros(0, np.intp))[0]
+
+
+def audit(drives: TurnDrives, units: Units) -> tuple[Worst, Worst]:
+    """The worst of units solved at every pitch; and with the steps between them beside the worst of each metric."""
+    return search_and_audit(drives, None, units, np.arange(len(units)))[1:]
+
+
+def search_and_audit(
+    drives: TurnDrives, ranking: Ranking | None, units: Units, audited: Index
+) -> tuple[Worst, Worst, Worst]:
+    """The worst of units as `search` finds them, and both of `audit` of some rows (n_audited,) of them.
+
+    Pairs of both are solved together, since a step takes as long as ten units at it. ``found`` needs a ranking.
+    """
+    found, of_pitches, design = _Best(len(units)), _Best(len(units)), drives.study.design
+    names = () if ranking is None else ranking.names
     effort = SPREAD if design.output.carries_disks else RANKED
     n_best = 1 if drives.phases == 1 or design.cycloid.pins > MANY_PINS else BEST_CLIMBED
-    if ranking.names:
-        pools = list(_pools(drives, ranking, units, effort))
-        for further in range(ROUNDS + 1):
-            candidates = [pool.promising(ranking, n_best) if further else pool.first_pairs() for pool in pools]
-            if not any(map(len, candidates)):
-                break
-            parts = np.split(
-                _solve_pairs(
-                    drives, units, np.concatenate([pairs * [drives.phases, 1] for pairs in candidates]), best_values
-                ),
-                np.cumsum([len(pairs) for pairs in candidates])[:-1],
-            )
-            for pool, pairs, values in zip(pools, candidates, parts, strict=True):
-                pool.take(pairs, values)
-    is_ranked = [name in ranking.names for name in library()]
-    _solve_beside(drives, units, best_values.step[:, is_ranked, :n_best], best_values)
-    best_values.move_finitely(drives, units)
-    return best_values.worst_values()
+    waiting = [_Batch(_pairs_of_all_pitches(drives, audited), of_pitches)]
+    pools = list(_pools(drives, ranking, units, effort)) if ranking is not None and names else []
+    for further in range(effort.rounds + 1):
+        candidates = [pool.promising(n_best) if further else pool.first_pairs() for pool in pools]
+        if not any(map(len, candidates)):
+            break
+        pairs = np.concatenate([pairs * [drives.phases, 1] for pairs in candidates])
+        values = _solve_batches(drives, units, [_Batch(pairs, found), *(waiting if further else ())])[0]
+        waiting = [] if further else waiting
+        ends = np.cumsum([len(pairs) for pairs in candidates])
+        for pool, pairs, of_pool in zip(pools, candidates, np.split(values, ends)[:-1], strict=True):
+            pool.take(pairs, of_pool)
+    _solve_batches(drives, units, waiting)
+    of_phases = deepcopy(of_pitches)
+    is_ranked = [name in names for name in library()]
+    best_steps = found.step[:, is_ranked, :n_best]
+    beside = _pairs_beside(drives, np.arange(len(units)), best_steps)
+    beside_audited = _pairs_beside(drives, audited, of_phases.step[audited])
+    _solve_batches(drives, units, [_Batch(beside, found), _Batch(beside_audited, of_phases)])
+    found.move_finitely(drives, units)
+    audits = of_pitches.some(audited), of_phases.some(audited)
+    for best_values in audits:
+        best_values.move_finitely(drives, units.some(audited))
+    return found.worst_values(), audits[0].worst_values(), audits[1].worst_values()
 
 
 def worst_at(drives: TurnDrives, units: Units, steps: Index) -> Worst:
     """The worst of units at steps (n_units, n_steps) of each, as where drives that differ little have theirs."""
     best_values = _Best(len(units))
     pairs = np.stack([steps.ravel(), np.repeat(np.arange(len(units)), steps.shape[1])], axis=1)
-    _solve_pairs(drives, units, np.unique(pairs, axis=0), best_values)
+    _solve_batches(drives, units, [_Batch(np.unique(pairs, axis=0), best_values)])
     best_values.move_finitely(drives, units)
     return best_values.worst_values()
 
@@ -232,7 +261,7 @@ class _Pool:
         worse; missing where not solved.
     best_columns : (n_metrics, n, n_candidates) those of each metric.
     is_open : (n,) whether some pitch may still be worse than the solved ones.
-    names : metrics that are ranked.
+    names, correlations : of the metrics that are ranked; see `Ranking`.
     effort : how many are solved.
     """
 
@@ -243,6 +272,7 @@ class _Pool:
     solved_values: Single
     is_open: Truth
     names: tuple[str, ...]
+    correlations: list[Correlation]
     effort: _Effort
 
     @classmethod
@@ -272,6 +302,7 @@ class _Pool:
             solved_values=solved_values,
             is_open=is_open,
             names=tuple(rankings),
+            correlations=[ranking.correlations[name] for name in rankings],
             effort=effort,
         )
 
@@ -284,7 +315,7 @@ class _Pool:
             return self._pairs(np.where(np.isinf(scores), 0.0, -np.inf), self.effort.shared)
         return self._pairs(scores, self.effort.first)
 
-    def promising(self, ranking: Ranking, n_best: int) -> Index:
+    def promising(self, n_best: int) -> Index:
         """Likewise of those that may be among the worst, by the ranking and what it missed at the solved ones."""
         is_known: Truth = np.asarray(np.isfinite(self.solved_values).any(axis=0))
         scores, rows = np.full(self.predicted_values.shape, -np.inf), np.flatnonzero(self.is_open)
@@ -295,7 +326,7 @@ class _Pool:
         groups = [metrics] if self.effort.shared else [[k] for k in metrics]
         for group in groups:  # metrics that share correlation and candidates
             others, solved_values = self.best_columns[group[0]][rows[:, 0]], self.solved_values[:, rows, known][group]
-            correlations = [ranking.correlations[self.names[k]] for k in group]
+            correlations = [self.correlations[k] for k in group]
             predicted_values = self.predicted_values[:, rows, others][group]
             residuals = solved_values - self.predicted_values[:, rows, known][group]
             other_pitches, spreads = self.pitches[rows, others], self.effort.spreads
@@ -327,41 +358,42 @@ def _sign(name: str) -> float:
     return -1.0 if library()[name].smaller_is_worse else 1.0
 
 
-def _solve_beside(drives: TurnDrives, units: Units, steps: Index, best_values: _Best) -> None:
-    """Solve each unit at all phases that lie nearer to its pitches (n_units, ..., n_best) than to the next ones."""
-    if drives.phases == 1:
-        return
+def _pairs_of_all_pitches(drives: TurnDrives, rows: Index) -> Index:
+    """Pairs (n_pairs, 2) of the step of every pitch and units (n_units,)."""
+    steps = drives.phases * np.arange(drives.pitches)
+    return np.stack([np.repeat(steps, len(rows)), np.tile(rows, drives.pitches)], axis=1)
+
+
+def _pairs_beside(drives: TurnDrives, rows: Index, steps: Index) -> Index:
+    """Pairs (n_pairs, 2) of all phases nearer to steps (n_units, ...) of units (n_units,) than to the next ones."""
     reach = drives.phases // 2
-    offsets = np.array([offset for offset in range(-reach, reach + 1) if offset])
-    neighbours = (steps.reshape(len(units), -1, 1) + offsets) % (drives.pitches * drives.phases)
-    rows = np.broadcast_to(np.arange(len(units))[:, None, None], neighbours.shape)
-    pairs = np.stack([neighbours.ravel(), rows.ravel()], axis=1)
-    _solve_pairs(drives, units, np.unique(pairs, axis=0), best_values)
+    offsets = np.array([offset for offset in range(-reach, reach + 1) if offset], np.intp)
+    neighbours = (steps[..., None] + offsets) % (drives.pitches * drives.phases)
+    units = np.broadcast_to(rows.reshape(-1, *[1] * steps.ndim), neighbours.shape)
+    return np.unique(np.stack([neighbours.ravel(), units.ravel()], axis=1), axis=0)
 
 
-def _solve_pairs(drives: TurnDrives, units: Units, pairs: Index, best_values: _Best) -> Real:
-    """Metrics (n_pairs, n_metrics) of pairs (n_pairs, 2) of a step and a unit.
+class _Batch(NamedTuple):
+    """Pairs (n_pairs, 2) of a step and a unit that are to be solved, and where what is found is noted."""
+
+    pairs: Index
+    best_values: _Best
+
+
+def _solve_batches(drives: TurnDrives, units: Units, batches: Sequence[_Batch]) -> list[Real]:
+    """Metrics (n_pairs, n_metrics) of the pairs of each batch.
 
     A step without a result, which is one of 20,000 of `rv_80e`, is that of the next phase, which differs by a hundredth
     of what varies over the turn.
     """
-    steps, rows = pairs.T.copy()
+    steps, rows = np.concatenate([np.zeros((0, 2), np.intp), *(batch.pairs for batch in batches)]).T.copy()
     values = drives.metrics_at(steps, rows, units)
     lost = np.flatnonzero(np.isnan(values).any(axis=1)) if drives.phases > 1 else steps[:0]
     if len(lost):
         steps[lost] = (steps[lost] + 1) % (drives.pitches * drives.phases)
         values[lost] = drives.metrics_at(steps[lost], rows[lost], units)
-    best_values.take(steps, rows, values)
-    return values
-
-
-def audit(drives: TurnDrives, units: Units) -> tuple[Worst, Worst]:
-    """The worst of units solved at every pitch; and with the steps between them beside the worst of each metric."""
-    best_values = _Best(len(units))
-    pitches, rows = np.meshgrid(np.arange(drives.pitches), np.arange(len(units)), indexing="ij")
-    _solve_pairs(drives, units, np.stack([drives.phases * pitches.ravel(), rows.ravel()], axis=1), best_values)
-    of_pitches = deepcopy(best_values)
-    _solve_beside(drives, units, best_values.step, best_values)
-    for worst_values in (of_pitches, best_values):
-        worst_values.move_finitely(drives, units)
-    return of_pitches.worst_values(), best_values.worst_values()
+    starts = np.cumsum([0, *(len(batch.pairs) for batch in batches)])[:-1]
+    parts = [np.split(columns, starts)[1:] for columns in (steps, rows, values)]
+    for batch, *columns in zip(batches, *parts, strict=True):
+        batch.best_values.take(*columns)
+    return parts[2]
