@@ -133,6 +133,11 @@ def test_a_case_lists_one_diameter_for_each_output_pin():
         ("clearence", {}, "clearence = {}; unknown key; did you mean 'clearance'?"),
         ("name", "x", 'name = "x"; unknown key'),
         ("design", 5, "design = 5; must be the name of a design file"),
+        (
+            "costs.pin_radial",
+            {"law": "reciprocal", "cost": 1.0, "tolerance": 4.0},
+            "costs.pin_radial.tolerance = 4.0; unknown key; did you mean 'tolerance_um'?",
+        ),
         ("design", None, "design is missing; must be the name of a design file"),
         ("reduce", 5, "reduce = 5; must be a section"),
     ],

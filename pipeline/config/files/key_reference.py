@@ -271,7 +271,7 @@ def _step(annotation: Any, part: int | str) -> tuple[str, Any] | None:
         return f".{name}", get_args(annotation)[1]
     if get_origin(annotation) is tuple:
         return f"[{part}]", get_args(annotation)[0]
-    members = [member for member in get_args(annotation) if part in _tags(member)]
+    members = [member for member in _members(annotation) if part in _tags(member)]
     return ("", members[0]) if members else None
 
 

@@ -52,8 +52,8 @@ def selection_of(members, left=0.1, best="", modes=()):
     return Selection(base, trials, {}, odds, reasons, best or (members[0] if members else ""), members)
 
 
-def statement(result, selection, where=""):
-    errors = [AngleError(2.0 * floors, 9.0, {}, floors, 1.0, 10) for floors in (5.0, 1.0)]
+def statement(result, selection, where="", expected=1.0, to_noise=5.0):
+    errors = [AngleError(2.0 * floors, 9.0, {}, floors, expected, 10) for floors in (to_noise, 1.0)]
     remainder = Remainder(1.0, 0.8, 1.0, 1.0, CurveScatter(1.0, 0.5, 3.0, 3), 0.1)
     return statement_of_verdict(result, selection, *errors, remainder, in_sample="", where=where)
 
@@ -76,6 +76,14 @@ def test_terms_of_the_verdict(name):
     assert ("no cause named" in glance["Cause"]) == (not members)
     assert ("How sure" in glance) == ("How large" in glance) == bool(members)
     assert "rayleigh" in glance["Next candidate"] or "hysteresis" in glance["Next candidate"]
+
+
+@pytest.mark.parametrize(("expected", "to_noise", "said"), [(3.0, 5.0, True), (3.0, 1.0, False), (1.0, 5.0, False)])
+def test_what_a_right_model_would_leave_is_said_where_both_are_above_the_noise(expected, to_noise, said):
+    selection = selection_of(())
+    result = judge(fitter(), selection, np.ones(4, bool))
+    message = statement(result, selection, expected=expected, to_noise=to_noise)
+    assert ("would be expected to leave 3 times the noise" in message.sentence) == said
 
 
 @pytest.mark.parametrize(

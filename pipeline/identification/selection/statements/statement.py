@@ -111,8 +111,8 @@ def _error(error: AngleError) -> str:
 
 
 def _expected_clause(error: AngleError) -> str:
-    """What a right model would leave, where that is clearly more than noise."""
-    if not error.expected_to_noise > EXPECTED_RATIO:
+    """What a right model would leave, where that and what is left are clearly more than noise."""
+    if not min(error.expected_to_noise, error.to_noise) > EXPECTED_RATIO:
         return ""
     return f"; a correct model would be expected to leave {error.expected_to_noise:.3g} times the noise here"
 
