@@ -109,8 +109,9 @@ def allocate(
 
     Notes
     -----
-    One standard error more than the target is aimed at; where fresh units still miss it, the miss is added to the aim
-    and the search goes on. No two rounds or checks share a unit, and the reported checks decide nothing.
+    One standard error more than the target is aimed at. Where a round reached it and fresh units still miss it, the miss
+    is added to the aim and the search goes on. No two rounds or checks share a unit, and the reported checks decide
+    nothing.
     """
     priced_dimensions, unmoved_reasons = priced_tolerances(study)
     groups, one_group, sets = (
@@ -165,11 +166,13 @@ def _confirmed_trial(search: Search, target: float) -> Trial:
     trials: list[Trial] = []
     for _ in range(REAIMS + 1):
         trial = search.improve(trial, min(aim, 1 - 1 / search.units), target)
+        reached_target = trial.yield_estimate.value >= target
         scale = np.maximum(np.floor(trial.scale * 10**DIGITS) / 10**DIGITS, low)
         yield_estimate = search.check(search.spread(scale))[ALL_LIMITS]
         trial = replace(trial, scale=scale, cost=search.cost(search.spread(scale)), yield_estimate=yield_estimate)
         trials.append(trial)
-        if yield_estimate.value >= target or len(trials) > 1 and not trial.is_better(trials[-2], target):
+        is_worse = len(trials) > 1 and not trial.is_better(trials[-2], target)
+        if yield_estimate.value >= target or not reached_target or is_worse:
             break
         aim += target - yield_estimate.value
     best_trial = trials[0]

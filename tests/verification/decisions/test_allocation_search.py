@@ -88,6 +88,24 @@ def test_no_two_rounds_or_checks_share_a_unit(search):
     assert used > 4, "each trial and check took a set of its own"
 
 
+def test_a_target_that_no_round_reached_is_not_aimed_at_again(search):
+    """What no scale can mend, as play of a part without a cost: one search and one check."""
+    own, _ = search
+    checks = []
+
+    class Stuck(CurvedSearch):
+        def drawn_badness(self, scale):
+            return super().drawn_badness(np.ones(2))[0], np.random.default_rng(next(self.sets)).normal(size=N)
+
+        def check(self, scale):
+            checks.append(scale)
+            return super().check(scale)
+
+    found = allocation._confirmed_trial(Stuck(**vars(own)), TARGET)
+    assert found.yield_estimate.value == pytest.approx(0.5, abs=0.03)
+    assert len(checks) == 1
+
+
 def test_units_without_a_result_are_counted_in_words():
     assert yield_text(pass_share(np.ones(3654, bool), 0.95), 4000).endswith(
         "(99.9 to 100.0; 3,654 units of 4,000, the others have no result)"
