@@ -109,9 +109,9 @@ def allocate(
 
     Notes
     -----
-    One standard error more than the target is aimed at. Where a round reached it and fresh units still miss it, the miss
-    is added to the aim and the search goes on. No two rounds or checks share a unit, and the reported checks decide
-    nothing.
+    One standard error more than the target is aimed at. Where a round reached it and fresh units still miss it, the
+    miss is added to the aim and the search goes on. No two rounds or checks share a unit, and the reported checks
+    decide nothing.
     """
     priced_dimensions, unmoved_reasons = priced_tolerances(study)
     groups, one_group, sets = (
