@@ -128,7 +128,8 @@ def test_calibrated_scales_are_found_again(exact_unit):
         "output.roller_length_mm",
     )
     true_unknowns = replace(fitter.start(Model()), scales=truth)
-    angle, _, _, sound = fitter.predict(Model(), true_unknowns)
+    prediction = fitter.predict(Model(), true_unknowns)
+    angle, sound = prediction.angle, prediction.sound
     assert sound
     noise = exact_unit.data.noise * np.random.default_rng(0).standard_normal(len(angle))
     variant = Fitter(with_angles(exact_unit, angle + noise))
@@ -219,7 +220,8 @@ def test_dimensions_that_a_file_does_not_state_were_not_measured(unknown, tmp_pa
 def test_influence_of_modes_is_the_difference_of_predictions(unknown):
     fitter = Fitter(unknown)
     start = fitter.start(Model())
-    base_prediction, influence, _, _ = fitter.predict(Model(), start, modes=True)
+    drives, carried_torque = fitter.drives(Model(), start)[0], fitter.predict(Model(), start).carried_torque
+    influence = fitter.influence(Model(), drives, carried_torque, fitter.positions)
     for mode in (0, 1, 4):
         ends = []
         for step in (1e-3, -1e-3):
@@ -240,7 +242,7 @@ def test_derivatives_by_springs_and_gaps_are_those_of_predictions(exact_unit, na
     fitter, model = Fitter(exact_unit), Model(tuple(candidates()[name] for name in names))
     current = fitter.start(model, np.full(model.n_parameters, 0.6))
     positions, weight = list(fitter.positions), 1 / exact_unit.data.sigma**2
-    prediction = fitter.predict(model, current, modes=True)
+    prediction = fitter.predict(model, current)
     derivative, _ = fitter.jacobian(model, current, prediction, positions, weight, None)
     for k in range(len(current.scales) + len(current.shares)):
         flat, step = current.flat, STEP
