@@ -31,7 +31,7 @@ FIRST_ITERATIONS: ShortcutCount = 3
 OPEN_SHARE = 0.3
 """Prior standard deviation of an effect's parameter, in shares of its bounds, about no effect (or the middle of the
 bounds of a parameter without a zero). It decides where the data leave a valley, and is weak beside what they tell."""
-KEPT_PREDICTIONS: Fineness = 1000
+KEPT_PREDICTIONS: Fineness = 500
 """Predictions that are kept: a start is looked at before it is fitted from, and fitted from again."""
 KEPT_DRIVES: Fineness = 4
 """Drives that are kept for each crank angle, before effects are put into them."""
@@ -44,6 +44,7 @@ class Fitter:
         self.problem = problem
         self.positions = range(len(problem.stations))
         self._predictions: dict[tuple[tuple[str, ...], bytes, tuple[int, ...]], Prediction] = {}
+        self._fits: dict[tuple[tuple[str, ...], bytes, bytes, bytes, int], Fit] = {}
         self._with_modes = lru_cache(KEPT_DRIVES * len(problem.modes))(self._drive_with_modes)
 
     def start(self, model: Model, shares: Real | None = None) -> Vector:
@@ -170,11 +171,17 @@ class Fitter:
     ) -> Fit:
         """Least squares over the cells ``is_fitted`` (n_cells,) by Levenberg and Marquardt, from ``start``.
 
-        Derivatives by the scales are taken over from ``base_fit`` and from step to step while scales hardly move.
+        Derivatives by the scales are taken over from ``base_fit`` and from step to step while scales hardly move. A fit
+        without one is kept: the same is asked for again where a name is withdrawn.
         """
+        names = tuple(effect.name for effect in model.effects)
+        key = names, is_fitted.tobytes(), start.flat.tobytes(), start.reach.tobytes(), iterations
+        if base_fit is None and key in self._fits:
+            return self._fits[key]
         descent = Descent(self, model, is_fitted, start, base_fit)
         descent.run(iterations)
-        return self._fit_of(descent)
+        fit = self._fit_of(descent)
+        return self._fits.setdefault(key, fit) if base_fit is None else fit
 
     def fit_from_best(
         self,
