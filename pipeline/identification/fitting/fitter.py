@@ -86,7 +86,7 @@ class Fitter:
         key = tuple(effect.name for effect in model.effects), unknowns.flat.tobytes(), numbers
         if key not in self._predictions:
             if len(self._predictions) >= KEPT_PREDICTIONS:
-                self._predictions.clear()
+                del self._predictions[next(iter(self._predictions))]
             self._predictions[key] = self._new_prediction(model, unknowns, numbers)
         return self._predictions[key]
 

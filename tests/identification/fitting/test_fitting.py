@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from linear_unit import LinearFitter, linear_data, model_of
 from synthetic_unit import CRANKS, ROOT, Bench, exactly_known, make_unit, problem_of, with_angles
 
 from pipeline.identification.fitting.build import POPULATION
@@ -252,6 +253,39 @@ def test_derivatives_by_springs_and_gaps_are_those_of_predictions(exact_unit, na
         misfit = np.abs(derivative[:, k] - truth)
         assert np.median(misfit) < 0.02 * np.max(np.abs(truth))
         assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(truth))
+
+
+def test_a_kept_prediction_is_of_the_same_model_unknowns_and_positions(exact_unit):
+    kept = Fitter(exact_unit)
+    models = [Model((candidates()[name],)) for name in ("coulomb", "torque_gain")]  # alike but for the name
+    asked = [
+        (model, kept.start(model, [share]), positions)
+        for model in models
+        for share in (0.6, 0.7)
+        for positions in (None, [0])
+    ]
+    predictions = [kept.predict(*question) for question in asked]
+    for question, prediction in zip(asked, predictions, strict=True):
+        assert kept.predict(*question) is prediction
+        np.testing.assert_array_equal(prediction.angle, Fitter(exact_unit).predict(*question).angle)
+
+
+def test_a_kept_fit_is_of_the_same_cells_start_reach_and_steps():
+    data = linear_data()
+    design = np.random.default_rng(0).normal(size=(len(data), 2))
+    fitter, model = LinearFitter(replace(data, angle=design @ [2.0, 0.3]), design, (0.3,)), model_of(1)
+    cells, start = np.ones(len(data), bool), fitter.start(model)
+    others = [
+        (model, data.position == 0, start),
+        (model, cells, fitter.start(model, np.array([0.2])), 1),
+        (model, cells, replace(start, reach=np.array([[-0.1], [0.1]]))),
+        (model, cells, start, 1),
+    ]
+    fit = fitter.fit(model, cells, start)
+    assert fitter.fit(model, cells.copy(), fitter.start(model)) is fit
+    assert fitter.fit(model, cells, start, base_fit=fit) is not fit
+    flats = [fitter.fit(*other).unknowns.flat for other in others]
+    assert all(not np.array_equal(flat, fit.unknowns.flat) for flat in flats)
 
 
 def test_modes_have_unit_variance_over_their_population_and_span_its_curves():
