@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.arrays import Index, Real, Single
+from pipeline.arrays import Index, Real, Single, Truth
 from pipeline.model.compiled import entry
 
 CHOICES = {
@@ -137,49 +137,49 @@ def upper_bounds(
     The mean's correlation is that with the nearest solved pitch alone, which is no smaller than the process' own and
     needs no further system.
     """
-    bounds = np.array(predicted_values, float)
-    solved, others = (np.ascontiguousarray(part, np.intp) for part in (solved_pitches, other_pitches))
-    variances = np.array([correlation.variance for correlation in correlations])
-    solved = np.where(np.isfinite(residuals).all(axis=0), solved, -1)
-    missed = np.ascontiguousarray(np.moveaxis(residuals, 0, -1), float)
-    correlation = correlations[0].of_distance, correlations[0].noise
-    _add_bounds(correlation, variances, missed, solved, others, spreads, bounds)
+    bounds, others = np.array(predicted_values, float), np.ascontiguousarray(other_pitches, np.intp)
+    is_known = np.ascontiguousarray((solved_pitches >= 0) & np.isfinite(residuals).all(axis=0))
+    solved = np.ascontiguousarray(np.where(is_known, solved_pitches, 0), np.intp)
+    known, number = is_known[..., None], np.maximum(is_known.sum(axis=1), 1)[:, None]
+    missed = np.ascontiguousarray(np.where(known, np.moveaxis(residuals, 0, -1), 0.0), float)
+    mean = missed.sum(axis=1) / number
+    missed = np.where(known, missed - mean[:, None], 0.0)
+    least_variances = np.array([correlation.variance for correlation in correlations])
+    variance = known.any(axis=1) * np.maximum((missed**2).sum(axis=1) / number, least_variances)
+    of_distance, noise = correlations[0].of_distance, correlations[0].noise
+    matrix = np.where(known & is_known[:, None], correlations[0].matrix(solved[:, :, None], solved[:, None]), 0.0)
+    matrix += np.where(is_known, noise, 1.0)[:, None] * np.eye(solved.shape[1])  # a pitch that counts for nothing
+    weights = np.linalg.solve(matrix, missed)
+    _add_bounds((of_distance, noise), mean, spreads * np.sqrt(variance), weights, (is_known, solved), others, bounds)
     return bounds
 
 
 @entry
 def _add_bounds(
     correlation: tuple[Real, float],
-    least_variances: Real,
-    residuals: Real,
-    solved_pitches: Index,
+    mean: Real,
+    spread: Real,
+    weights: Real,
+    known_pitches: tuple[Truth, Index],
     other_pitches: Index,
-    spreads: float,
     bounds: Real,
 ) -> None:
     """Add what the ranking misses at most to its metrics ``bounds`` at other pitches, see ``upper_bounds``."""
-    of_distance, noise = correlation
-    n_metrics = len(least_variances)
-    mean, variance, missed = np.empty(n_metrics), np.empty(n_metrics), np.empty(n_metrics)
+    (of_distance, noise), (is_known, solved_pitches) = correlation, known_pitches
+    n_metrics = len(bounds)
+    missed = np.empty(n_metrics)
     for s in range(solved_pitches.shape[0]):
-        known = np.flatnonzero(solved_pitches[s] >= 0)
-        if len(known) == 0:
-            continue
-        pitches, values, matrix = solved_pitches[s][known], residuals[s][known], np.empty((len(known), len(known)))
-        for k in range(n_metrics):
-            mean[k], variance[k] = np.mean(values[:, k]), max(np.var(values[:, k]), least_variances[k])
-        for i in range(len(known)):
-            for j in range(len(known)):
-                matrix[i, j] = of_distance[abs(pitches[i] - pitches[j])]
-            matrix[i, i] += noise
-        weights = np.linalg.solve(matrix, values - mean)
         for i in range(bounds.shape[2]):
-            nearest, missed[:] = 0.0, mean
-            for j in range(len(known)):
-                along = of_distance[abs(other_pitches[s, i] - pitches[j])]
+            nearest = 0.0
+            for k in range(n_metrics):
+                missed[k] = mean[s, k]
+            for j in range(solved_pitches.shape[1]):
+                if not is_known[s, j]:
+                    continue
+                along = of_distance[abs(other_pitches[s, i] - solved_pitches[s, j])]
                 nearest = max(nearest, along)
                 for k in range(n_metrics):
-                    missed[k] += along * weights[j, k]
-            share = spreads * np.sqrt(1.0 - nearest**2 / (1.0 + noise))
+                    missed[k] += along * weights[s, j, k]
+            share = np.sqrt(1.0 - nearest**2 / (1.0 + noise))
             for k in range(n_metrics):
-                bounds[k, s, i] += missed[k] + share * np.sqrt(variance[k])
+                bounds[k, s, i] += missed[k] + share * spread[s, k]

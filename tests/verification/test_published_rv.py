@@ -7,9 +7,11 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.config import load_design, load_study
-from pipeline.model.equilibrium.blocks import workspace
+from pipeline.model.contact.friction_elements import Sliders
+from pipeline.model.equilibrium.blocks import with_axis_of_blocks, workspace
 from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL
 from pipeline.model.equilibrium.primal_active_set import solved_afresh
+from pipeline.model.equilibrium.solve import friction_of
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.response import respond
 from pipeline.model.units import ARCMIN
@@ -116,7 +118,8 @@ def test_a_preloaded_unit_that_keeps_some_play_is_solved_from_no_start_at_all():
     loose = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
     drive = drive_of(study, crank, np.zeros((182, 182)), assembly.errors(sampled), loose)
     system, order = drive.elastic.full_system
-    gap, work = np.ascontiguousarray(drive.gap[:, order]), workspace(system)
+    gap, room = np.ascontiguousarray(drive.gap[:, order]), with_axis_of_blocks(workspace(system))
+    friction = friction_of(Sliders.none(len(system.arm)), order)
     for torque in (7.84e-3, -7.84e-3):
-        left = [solved_afresh(system, None, torque, rows, np.full(2, 1.5), work)[1] for rows in gap]
+        left = [solved_afresh(system, friction, torque, rows, np.full(2, 1.5), room)[1] for rows in gap]
         assert max(left) < ACCEPTED_RESIDUAL

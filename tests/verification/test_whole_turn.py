@@ -135,6 +135,16 @@ def test_misses_of_the_ranking_are_known_from_those_of_other_pitches() -> None:
     assert 0.97 < np.mean(missed[:, others] < bounds) < 0.999  # of normal values 97.7 % or more
     assert found.variance == pytest.approx(np.var(missed[:, training], axis=1).mean(), rel=1e-9)
     assert np.std(missed[:, others] - bounds) < 0.6 * np.std(missed[:, others])
+    few, some = np.arange(90) % 9 > 0, residuals[:, :1].copy()  # of one unit, and a pitch that was not solved
+    some[0, 0, 1], few[1] = np.nan, False
+    known, rest = training[few & (solved[0] >= 0)], some[0, 0, few & (solved[0] >= 0)]
+    correlations = found.matrix(known[:, None], known) + found.noise * np.eye(len(known))
+    weights = np.linalg.solve(correlations, rest - rest.mean())
+    along = found.matrix(others[:, None], known)
+    spread = np.sqrt((1 - along.max(axis=1) ** 2 / (1 + found.noise)) * max(rest.var(), found.variance))
+    pitches = np.where(few | (np.arange(90) == 1), solved, -1)[:1]
+    of_few = upper_bounds([found], pitches, some, apart[:1], predicted[:, :1], 2.0)
+    np.testing.assert_allclose(of_few[0, 0], rest.mean() + along @ weights + 2 * spread, rtol=1e-9)
     unknown = upper_bounds([found], np.full((60, 1), -1), np.zeros((1, 60, 1)), apart, predicted + 1, 2.0)
     np.testing.assert_array_equal(unknown, 1.0)  # no pitch is solved yet
     twice = [found, replace(found, variance=9 * found.variance)]

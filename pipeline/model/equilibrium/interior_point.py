@@ -3,7 +3,7 @@
 import numpy as np
 
 from pipeline.arrays import Real
-from pipeline.model.compiled import algebraic_part
+from pipeline.model.compiled import algebraic_part, merged_part
 from pipeline.model.equilibrium.blocks import Friction, System, Workspace, count, part_of
 from pipeline.model.equilibrium.newton import activate, include_all, move, newton_step, renew, reset, share_of_a_turn
 from pipeline.model.equilibrium.residual import deflect, force_at_penetration, law, residuals
@@ -124,9 +124,9 @@ def _keep_closed(system: System, load: float, stride: float, work: Workspace) ->
             work.force[i] = 0.0
 
 
-@algebraic_part
+@merged_part
 def start_within(
-    system: System, friction: Friction | None, torque: float, gap: Real, clearance: Real, work: Workspace
+    system: System, friction: Friction, torque: float, gap: Real, clearance: Real, work: Workspace
 ) -> None:
     """Near-solution from no start at all: its motions, forces and closed contacts in ``work``.
 
@@ -161,9 +161,7 @@ def start_within(
         renew(work)
         if not include_all(system, work) or not newton_step(system, friction, work):
             break
-        longest = share_of_a_turn(system, work)
-        if friction is not None:
-            longest = min(longest, share_of_braking(system, friction, work))
+        longest = min(share_of_a_turn(system, work), share_of_braking(system, friction, work))
         _step_of_slacks(complementarity, work)
         length = min(_length(work), longest)
         move(system, length, work)

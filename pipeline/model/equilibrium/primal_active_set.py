@@ -13,7 +13,7 @@ time, so it wants a start near the solution.
 import numpy as np
 
 from pipeline.arrays import Real
-from pipeline.model.compiled import algebraic_part, borrowing_entry
+from pipeline.model.compiled import algebraic_part, borrowing_entry, merged_part
 from pipeline.model.equilibrium.blocks import Friction, System, Workspace, count, part_of
 from pipeline.model.equilibrium.interior_point import INTERIOR_STEPS, start_within
 from pipeline.model.equilibrium.newton import (
@@ -92,9 +92,9 @@ def _close_first_on_the_way(system: System, work: Workspace) -> bool:
     return True
 
 
-@algebraic_part
+@merged_part
 def settle(
-    system: System, friction: Friction | None, torque: float, gap: Real, clearance: Real, work: Workspace
+    system: System, friction: Friction, torque: float, gap: Real, clearance: Real, work: Workspace
 ) -> tuple[int, float]:
     """Primal active set from the state in ``work``, which is changed; returns the iterations and the residual.
 
@@ -126,9 +126,7 @@ def settle(
                 break
             steps_since, before = 0, np.inf
             continue
-        length = share_of_a_turn(system, work)
-        if friction is not None:
-            length = min(length, share_of_braking(system, friction, work))
+        length = min(share_of_a_turn(system, work), share_of_braking(system, friction, work))
         length = _step_to_the_first_zero(length, work)
         move(system, length, work)
         advance(length, work)
@@ -139,13 +137,14 @@ def settle(
 
 @borrowing_entry
 def solved_afresh(
-    system: System, friction: Friction | None, torque: float, gap: Real, clearance: Real, work: Workspace
+    system: System, friction: Friction, torque: float, gap: Real, clearance: Real, work: Workspace
 ) -> tuple[int, float]:
     """Solve a load step that Newton does not solve, from an interior point, into ``work``; iterations and residual.
 
     ``torque`` [N mm] at the output, ``gap`` (n_contacts,) and ``clearance`` (n_disks,) of the bearings [mm].
 
-    It is an entry point of its own: the loop over load steps is compiled without it, and faster for that.
+    It is an entry point of its own: the loop over load steps is compiled without it, and faster for that. It is seldom
+    run and compiled once for all: ``work`` is ``with_axis_of_blocks``; where nothing rubs, ``friction`` has no slider.
     """
     start_within(system, friction, torque, gap, clearance, work)
     n_updates, residual = settle(system, friction, torque, gap, clearance, work)

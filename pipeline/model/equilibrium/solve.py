@@ -38,6 +38,7 @@ from pipeline.model.equilibrium.blocks import (
     coupled_blocks,
     kept_workspace,
     part_of,
+    with_axis_of_blocks,
     workspace,
 )
 from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL, activate, converge, reset
@@ -220,7 +221,8 @@ def compile_solver() -> None:
     progress, rows = np.zeros(3, np.int64), (states, states, np.zeros((0, 1), np.int64), samples)
     work = workspace(system)
     _solve_batch(system, work, (row, samples, samples, (samples, samples)), progress, rows)
-    compile_for(solved_afresh, system, None, 1.0, row, row, work)
+    friction = friction_of(Sliders.none(1), index)
+    compile_for(solved_afresh, system, friction, 1.0, row, row, with_axis_of_blocks(work))
 
 
 def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, Index]:
@@ -322,8 +324,6 @@ def solve(
     neighbour_states = (start.copy(), np.zeros(gap.shape))
     if neighbours is not None:
         neighbour_states = neighbours.motion[:, n_eliminated:].copy(), np.ascontiguousarray(neighbours.force[:, order])
-    # of several blocks the friction of no slider: what is compiled for paths with friction serves them too
-    friction = None if len(system.blocks) == 1 else friction_of(Sliders.none(n_motions), order)
     progress = np.zeros(3, np.int64)
     inputs, rows = (steps, ordered_gap, clearance, neighbour_states), (motion, force, iterations, residual)
     while _solve_batch(system, work, inputs, progress, rows):
@@ -331,7 +331,8 @@ def solve(
         if t == 0 and np.any(neighbour_states[1][s]):
             neighbour_states[0][s], neighbour_states[1][s], progress[2] = start[s], 0.0, 0
             continue
-        n_updates, residual[s, t] = solved_afresh(system, friction, steps[t], ordered_gap[s], clearance[s], work)
+        friction, room = friction_of(Sliders.none(n_motions), order), with_axis_of_blocks(work)
+        n_updates, residual[s, t] = solved_afresh(system, friction, steps[t], ordered_gap[s], clearance[s], room)
         iterations[s, t] += n_updates
     if len(system.blocks) > 1:
         force = np.take(force, np.argsort(order), axis=2)  # in C order, which an index with ... does not leave

@@ -8,10 +8,11 @@ from reducers import PAPER, laws_of, reducer_at
 from scipy.optimize import minimize
 from solved_reducers import BEARINGS, EACH_BEARING, PLATES, TORQUES, Model, assert_equilibrium, random_gaps
 
+from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.elastic.pressure_patches import boundary_patches
-from pipeline.model.equilibrium.blocks import workspace
+from pipeline.model.equilibrium.blocks import with_axis_of_blocks, workspace
 from pipeline.model.equilibrium.inverse_update import solve_tangent
 from pipeline.model.equilibrium.primal_active_set import solved_afresh
 from pipeline.model.equilibrium.solve import (
@@ -19,6 +20,7 @@ from pipeline.model.equilibrium.solve import (
     ElasticReducer,
     _solve_batch,
     compile_solver,
+    friction_of,
     solver_is_compiled,
 )
 from pipeline.model.geometry.cycloid_profile import disk_rotation
@@ -223,7 +225,8 @@ def test_a_hard_step_finds_its_start_compiled_ahead():
     model = Model()
     system, order = ElasticReducer(model.at, model.bearing, model.laws, model.compliance).full_system
     gap = np.ascontiguousarray(random_gaps(model, 1, 3)[:, order])
-    _, residual = solved_afresh(system, None, float(TORQUES[0]), gap[0], np.zeros((1, 1))[0], workspace(system))
+    friction, room = friction_of(Sliders.none(len(system.arm)), order), with_axis_of_blocks(workspace(system))
+    _, residual = solved_afresh(system, friction, float(TORQUES[0]), gap[0], np.zeros((1, 1))[0], room)
     assert residual <= ACCEPTED_RESIDUAL
     assert set(solved_afresh.signatures) == compiled
 

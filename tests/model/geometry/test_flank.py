@@ -10,7 +10,7 @@ from reducers import MICROMETRE, PAPER, SMALL, errors_of, random_errors, reducer
 
 from pipeline.model.geometry.clearance import exact_gaps, first_order_gaps, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, FlankModification, MeasuredFlank
-from pipeline.model.geometry.drawn_flank import drawn_flank, lobe_length, phase_of_arc
+from pipeline.model.geometry.drawn_flank import deviation_table, drawn_flank, lobe_length, phase_of_arc
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 
 PROFILES = pytest.mark.parametrize("profile", [PAPER, SMALL], ids=["paper", "small"])
@@ -100,6 +100,7 @@ def test_exact_gap_is_the_distance_from_the_measured_flank(lobes, crank):
     gap = exact_gaps(drawn_profile, reducer, errors_of(drawn_profile, reducer), "radial")[0]
     np.testing.assert_allclose(gap, searched_gaps(drawn_profile, crank), atol=1e-5)
     assert np.ptp(gap) > 2e-3
+    assert deviation_table(drawn_profile).flags.c_contiguous  # as of any other flank: compiled once for both
 
 
 @pytest.mark.parametrize("crank", [0.0, 0.02, 2.5])

@@ -131,16 +131,19 @@ def _solve(
     """
     size, discs = columns.shape[0], radii.shape[1]
     n_fixed = columns.shape[1] - MOST_TANGENTS * discs
-    own_inverse, own_duals = inverse.copy(), duals.copy()
+    own_inverse, own_duals = np.empty((size, size)), np.empty(size)
     own_columns, rows = columns.copy(), columns.T.copy()
     share, limit, violations = np.empty(size), np.empty(columns.shape[1]), np.empty(columns.shape[1])
     candidates = np.empty(columns.shape[1] + 1, np.int64)
     for s in range(limits.shape[0]):
-        last_basis[:], own_inverse[:], own_duals[:] = basis, inverse, duals
         x, n_rows, pivots = points[s], n_fixed, 0
-        limit[:n_fixed] = limits[s]
+        for i in range(n_fixed):
+            limit[i] = limits[s, i]
         x[:] = 0.0
         for k in range(size):
+            last_basis[k], own_duals[k] = basis[k], duals[k]
+            for d in range(size):
+                own_inverse[k, d] = inverse[k, d]
             for d in range(size):
                 x[d] += own_inverse[k, d] * limit[last_basis[k]]
         state[s] = 2
@@ -163,7 +166,8 @@ def _solve(
                 rows[n_rows] = 0.0
                 for d in range(2 * farthest, 2 * farthest + 2):
                     rows[n_rows, d] = x[d] / reach
-                own_columns[:, n_rows] = rows[n_rows]
+                for d in range(size):
+                    own_columns[d, n_rows] = rows[n_rows, d]
                 limit[n_rows] = radii[s, farthest]
                 candidates[0], count = n_rows, 1
                 n_rows += 1
