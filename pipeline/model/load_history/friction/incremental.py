@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.arrays import Real
-from pipeline.model.compiled import algebraic_part, borrowing_entry, merged_part
+from pipeline.model.compiled import algebraic_part, borrowing_entry
 from pipeline.model.equilibrium.blocks import Friction, System, Workspace, with_axis_of_blocks, workspace
 from pipeline.model.equilibrium.newton import ACCEPTED_RESIDUAL, activate, converge, reset
 from pipeline.model.equilibrium.primal_active_set import solved_afresh
@@ -69,7 +69,7 @@ def _nearest_state(states: States, torque: float) -> int:
     return nearest_index
 
 
-@merged_part
+@algebraic_part
 def _attempt(
     system: System,
     friction: Friction,
