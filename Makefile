@@ -33,7 +33,7 @@ help:  ## list the targets
 
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(or $(PYTHON),$(error $(NO_PYTHON))) -m venv $(VENV)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement constraints.txt
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps --requirement constraints.txt
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
@@ -117,7 +117,7 @@ types: $(VENV)/installed  ## check types
 	$(VENV)/bin/mypy
 
 $(VENV)/documented: $(VENV)/installed docs/requirements.txt
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement docs/requirements.txt
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps --requirement docs/requirements.txt
 	@touch $@
 
 docs: $(VENV)/documented  ## build the pages of docs/ with the reference: build/docs/index.html

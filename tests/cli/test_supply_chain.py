@@ -6,9 +6,11 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from tests.validation.__main__ import main
 from tests.validation.licences import PINNED, UNKNOWN, licences
@@ -42,7 +44,23 @@ def test_every_package_is_pinned_with_the_hashes_of_its_files() -> None:
     expected = {_same(re.split(r"[\[<>=; ]", name)[0]) for name in [*project["dependencies"], *extras]}
     assert expected - {_same(project["name"])} <= pinned
     for path in PINS:
-        assert f"--require-hashes --requirement {path.relative_to(ROOT)}" in (ROOT / "Makefile").read_text()
+        assert f"--require-hashes --no-deps --requirement {path.relative_to(ROOT)}" in (ROOT / "Makefile").read_text()
+
+
+def test_the_pins_leave_no_requirement_open() -> None:
+    """Pip looks for none: a newer release of what a package requires with an extra would be refused without a hash."""
+    missing = []
+    for package in metadata.distributions():
+        for text in package.requires or []:
+            requirement = Requirement(text)
+            if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+                try:
+                    version = metadata.version(requirement.name)
+                except metadata.PackageNotFoundError:
+                    version = ""
+                if not version or not requirement.specifier.contains(version, prereleases=True):
+                    missing.append(f"{package.name} requires {text}, found {version or 'none'}")
+    assert not missing
 
 
 def test_both_files_of_pins_agree() -> None:
