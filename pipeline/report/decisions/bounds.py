@@ -158,14 +158,13 @@ def sentence(allocation: Allocation) -> str:
             f"and cost {cheapest.cost:.3g}; those of the study give {_yield(stated_choice)} and cost "
             f"{stated_choice.cost:.3g}. Most "
             f"failing units break {allocation.hardest_limit}: loosen this limit, change an allowance, or state the "
-            "cost of further tolerances."
-        )
+            f"cost of further tolerances. {preload_sentence(allocation)}"
+        ).rstrip()
     text = (
         f"The cheapest tolerances found for a yield of {_share(allocation.target)} cost {cheapest.cost:.3g} and give "
         f"{_yield(cheapest)}; those of the study cost {stated_choice.cost:.3g} and give {_yield(stated_choice)}."
     )
-    if preload_sentence(allocation):
-        text += " More of their units are preloaded than of the study's: see the check."
+    text = f"{text} {preload_sentence(allocation)}".rstrip()
     if allocation.equal is None:
         return f"{text} Scaling all priced tolerances alike does not reach the target."
     saving = 1 - cheapest.cost / allocation.equal.cost
@@ -228,7 +227,7 @@ def write_allocation_page(allocation: Allocation, file: str, folder: Path) -> No
             }
             for row in checks
         ],
-        preload=preload_sentence(allocation),
+        is_preloaded=bool(preload_sentence(allocation)),
         units=allocation.units,
         tradeoff=[(_share(share), rounded_number(cost)) for share, cost in allocation.tradeoff],
         examples=[PARAMETERS[tolerance.name] for tolerance in allocation.priced_dimensions if tolerance.cost.example],

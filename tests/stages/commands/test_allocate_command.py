@@ -16,7 +16,7 @@ from pipeline.decisions.allocation import Choice
 from pipeline.decisions.allocation_search import Search
 from pipeline.decisions.cheapest import LinearUnits
 from pipeline.decisions.fresh_units import PRELOADED
-from pipeline.report.decisions.bounds import preload_sentence
+from pipeline.report.decisions.bounds import preload_sentence, sentence
 from pipeline.statistics.intervals import Estimate, pass_share
 
 ROOT = Path(__file__).parent.parent.parent.parent
@@ -119,6 +119,9 @@ def test_more_preloaded_units_than_before_are_said(before: float, found: float, 
     assert bool(text) == is_more
     shares = f"{100 * found:.1f} % are preloaded, of those with the tolerances of the study {100 * before:.1f} %"
     assert (shares in text) == is_more
+    for reaches_target in (True, False):  # it is part of the answer, on the page and in the terminal
+        values = {"reaches_target": reaches_target, "target": 0.9, "equal": None, "hardest_limit": "lost motion"}
+        assert (shares in sentence(SimpleNamespace(**vars(allocation), **values))) == is_more
 
 
 @pytest.mark.parametrize(
