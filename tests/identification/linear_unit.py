@@ -59,19 +59,15 @@ class LinearFitter(Fitter):
             )
         )
 
-    def predict(self, model, unknowns, positions=None):
+    def predict(self, model, unknowns, positions=None, modes=False):
         self.looks += 1
-        data, in_positions = self.problem.data, self._in_positions(self.positions if positions is None else positions)
+        data, n_modes = self.problem.data, self.problem.n_modes
+        in_positions = np.isin(data.position, list(self.positions if positions is None else positions))
         lacking = np.zeros(self.shares - len(unknowns.shares))
         flat = np.concatenate([unknowns.scales, unknowns.shares, lacking, unknowns.modes])
-        return Prediction(np.where(in_positions, self.design @ flat, np.nan), np.zeros(len(data)), True)
-
-    def influence(self, model, drives, carried_torque, positions):
-        of_modes = self.design[:, self.design.shape[1] - self.problem.n_modes :]
-        return of_modes * self._in_positions(positions)[:, None]
-
-    def _in_positions(self, positions):
-        return np.isin(self.problem.data.position, list(positions))
+        influence = self.design[:, self.design.shape[1] - n_modes :] if modes else np.zeros((len(data), n_modes))
+        angle = np.where(in_positions, self.design @ flat, np.nan)
+        return Prediction(angle, influence * in_positions[:, None], np.zeros(len(data)), True)
 
     def drives(self, model, unknowns, positions=None):
         return {}, None

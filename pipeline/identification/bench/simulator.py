@@ -33,7 +33,7 @@ BEYOND: Shortcut = 1.05
 BEYOND_TURNING: Shortcut = 1.3
 """The same where the crank turns: the work on what varies over its angle changes the torque by a tenth or two."""
 KEPT_CURVES: Fineness = 130
-"""Backbones that are kept for each crank angle: the latest, those of a fit on its way."""
+"""Backbones that are kept for each crank angle: those of a fit on its way."""
 UNSOUND_SHARE = 0.05
 """Share of equilibria that were not found which a fit may pass through."""
 Drives = tuple[Drive, ...]
@@ -94,11 +94,9 @@ class Forward:
             id(drive.compliance),
             drive.bearing,
         )
-        if key in self._kept_drives:
-            self._kept_drives[key] = self._kept_drives.pop(key)
-        else:
+        if key not in self._kept_drives:
             if len(self._kept_drives) > self._most_kept:
-                del self._kept_drives[next(iter(self._kept_drives))]
+                self._kept_drives.clear()
             self._kept_drives[key] = drive, self._solve_backbone(drive)
         self._latest = drive, self._kept_drives[key][1]
         return self._kept_drives[key][1]

@@ -7,18 +7,16 @@ more for each parameter of friction and of the instrument.
 """
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 
 import numpy as np
 
 from pipeline.arrays import Real, Truth
-from pipeline.constant_kinds import Fineness, Rounding, Shortcut, ShortcutCount
+from pipeline.constant_kinds import Rounding, Shortcut, ShortcutCount
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Drives, Forward
 from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector, values_at_shares
-from pipeline.identification.fitting.problem import Model, Problem
-from pipeline.model.load_history.drive import Drive
+from pipeline.identification.fitting.problem import Model, Problem, first_states
 
 STEP: Rounding = 2e-4
 """Step of the finite differences, as a share of a parameter's bounds."""
@@ -31,10 +29,6 @@ FIRST_ITERATIONS: ShortcutCount = 3
 OPEN_SHARE = 0.3
 """Prior standard deviation of an effect's parameter, in shares of its bounds, about no effect (or the middle of the
 bounds of a parameter without a zero). It decides where the data leave a valley, and is weak beside what they tell."""
-KEPT_PREDICTIONS: Fineness = 500
-"""Predictions that are kept: a start is looked at before it is fitted from, and fitted from again."""
-KEPT_DRIVES: Fineness = 4
-"""Drives that are kept for each crank angle, before effects are put into them."""
 
 
 class Fitter:
@@ -43,9 +37,6 @@ class Fitter:
     def __init__(self, problem: Problem):
         self.problem = problem
         self.positions = range(len(problem.stations))
-        self._predictions: dict[tuple[tuple[str, ...], bytes, tuple[int, ...]], Prediction] = {}
-        self._fits: dict[tuple[tuple[str, ...], bytes, bytes, bytes, int], Fit] = {}
-        self._with_modes = lru_cache(KEPT_DRIVES * len(problem.modes))(self._drive_with_modes)
 
     def start(self, model: Model, shares: Real | None = None) -> Vector:
         """No scale, no tolerance, parameters at ``shares``; scales are held to their plausible ranges."""
@@ -64,8 +55,13 @@ class Fitter:
         problem, scales = self.problem, tuple(np.exp(unknowns.scales))
         numbers = self.positions if positions is None else positions
         stations = [station for position in numbers for station in problem.stations[position]]
-        modes, by_state = unknowns.modes.tobytes(), model.by_state
-        shifted_drives = [self._with_modes(scales, modes, station, by_state) for station in stations]
+        declared_drives = [problem.drives(scales, station) for station in stations]
+        shifted_drives = [
+            drive.with_added_gap(unknowns.modes @ problem.modes[station]) if problem.n_modes else drive
+            for station, drive in zip(
+                stations, declared_drives if model.by_state else first_states(declared_drives), strict=True
+            )
+        ]
         conditions = [problem.conditions[station] for station in stations]
         put, instrument = model.put(
             shifted_drives, conditions, values_at_shares(self.bounds(model), unknowns.shares).tolist()
@@ -73,47 +69,27 @@ class Fitter:
         by_station = dict(zip(stations, put, strict=True))
         return {number: tuple(by_station[k] for k in problem.stations[number]) for number in numbers}, instrument
 
-    def _drive_with_modes(self, scales: tuple[float, ...], modes: bytes, station: int, by_state: bool) -> Drive:
-        """The drive of a station with the gaps of some amounts of the tolerances, in all states or the first alone."""
-        problem = self.problem
-        declared_drive = problem.drives(scales, station)
-        drive = declared_drive if by_state else declared_drive.first_state
-        return drive.with_added_gap(np.frombuffer(modes) @ problem.modes[station]) if problem.n_modes else drive
-
-    def predict(self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None) -> Prediction:
-        """Prediction at the unknowns; one that was made before is kept."""
-        numbers = tuple(self.positions if positions is None else positions)
-        key = tuple(effect.name for effect in model.effects), unknowns.flat.tobytes(), numbers
-        if key not in self._predictions:
-            if len(self._predictions) >= KEPT_PREDICTIONS:
-                del self._predictions[next(iter(self._predictions))]
-            self._predictions[key] = self._new_prediction(model, unknowns, numbers)
-        return self._predictions[key]
-
-    def _new_prediction(self, model: Model, unknowns: Vector, positions: Sequence[int]) -> Prediction:
-        """As ``predict``, where it is not kept."""
-        data, forward = self.problem.data, self.forward(model)
+    def predict(
+        self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None, modes: bool = False
+    ) -> Prediction:
+        """Prediction at the unknowns; the influence of the modes where it is asked for."""
+        problem, data = self.problem, self.problem.data
+        forward = self.forward(model)
         drives, instrument = self.drives(model, unknowns, positions)
         angle, carried_torque = np.full(len(data), np.nan), np.full(len(data), np.nan)
+        influence = np.zeros((len(data), problem.n_modes))
         sound = True
-        for position in positions:
+        for position in self.positions if positions is None else positions:
             of_position = data.position == position
             reading = forward.read(drives[position], position, instrument)
             angle[of_position], carried_torque[of_position] = reading.angle, reading.carried_torque
             sound = sound and reading.sound and bool(np.all(np.isfinite(reading.angle)))
-        return Prediction(angle, carried_torque, sound)
-
-    def influence(
-        self, model: Model, drives: Mapping[int, Drives], carried_torque: Real, positions: Sequence[int]
-    ) -> Real:
-        """d angle / d modes (n_cells, n_modes) [arcmin] of drives that carry a torque (n_cells,) [N mm]."""
-        problem, forward = self.problem, self.forward(model)
-        influence = np.zeros((len(problem.data), problem.n_modes))
-        for position in positions if problem.n_modes else ():
-            of_position = problem.data.position == position
-            modes = tuple(problem.modes[station] for station in problem.stations[position])
-            influence[of_position] = forward.influence(drives[position], position, carried_torque[of_position], modes)
-        return influence
+            if modes and problem.n_modes:
+                modes_of_stations = tuple(problem.modes[station] for station in problem.stations[position])
+                influence[of_position] = forward.influence(
+                    drives[position], position, reading.carried_torque, modes_of_stations
+                )
+        return Prediction(angle, influence, carried_torque, sound)
 
     def forward(self, model: Model) -> Forward:
         """What predicts a model: with every cycle in its own state where an effect asks for that."""
@@ -171,17 +147,11 @@ class Fitter:
     ) -> Fit:
         """Least squares over the cells ``is_fitted`` (n_cells,) by Levenberg and Marquardt, from ``start``.
 
-        Derivatives by the scales are taken over from ``base_fit`` and from step to step while scales hardly move. A fit
-        without one is kept: the same is asked for again where a name is withdrawn.
+        Derivatives by the scales are taken over from ``base_fit`` and from step to step while scales hardly move.
         """
-        names = tuple(effect.name for effect in model.effects)
-        key = names, is_fitted.tobytes(), start.flat.tobytes(), start.reach.tobytes(), iterations
-        if base_fit is None and key in self._fits:
-            return self._fits[key]
         descent = Descent(self, model, is_fitted, start, base_fit)
         descent.run(iterations)
-        fit = self._fit_of(descent)
-        return self._fits.setdefault(key, fit) if base_fit is None else fit
+        return self._fit_of(descent)
 
     def fit_from_best(
         self,
@@ -264,6 +234,6 @@ class Fitter:
             step = -STEP if k >= first_share and flat[k] > 0.5 else STEP
             flat[k] += step
             columns.append(self._change(model, base, unknowns.like(flat), prediction, positions) / step)
-        influence = self.influence(model, base[0], prediction.carried_torque, positions)
-        jacobian = self.centred_values(np.nan_to_num(np.column_stack([*columns, influence])), weight)
+        raw = np.column_stack([*columns, prediction.influence]) if columns else prediction.influence
+        jacobian = self.centred_values(np.nan_to_num(raw), weight)
         return jacobian, (unknowns.scales if usable is None else usable[0], jacobian)

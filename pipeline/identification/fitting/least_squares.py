@@ -151,7 +151,7 @@ class Descent:
         return 0.0
 
     def _predict(self, unknowns: Vector) -> Prediction:
-        return self.fitter.predict(self.model, unknowns, self.positions)
+        return self.fitter.predict(self.model, unknowns, self.positions, modes=True)
 
     def _misfit(self, angle: Real) -> Real:
         return (

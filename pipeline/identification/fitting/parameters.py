@@ -68,11 +68,13 @@ class Prediction(NamedTuple):
     Attributes
     ----------
     angle : (n_cells,) without offsets [arcmin].
+    influence : of the modes (n_cells, n_modes) [arcmin], zeros unless asked for.
     carried_torque : (n_cells,) torque in the reducer [N mm].
     sound : whether nearly every equilibrium was found.
     """
 
     angle: Real
+    influence: Real
     carried_torque: Real
     sound: bool
 

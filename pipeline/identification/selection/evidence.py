@@ -182,7 +182,7 @@ class Evidence:
         self.misfit = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
         self._products: dict[tuple[float, float], Real] = {}
         self._known_values: dict[Structure, float] = {}
-        self._systems: dict[Structure, tuple[Whole, Real, Real]] = {}
+        self._systems: dict[Structure, tuple[Real, Real]] = {}
         self.structure = self._most_likely(start_structure or FIRST)
         self.value = self._value(self.structure) + self._positive
 
@@ -211,23 +211,21 @@ class Evidence:
         left_out = self._columns(structure)[~is_chosen]
         return self._products[key] - left_out.T @ left_out
 
-    def _solved(self, structure: Structure, is_chosen: Truth) -> tuple[Whole, Real, Real, Real, float]:
-        """Which unknowns and features (n_used,) can be other than zero, and of chosen cells (n,) what follows for them.
+    def _solved(self, structure: Structure, is_chosen: Truth) -> tuple[Real, Real, Real, float]:
+        """Deviations (n_columns,) of unknowns and features, factor of their posterior's precision, right side, square.
 
-        Their standard deviations (n_used,), the factor of their posterior's precision, its right side, and the square
-        of the misfit, in noise. Features of no size, as of cycles that are alike, are left out.
+        Of chosen cells (n,); the square is that of the misfit, in noise.
         """
         k, gram = self.jacobian.shape[1], self._gram(structure, is_chosen)
+        other_columns = np.delete(np.arange(len(gram)), k)
         spread = np.append(np.ones(k), self.covariance.spreads(structure))
-        used = np.flatnonzero(spread)
-        spread, columns = spread[used], used + (used >= k)
-        scaled_gram = spread[:, None] * gram[np.ix_(columns, columns)] * spread
+        scaled_gram = spread[:, None] * gram[np.ix_(other_columns, other_columns)] * spread
         factor = cholesky(np.eye(len(spread)) + scaled_gram, lower=True)
-        return used, spread, factor, spread * gram[columns, k], float(gram[k, k])
+        return spread, factor, spread * gram[other_columns, k], float(gram[k, k])
 
     def _log_evidence(self, structure: Structure, is_chosen: Truth) -> float:
         """Logarithm of the evidence of chosen cells (n,)."""
-        _, _, factor, right_side, square = self._solved(structure, is_chosen)
+        _, factor, right_side, square = self._solved(structure, is_chosen)
         explained_square = np.sum(solve_triangular(factor, right_side, lower=True) ** 2)
         size = float(np.sum(np.log(np.diag(factor)))) + 0.5 * float(is_chosen.sum()) * np.log(2 * np.pi)
         return float(
@@ -280,7 +278,7 @@ class Evidence:
     @cached_property
     def unknowns(self) -> tuple[Real, Real]:
         """Mean and covariance of the unknowns about the centre of their priors, in their standard deviations."""
-        (_, spread, factor, right_side, _), k = self._solved(self.structure, self._everything), self.jacobian.shape[1]
+        (spread, factor, right_side, _), k = self._solved(self.structure, self._everything), self.jacobian.shape[1]
         covariance = cho_solve((factor, True), np.eye(len(spread), k))[:k]
         return cho_solve((factor, True), right_side)[:k], covariance
 
@@ -349,10 +347,9 @@ class Evidence:
         structure is that of the largest evidence unless another is given.
         """
         structure = structure or self.structure
-        used, spread, factor = self._system(structure)
+        spread, factor = self._system(structure)
         white = self.covariance.whiten(changes[self.covariance.cells], structure.correlation)
-        products = spread[:, None] * self._columns_times(white, structure)[used]
-        followed_part = solve_triangular(factor, products, lower=True)
+        followed_part = solve_triangular(factor, spread[:, None] * self._columns_times(white, structure), lower=True)
         return np.asarray(white.T @ white - followed_part.T @ followed_part)
 
     def scores(self, changes: Real) -> Real:
@@ -378,11 +375,9 @@ class Evidence:
 
     def _amounts(self, white: Real, structure: Structure) -> Real:
         """Most probable amounts (n_columns, n) of unknowns and features in whitened columns (n_cells, n)."""
-        used, spread, factor = self._system(structure)
-        products = self._columns_times(white, structure)
-        amounts = np.zeros_like(products)
-        amounts[used] = spread[:, None] * cho_solve((factor, True), spread[:, None] * products[used])
-        return amounts
+        spread, factor = self._system(structure)
+        products = spread[:, None] * self._columns_times(white, structure)
+        return np.asarray(spread[:, None] * cho_solve((factor, True), products))
 
     def _columns_times(self, white: Real, structure: Structure) -> Real:
         """Products (n_columns, n) of the whitened unknowns and features with whitened columns (n_cells, n)."""
@@ -390,8 +385,8 @@ class Evidence:
         jacobian = self.covariance.whiten(self.jacobian, structure.correlation)
         return np.vstack([jacobian.T @ white, features.T @ white])
 
-    def _system(self, structure: Structure) -> tuple[Whole, Real, Real]:
-        """As ``_solved`` of all cells: which unknowns and features, standard deviations, and factor; kept."""
+    def _system(self, structure: Structure) -> tuple[Real, Real]:
+        """Standard deviations of unknowns and features (n_columns,), and the factor of their posterior's precision."""
         if structure not in self._systems:
-            self._systems[structure] = self._solved(structure, self._everything)[:3]
+            self._systems[structure] = self._solved(structure, self._everything)[:2]
         return self._systems[structure]

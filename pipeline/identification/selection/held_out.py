@@ -260,7 +260,7 @@ def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> _Open:
     The zero of the angle is that of the training cells; a position that shares it with none of them has its own.
     """
     data = fitter.problem.data
-    prediction = fitter.predict(fit.model, fit.unknowns)
+    prediction = fitter.predict(fit.model, fit.unknowns, modes=True)
     zero = training | ~np.isin(data.group, data.group[training])
     jacobian, _ = fitter.jacobian(
         fit.model, fit.unknowns, prediction, fitter.positions, np.where(zero, 1 / data.sigma**2, 0.0), None

@@ -67,7 +67,6 @@ class Selector:
         self.fitter = fitter
         self.problem = fitter.problem
         self.most_effects = most_effects
-        self._folds: dict[bytes, Selector] = {}
         self.testable = {
             name: effect for name, effect in candidates().items() if not self.problem.why_not(effect, visible)
         }
@@ -77,11 +76,9 @@ class Selector:
 
         It may refit what this one may test: with a position less an effect over the crank angle is still a model.
         """
-        key = training.tobytes()
-        if key not in self._folds:
-            self._folds[key] = Selector(Fitter(self.problem.trained_on(training)), training, self.most_effects)
-            self._folds[key].testable = self.testable
-        return self._folds[key]
+        fold = Selector(Fitter(self.problem.trained_on(training)), training, self.most_effects)
+        fold.testable = self.testable
+        return fold
 
     def screen(self, cells: Truth, base: Fit, offered_names: Sequence[str] = ()) -> dict[str, Promise]:
         """What each further effect promises beside ``base``; also beside the declared scales where base is far off.

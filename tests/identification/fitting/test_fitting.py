@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from linear_unit import LinearFitter, linear_data, model_of
 from synthetic_unit import CRANKS, ROOT, Bench, exactly_known, make_unit, problem_of, with_angles
 
 from pipeline.identification.fitting.build import POPULATION
@@ -129,8 +128,7 @@ def test_calibrated_scales_are_found_again(exact_unit):
         "output.roller_length_mm",
     )
     true_unknowns = replace(fitter.start(Model()), scales=truth)
-    prediction = fitter.predict(Model(), true_unknowns)
-    angle, sound = prediction.angle, prediction.sound
+    angle, _, _, sound = fitter.predict(Model(), true_unknowns)
     assert sound
     noise = exact_unit.data.noise * np.random.default_rng(0).standard_normal(len(angle))
     variant = Fitter(with_angles(exact_unit, angle + noise))
@@ -221,8 +219,7 @@ def test_dimensions_that_a_file_does_not_state_were_not_measured(unknown, tmp_pa
 def test_influence_of_modes_is_the_difference_of_predictions(unknown):
     fitter = Fitter(unknown)
     start = fitter.start(Model())
-    drives, carried_torque = fitter.drives(Model(), start)[0], fitter.predict(Model(), start).carried_torque
-    influence = fitter.influence(Model(), drives, carried_torque, fitter.positions)
+    base_prediction, influence, _, _ = fitter.predict(Model(), start, modes=True)
     for mode in (0, 1, 4):
         ends = []
         for step in (1e-3, -1e-3):
@@ -243,7 +240,7 @@ def test_derivatives_by_springs_and_gaps_are_those_of_predictions(exact_unit, na
     fitter, model = Fitter(exact_unit), Model(tuple(candidates()[name] for name in names))
     current = fitter.start(model, np.full(model.n_parameters, 0.6))
     positions, weight = list(fitter.positions), 1 / exact_unit.data.sigma**2
-    prediction = fitter.predict(model, current)
+    prediction = fitter.predict(model, current, modes=True)
     derivative, _ = fitter.jacobian(model, current, prediction, positions, weight, None)
     for k in range(len(current.scales) + len(current.shares)):
         flat, step = current.flat, STEP
@@ -253,39 +250,6 @@ def test_derivatives_by_springs_and_gaps_are_those_of_predictions(exact_unit, na
         misfit = np.abs(derivative[:, k] - truth)
         assert np.median(misfit) < 0.02 * np.max(np.abs(truth))
         assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(truth))
-
-
-def test_a_kept_prediction_is_of_the_same_model_unknowns_and_positions(exact_unit):
-    kept = Fitter(exact_unit)
-    models = [Model((candidates()[name],)) for name in ("coulomb", "torque_gain")]  # alike but for the name
-    asked = [
-        (model, kept.start(model, [share]), positions)
-        for model in models
-        for share in (0.6, 0.7)
-        for positions in (None, [0])
-    ]
-    predictions = [kept.predict(*question) for question in asked]
-    for question, prediction in zip(asked, predictions, strict=True):
-        assert kept.predict(*question) is prediction
-        np.testing.assert_array_equal(prediction.angle, Fitter(exact_unit).predict(*question).angle)
-
-
-def test_a_kept_fit_is_of_the_same_cells_start_reach_and_steps():
-    data = linear_data()
-    design = np.random.default_rng(0).normal(size=(len(data), 2))
-    fitter, model = LinearFitter(replace(data, angle=design @ [2.0, 0.3]), design, (0.3,)), model_of(1)
-    cells, start = np.ones(len(data), bool), fitter.start(model)
-    others = [
-        (model, data.position == 0, start),
-        (model, cells, fitter.start(model, np.array([0.2])), 1),
-        (model, cells, replace(start, reach=np.array([[-0.1], [0.1]]))),
-        (model, cells, start, 1),
-    ]
-    fit = fitter.fit(model, cells, start)
-    assert fitter.fit(model, cells.copy(), fitter.start(model)) is fit
-    assert fitter.fit(model, cells, start, base_fit=fit) is not fit
-    flats = [fitter.fit(*other).unknowns.flat for other in others]
-    assert all(not np.array_equal(flat, fit.unknowns.flat) for flat in flats)
 
 
 def test_modes_have_unit_variance_over_their_population_and_span_its_curves():

@@ -24,11 +24,11 @@ class ByName(LinearFitter):
         super().__init__(data, np.zeros((len(data), 1)))
         self.columns, self.problem.record = columns, {}
 
-    def predict(self, model, unknowns, positions=None):
+    def predict(self, model, unknowns, positions=None, modes=False):
         names = [effect.name for effect in model.effects]
         self.design = np.column_stack([self.columns[name] for name in names]) if names else np.zeros((len(DATA), 0))
         self.shares = len(names)
-        return super().predict(model, unknowns, positions)
+        return super().predict(model, unknowns, positions, modes)
 
 
 def unit(angle, columns):
