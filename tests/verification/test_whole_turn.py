@@ -15,10 +15,11 @@ from pipeline.elastic import disk_patches, elastic_disk
 from pipeline.engine.runner import Resources, run
 from pipeline.model.elastic.condensed_body import ElasticBody
 from pipeline.model.metrics import library
+from pipeline.model.units import ARCMIN
 from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks, turned_blocks
 from pipeline.populations.turn_gaps import SeparateGaps
 from pipeline.populations.turn_residuals import Correlation, fitted_correlation, upper_bounds
-from pipeline.populations.turn_search import audit, lies_elsewhere, search, train_ranking, worst_at
+from pipeline.populations.turn_search import audit, lies_elsewhere, search, search_and_audit, train_ranking, worst_at
 from pipeline.sampling.errors import draw
 from pipeline.statistics.two_phase import audited_distribution, audited_share
 from stages.chain import STAGES
@@ -227,6 +228,23 @@ def test_the_worst_of_other_contacts_lie_where_those_of_the_stated_ones_do_or_el
     assert lies_elsewhere(found, true) == moves
     for name in ("lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin", "peak_pressure_MPa"):
         assert moves or np.mean(np.abs(true.value[name] / found.value[name] - 1)) < 0.001
+
+
+def test_finite_motions_are_part_of_what_is_found_and_of_both_audits() -> None:
+    """The play at the step of the worst, solved there alone, with what finite motions add."""
+    study = small("printed_drive", "rigid", 20, loaded_angles=11)
+    contacts = len(assembly.reducer(study.design, 0.0).contacts)
+    drives = TurnDrives.from_blocks(study, 5, [np.zeros((1, contacts, contacts))] * 5)
+    units, rows = Units.from_errors(study, draw(study, 1, 21)), np.arange(3, 7)
+    ranking = train_ranking(drives, units, np.random.SeedSequence(1))
+    name = "clearance_backlash_arcmin"
+    found = search_and_audit(drives, ranking, units, rows)
+    for worst, of_units in zip(found, (np.arange(20), rows, rows), strict=True):
+        steps = worst.step[name]
+        alone = drives.metrics_at(steps, of_units, units)[:, list(library()).index(name)]
+        change = ARCMIN * drives.backlash_change_at(steps, of_units, units)
+        assert np.min(np.abs(change)) > 1e-4
+        np.testing.assert_allclose(worst.value[name], alone + change, rtol=1e-9)
 
 
 def test_intervals_of_audited_estimates_hold_the_truth() -> None:
