@@ -109,9 +109,8 @@ def allocate(
 
     Notes
     -----
-    One standard error more than the target is aimed at. Where a round reached it and fresh units still miss it, the
-    miss is added to the aim and the search goes on. No two rounds or checks share a unit, and the reported checks
-    decide nothing.
+    The aim is the target plus one standard error, and plus the miss where a round reached the target but fresh units do
+    not. No two rounds or checks share a unit, and the reported checks decide nothing.
     """
     priced_dimensions, unmoved_reasons = priced_tolerances(study)
     groups, one_group, sets = (

@@ -10,7 +10,8 @@ package, and of other packages that bring parts, so that a changed part is never
 A part that is called at one place may be merged into its caller before that is compiled, not after: it is not compiled
 by itself then. Parts that look at the types of their arguments cannot; a caller without the algebra has none in them.
 
-An array is copied by a loop: one that is assigned to a slice brings a message of wrong shapes, 3 s of the compiler.
+Arrays are copied element by element. For an assignment to a slice the compiler builds an error message about wrong
+shapes, which takes 3 s.
 
 Processes that start at once on an empty cache compile each entry point once: the first that comes, while the others
 wait for it. Compiled twice at once it would take either of them as long as both.

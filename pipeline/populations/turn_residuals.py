@@ -148,7 +148,7 @@ def upper_bounds(
     variance = known.any(axis=1) * np.maximum((missed**2).sum(axis=1) / number, least_variances)
     of_distance, noise = correlations[0].of_distance, correlations[0].noise
     matrix = np.where(known & is_known[:, None], correlations[0].matrix(solved[:, :, None], solved[:, None]), 0.0)
-    matrix += np.where(is_known, noise, 1.0)[:, None] * np.eye(solved.shape[1])  # a pitch that counts for nothing
+    matrix += np.where(is_known, noise, 1.0)[:, None] * np.eye(solved.shape[1])  # 1 for pitches without a result
     weights = np.linalg.solve(matrix, missed)
     _add_bounds((of_distance, noise), mean, spreads * np.sqrt(variance), weights, (is_known, solved), others, bounds)
     return bounds

@@ -188,7 +188,8 @@ def search_and_audit(
 ) -> tuple[Worst, Worst, Worst]:
     """The worst of units as `search` finds them, and both of `audit` of some rows (n_audited,) of them.
 
-    Pairs of both are solved together, since a step takes as long as ten units at it. ``found`` needs a ranking.
+    Pairs of both are solved together, since setting up a step takes as long as solving ten units at it. Without a
+    ranking nothing is searched, and the first of the three has no values.
     """
     found, of_pitches, design = _Best(len(units)), _Best(len(units)), drives.study.design
     names = () if ranking is None else ranking.names

@@ -61,7 +61,7 @@ def deviation_table(profile: CycloidProfile) -> Real:
     slope_after, slope_before = width * slope_after, width * slope_before
     second, third = 3 * rise - 2 * slope_after - slope_before, slope_after + slope_before - 2 * rise
     table = np.stack([value[:, :-1], slope_after, second, third], axis=2)
-    return np.ascontiguousarray(table)  # that of a measured flank is in another order: it would be compiled for again
+    return np.ascontiguousarray(table)  # in another order it would need a second compiled form
 
 
 def _measured_material(phase: Real, material: Real, grid: Real) -> tuple[Real, Real]:
