@@ -144,8 +144,8 @@ def solved_afresh(
     ``torque`` [N mm] at the output, ``gap`` (n_contacts,) and ``clearance`` (n_disks,) of the bearings [mm].
 
     It is an entry point of its own: the loop over load steps is compiled without it, and faster for that. It is seldom
-    run, so one form is compiled for all reducers: ``work`` is ``with_axis_of_blocks``, and without friction ``friction``
-    has no slider.
+    run, so one form is compiled for all reducers: ``work`` is ``with_axis_of_blocks``, and ``friction`` has no slider
+    where there is none.
     """
     start_within(system, friction, torque, gap, clearance, work)
     n_updates, residual = settle(system, friction, torque, gap, clearance, work)
