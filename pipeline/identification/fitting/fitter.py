@@ -191,6 +191,17 @@ class Fitter:
             sound=is_found and prediction.sound,
         )
 
+    def change_by_power(self, fit: Fit) -> Real:
+        """d angle / d exponent (n_cells, 2) [arcmin] of the laws of the pins and of the output's contacts, of a fit."""
+        problem, change = self.problem, np.zeros((len(self.problem.data), 2))
+        drives, instrument = self.drives(fit.model, fit.unknowns)
+        forward = self.forward(fit.model)
+        for position in self.positions:
+            of_position = problem.data.position == position
+            carried_torque = forward.read(drives[position], position, instrument).carried_torque
+            change[of_position] = forward.change_by_power(drives[position], position, carried_torque)
+        return change
+
     def slopes(self, fit: Fit) -> Real:
         """d angle / d torque (n_cells,) [arcmin/(N m)] of a fitted model."""
         problem, slope = self.problem, np.zeros(len(self.problem.data))

@@ -4,7 +4,7 @@ import numpy as np
 
 from pipeline.arrays import Real, Truth
 from pipeline.identification.measurement.branches import TURN_NOISE
-from pipeline.identification.measurement.enough import SURE
+from pipeline.identification.measurement.enough import FEWEST_PIECE_ROWS, SURE
 from pipeline.identification.measurement.estimate import MAD_TO_STD, smallest_step
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.unit_sections import InstrumentSection
@@ -18,8 +18,6 @@ TAIL_SHARE = 0.9
 """Share of the largest command beyond which the torque must rise, or it is saturated."""
 FLAT_SHARE = 0.2
 """Slope of torque over command in the tail, in parts of the slope below half the command, that counts as flat."""
-FEWEST_ROWS = 5
-"""Rows of a tail or of equal extremes: fewer are a turn."""
 LOST_SHARE = 0.05
 """Share of the largest command that a saturated torque falls short by at least."""
 CLIPPED_SHARE = 0.1
@@ -94,14 +92,14 @@ def clipped_rows(rows: Rows, step: float) -> Truth:
     is_clipped, good = np.zeros(len(rows), bool), numeric(rows)
     for position in range(len(rows.cranks)):
         of_position = np.flatnonzero(good & (rows.position == position))
-        if of_position.size < FEWEST_ROWS or np.ptp(rows.angle[of_position]) < FEWEST_STEPS * step:
+        if of_position.size < FEWEST_PIECE_ROWS or np.ptp(rows.angle[of_position]) < FEWEST_STEPS * step:
             continue
         for sense in (1, -1):
             angle, torque = sense * rows.angle[of_position], sense * rows.coordinate[of_position]
             ends = [
                 of_position[start:stop]
                 for start, stop in _runs(angle == angle.max())
-                if stop - start >= FEWEST_ROWS
+                if stop - start >= FEWEST_PIECE_ROWS
                 and torque[start:stop].max() - torque[start] > CLIPPED_SHARE * np.ptp(torque)
             ]
             if 2 * len(ends) >= len(np.unique(rows.cycle[of_position])):
@@ -121,7 +119,7 @@ def _flat_tail(command: Real, torque: Real, noise: float) -> Truth:
     nothing_flagged = np.zeros(len(command), bool)
     top = command.max(initial=0.0)
     lower, tail = (command > 0.1 * top) & (command < 0.5 * top), command > TAIL_SHARE * top
-    if top <= 0 or lower.sum() < FEWEST_ROWS or tail.sum() < FEWEST_ROWS:
+    if top <= 0 or lower.sum() < FEWEST_PIECE_ROWS or tail.sum() < FEWEST_PIECE_ROWS:
         return nothing_flagged
     if min(np.ptp(command[lower]), np.ptp(command[tail])) < 1e-6 * top:  # a hold, not a ramp
         return nothing_flagged
@@ -141,5 +139,5 @@ def _repeated_extreme(torque: Real, noise: float) -> Truth:
         return np.zeros(len(torque), bool)
     is_repeated = np.zeros(len(torque), bool)
     for start, stop in _runs(torque == torque.max()):
-        is_repeated[start:stop] = stop - start >= FEWEST_ROWS
+        is_repeated[start:stop] = stop - start >= FEWEST_PIECE_ROWS
     return is_repeated

@@ -34,6 +34,9 @@ SIZES = (1e-3, *(0.1 * 2.0 ** np.arange(10)).tolist())
 """Standard deviations of a discrepancy that are tried, in those of the median cell's noise."""
 CORRELATIONS = (0.0, 0.3, 0.6)
 """Correlations of the noise of neighbouring cells of a branch."""
+LAW_POWER = 0.1
+"""Prior standard deviation of the exponent of a contact's deflection over its force. Line contacts have 0.9, after
+Palmgren, and crowned ones less: at two of these the 0.67 of a point contact is nearly reached."""
 OFFSET: Rounding = 1e3
 """Prior standard deviation of the zero of an angle, in those of the median cell: equal in all models."""
 
@@ -78,17 +81,18 @@ class Covariance:
     ----------
     cells : (n_cells,) those that count.
     parts : (n_cells,) what is left out at once: cells of a branch are never apart.
+    by_power : (n_all_cells, k) [arcmin] changes of the angle by the exponents of the contacts' laws.
     """
 
-    def __init__(self, data: Data, cells: Truth, parts: Whole):
+    def __init__(self, data: Data, cells: Truth, parts: Whole, by_power: Real | None = None):
         self.data, self.cells = data, cells
         self.sigma, self.parts = data.sigma[cells], parts[cells]
         self.is_first = np.append(True, np.diff(data.block[cells]) != 0)
         self.unit = float(np.median(self.sigma))
         group = data.group[cells]
-        self.fixed_features = np.hstack(
-            [OFFSET * self.unit * (group[:, None] == np.unique(group)), self._row_errors()]
-        )
+        zeros = OFFSET * self.unit * (group[:, None] == np.unique(group))
+        of_laws = np.zeros((len(group), 0)) if by_power is None else LAW_POWER * by_power[cells]
+        self.fixed_features = np.hstack([zeros, self._row_errors(), of_laws])
         common_features = {reach: self._common_features(reach) for reach in REACHES}
         of_cycles = self._by_number(common_features[max(REACHES)], data.cycle[cells])
         self._features = {

@@ -110,8 +110,9 @@ class Selector:
     def select(self, cells: Truth) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most."""
         data, judge = self.problem.data, Judge(self.fitter, cells, len(self.testable))
-        covariance = Covariance(data, cells, parts_of(data, cells))
-        base = self.trial(self.recalibrate(cells), cells, covariance)
+        base_fit = self.recalibrate(cells)
+        covariance = Covariance(data, cells, parts_of(data, cells), self.fitter.change_by_power(base_fit))
+        base = self.trial(base_fit, cells, covariance)
         promises = self.screen(cells, base.fit)
         fits = self.fits(base.fit, cells, promises)
         fall = least_fall(MOST_NAMED, len(self.testable))

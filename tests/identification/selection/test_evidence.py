@@ -9,7 +9,7 @@ from scipy.special import gammaincinv, log_ndtr
 from scipy.stats import multivariate_normal
 
 from pipeline.identification.fitting.fitter import OPEN_SHARE
-from pipeline.identification.selection.evidence import OFFSET, REACHES, Covariance, Evidence, Structure
+from pipeline.identification.selection.evidence import LAW_POWER, OFFSET, REACHES, Covariance, Evidence, Structure
 from pipeline.identification.selection.model_selection import parts_of
 
 SIGMA = 0.1
@@ -149,3 +149,19 @@ def test_scores_scatter_by_the_information_wherever_the_numbers_of_the_model_are
         scatter[scale] = np.sum(evidence.scores(change) ** 2, axis=0) / np.diag(evidence.information(change))
     assert 0.5 < np.mean(scatter[0.0]) < 1.5
     np.testing.assert_allclose(scatter[2.0], scatter[0.0], rtol=0.2)
+
+
+def test_another_power_of_the_contact_laws_is_part_of_the_covariance():
+    """What an exponent one deviation from the model's changes costs no more than what a prior expects of it."""
+    design, angle = drawn()
+    by_power = 20 * SIGMA * np.random.default_rng(9).normal(size=(len(DATA), 2))
+    structure, falls = Structure(0.4, 0.8, 0.15, 0.0), {}
+    for known in (False, True):
+        covariance = Covariance(DATA, EVERYTHING, parts_of(DATA, EVERYTHING), by_power if known else None)
+        values = [
+            Evidence(covariance, *fitted(angle + moved, design))._value(structure)
+            for moved in (0.0, LAW_POWER * by_power[:, 0])
+        ]
+        falls[known] = values[0] - values[1]
+    assert falls[False] > 100
+    assert falls[True] == pytest.approx(0.5, abs=0.5)

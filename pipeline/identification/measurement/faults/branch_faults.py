@@ -6,13 +6,12 @@ import numpy as np
 
 from pipeline.arrays import Truth
 from pipeline.identification.measurement.branches import BranchBlocks
+from pipeline.identification.measurement.enough import FEWEST_PIECE_ROWS
 from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
 from pipeline.identification.measurement.rows import Rows
 
 FEWEST_BLOCKS = 8
 """Blocks below which no effect can be accepted (design of the identification)."""
-FEWEST_BRANCH_ROWS = 5
-"""Rows below which a branch has no shape."""
 
 
 def branch_faults(rows: Rows, blocks: BranchBlocks, usable: Truth) -> Iterator[Fault]:
@@ -55,20 +54,20 @@ def _one_sense(rows: Rows, blocks: BranchBlocks, usable: Truth) -> Iterator[Faul
 
 def _few_point_faults(rows: Rows, blocks: BranchBlocks, usable: Truth) -> Iterator[Fault]:
     counts = np.array([usable[span].sum() for span in blocks.rows], dtype=int)
-    short = np.flatnonzero(counts < FEWEST_BRANCH_ROWS)
+    short = np.flatnonzero(counts < FEWEST_PIECE_ROWS)
     if short.size:
         names = [
             f"crank {rows.cranks[blocks.position[b]]:g} deg, cycle {blocks.cycle[b]}, branch {blocks.branch[b]}"
             for b in short
         ]
         chosen_rows = np.concatenate([np.arange(blocks.start[b], blocks.stop[b]) for b in short])
-        message = f"fewer than {FEWEST_BRANCH_ROWS} usable rows on {_name_list(names)}"
+        message = f"fewer than {FEWEST_PIECE_ROWS} usable rows on {_name_list(names)}"
         yield fault_of_rows(rows, chosen_rows, "too few points", "note", message)
-    branches = int(np.sum(counts >= FEWEST_BRANCH_ROWS))
+    branches = int(np.sum(counts >= FEWEST_PIECE_ROWS))
     if branches < FEWEST_BLOCKS:
         yield Fault(
             "too few points",
-            f"{branches} branches (position x cycle x sense) of {FEWEST_BRANCH_ROWS} rows or more, {FEWEST_BLOCKS} are "
+            f"{branches} branches (position x cycle x sense) of {FEWEST_PIECE_ROWS} rows or more, {FEWEST_BLOCKS} are "
             "needed: no effect can be accepted; measure more cycles or positions",
             "note" if branches > 1 else "fatal",
         )
