@@ -14,7 +14,7 @@ from pipeline.config.designs.flank import flank_profile
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.mechanisms.mechanism import LawInputs
 from pipeline.config.studies.study import Study
-from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated_laws, scaled_laws
+from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated_laws, curved_laws, scaled_laws
 from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
 from pipeline.model.elastic.beam import ring_flexibility
 from pipeline.model.geometry.clearance import Errors
@@ -168,14 +168,23 @@ def pin_laws(study: Study, reducer: Reducer) -> ContactLaws:
     pin = inputs.materials[study.design.pins.material]
     on_flank = LineContact(1 / (1 / radius + reducer.pins.flank_curvature), inputs.thickness, pin, inputs.disk)
     laws = inputs.law.on_mesh(on_flank, radius, study.reduce.patch_half_width_mm)
-    return scaled_laws(laws, study.springs.pin_deflection_factor)
+    curved = curved_laws(laws, study.springs.curvature_factor, usual_force(study.design))
+    return scaled_laws(curved, study.springs.pin_deflection_factor)
 
 
 def output_laws(study: Study) -> ContactLaws:
     """Laws of the contacts of the output with every disk, then of those behind the disks; alike at all crank angles."""
     output = study.design.output
     laws = concatenated_laws([*[output.laws(_law_inputs(study))] * study.design.disk.count, output.laws_behind()])
-    return scaled_laws(laws, study.springs.output_deflection_factor)
+    curved = curved_laws(laws, study.springs.curvature_factor, usual_force(study.design))
+    return scaled_laws(curved, study.springs.output_deflection_factor)
+
+
+def usual_force(design: Design) -> float:
+    """Force [N] at which laws of another curvature are alike: of the rated torque if half of the pins shared it."""
+    cycloid = design.cycloid
+    pins = 0.5 * (cycloid.lobes + 1) * design.disk.count
+    return NMM_PER_NM * cycloid.rated_torque_Nm / (cycloid.pin_circle_radius_mm * pins)
 
 
 def _law_inputs(study: Study) -> LawInputs:

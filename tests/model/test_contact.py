@@ -11,6 +11,7 @@ from pipeline.model.contact.laws import (
     LineContact,
     Material,
     concatenated_laws,
+    curved_laws,
     cylinder_share,
     flat_share,
     in_series,
@@ -288,3 +289,40 @@ def test_laws_on_a_solid_body_are_the_compression_between_both_depths():
     assert solid["hertz"] == pytest.approx(2 * force / (np.pi * STRESS.modulus * length) * (cylinder + body), rel=1e-12)
     assert solid["palmgren"] == pytest.approx(3.84e-5 * force**0.9 / length**0.8, rel=1e-12)
     assert solid["linear"] == pytest.approx(force / 4e4, rel=1e-12)
+
+
+@EACH_LAW
+@pytest.mark.parametrize("factor", [1 / 3, 3.0])
+def test_curved_laws_fall_as_many_times_behind_a_linear_one(laws, factor):
+    """Of a power 1 - m is multiplied, of a logarithm what it takes off the slope; what a mesh holds is in neither."""
+    usual_force = 0.01 * float(laws.force_limit[0]) if np.isfinite(laws.force_limit[0]) else 300.0
+    curved, held = curved_laws(laws, factor, usual_force), np.minimum(laws.linear, 0.0) * (laws.power > 0)
+    np.testing.assert_allclose(curved.deflection([usual_force]), laws.deflection([usual_force]), rtol=1e-12)
+
+    def shortfall(of_laws):
+        approach = of_laws.deflection([usual_force]) - held * usual_force
+        return approach - (of_laws.compliance([usual_force]) - held) * usual_force
+
+    np.testing.assert_allclose(shortfall(curved), factor * shortfall(laws), rtol=1e-9)
+    forces = np.geomspace(1e-6, 1e3, 60)[:, None] * usual_force
+    compliance = curved.compliance(forces)
+    assert np.all(compliance > 0)
+    assert np.all(np.diff(compliance, axis=0) <= 1e-12 * compliance[:-1])
+    np.testing.assert_allclose(curved.force(curved.deflection(forces)), forces, rtol=1e-9)
+    assert np.all(curved.force_limit <= laws.force_limit)
+
+
+def test_laws_as_curved_as_they_are_and_linear_ones_stay():
+    laws = LAWS["pin in a root"]
+    assert curved_laws(laws, 1.0, 100.0) is laws
+    linear = law_of("linear", 1e5).on_mesh(FLAT, PIN_RADIUS, WIDTH)
+    for name in ("linear", "logarithmic", "power", "force_limit"):
+        np.testing.assert_array_equal(getattr(curved_laws(linear, 3.0, 100.0), name), getattr(linear, name))
+
+
+def test_hertz_law_of_two_bodies_is_curved_as_said():
+    """The coefficient of the logarithm is 0.09 to 0.12 of the secant compliance, Palmgren's 1 - m is 0.1."""
+    laws = roller_laws()
+    forces = np.array([[100.0], [1000.0]])
+    share = laws.logarithmic * forces / laws.deflection(forces)
+    np.testing.assert_allclose(share, [[0.09], [0.12]], atol=0.01)

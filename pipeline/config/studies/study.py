@@ -68,7 +68,9 @@ class Clearance(Section):
 class Springs(Section):
     """Law of the line contacts, the stiffness of each where the law is linear, and the length of its tables.
 
-    The deflections of the law at the pins and at the output may be multiplied by factors, as they are fitted to a unit.
+    The deflections of the law at the pins and at the output may be multiplied by factors, as they are fitted to a unit,
+    and so may that by which both fall behind a linear law (1 - the exponent of a power; the coefficient of Hertz'
+    logarithm), the deflection at a usual force (`assembly.usual_force`) left as it is.
     """
 
     law: LawName = "hertz"
@@ -76,6 +78,7 @@ class Springs(Section):
     table_points: Annotated[int, Field(ge=16, le=10**6)] = 200
     pin_deflection_factor: Annotated[float, Field(ge=0.05, le=20)] = 1.0
     output_deflection_factor: Annotated[float, Field(ge=0.05, le=20)] = 1.0
+    curvature_factor: Annotated[float, Field(ge=0.05, le=5)] = 1.0
 
 
 class Reduce(Section):

@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.arrays import Real, Truth, Whole
-from pipeline.config.designs.design import LAWS, Design, plausible_range
+from pipeline.config.designs.design import CURVATURE, LAWS, Design, plausible_range
 from pipeline.config.studies.study import Study
 from pipeline.config.studies.tolerances import Case
 from pipeline.constant_kinds import Fineness
@@ -89,7 +89,8 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     nmm = NMM_PER_NM * study.design.cycloid.rated_torque_Nm
     reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))
     stateless = Forward([course.without_states() for course in courses], nmm, reach)
-    ranges = np.array([plausible_range(study.design, key).log for key in keys] + [LAWS.log] * 2).T
+    of_numbers = [plausible_range(study.design, key) for key in keys]
+    ranges = np.array([of_scale.log for of_scale in (*of_numbers, LAWS, LAWS, CURVATURE)]).T
     by_state = Forward(courses, nmm, reach)
     nominal = first_states([drives((1.0,) * ranges.shape[1], station) for station in range(len(stations.cranks))])
     errors = assembly.errors(population_errors)

@@ -113,6 +113,8 @@ def _rms(data: Data, angle: Real) -> float:
 
 DIGITS: ShownCount = 6
 """Digits of a number that a written design has; its interval is wider."""
+LAW_FACTORS = "pin_deflection_factor", "output_deflection_factor", "curvature_factor"
+"""Keys below [springs] of the scales after those of the calibrated numbers."""
 DESCRIBES = {
     "status": "calibrated",
     "reason": f"describes a measured unit best; NOT CLAIMED, its verdict is {UNEXPLAINED}",
@@ -275,13 +277,11 @@ def _study_content(study: Study, identification: Identification, trial: Trial, k
     cycle = {key: value for key, value in content["cycle"].items() if key != "loaded_angles"}
     content["cycle"] = {**cycle, "crank_deg": cranks, "keep_contacts": (0,)}
     factors = np.exp(trial.fit.unknowns.scales[len(problem.calibrated_keys) :]).tolist()
-    declared_factors = study.springs.pin_deflection_factor, study.springs.output_deflection_factor
-    written_factors = [
-        float(f"{factor * declared_factor:.{DIGITS}g}")
-        for factor, declared_factor in zip(factors, declared_factors, strict=True)
-    ]
-    names = "pin_deflection_factor", "output_deflection_factor"
-    content["springs"] = {**content.get("springs", {}), **dict(zip(names, written_factors, strict=True))}
+    written_factors = {
+        name: float(f"{factor * getattr(study.springs, name):.{DIGITS}g}")
+        for name, factor in zip(LAW_FACTORS, factors, strict=True)
+    }
+    content["springs"] = {**content.get("springs", {}), **written_factors}
     content["samples"] = {"experiment": "cases", "count": 1, "nominal_first": True}
     content["cases"] = (fitted_dimensions(identification, trial).model_dump(exclude_defaults=True),)
     return {"design": DESIGN_FILES[kind], **{key: value for key, value in content.items() if value != {}}}

@@ -13,7 +13,11 @@ from pipeline.identification.fitting.parameters import SCALE_REACH, Fit
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.statistics.resampling import CONFIDENCE
 
-LAWS = ("deflection of the pins' contacts", "deflection of the output's contacts")
+LAWS = (
+    "deflection of the pins' contacts",
+    "deflection of the output's contacts",
+    "curvature of the laws of all contacts",
+)
 """Titles of the scales after those of the calibrated numbers."""
 ENTANGLED_SHARE: Shown = 0.9
 """Correlation from which only a combination of two numbers is determined."""

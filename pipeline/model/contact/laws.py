@@ -194,6 +194,28 @@ def scaled_laws(laws: ContactLaws, factor: ArrayLike) -> ContactLaws:
     return replace(laws, **numbers)
 
 
+def curved_laws(laws: ContactLaws, factor: float, usual_force: float) -> ContactLaws:
+    """Laws that fall ``factor`` times as far behind a linear one as others do.
+
+    At a usual force [N] they are alike. Of a power m of the force 1 - m is multiplied, of Hertz' law the coefficient of
+    the logarithm, some 0.1 of the secant compliance of two bodies: a factor of 3 makes an exponent of 0.7 of
+    Palmgren's 0.9, one of 0.3 makes 0.97. Linear laws stay as they are. The law ends where its slope would vanish, or
+    where the other ends.
+    """
+    if factor == 1.0:
+        return laws
+    logarithmic: Real = factor * laws.logarithmic
+    linear = laws.linear + (logarithmic - laws.logarithmic) * np.log(usual_force)
+    exponent = np.where(laws.power > 0, 1 - factor * (1 - laws.exponent), laws.exponent)
+    power = laws.power * usual_force ** (laws.exponent - exponent)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        by_logarithm = np.where(logarithmic > 0, np.exp(linear / logarithmic - 1), np.inf)
+        of_mesh = (power > 0) & (linear < 0)
+        by_power = np.where(of_mesh, (power * exponent / -linear) ** (1 / (1 - exponent)), np.inf)
+    limit = np.minimum(laws.force_limit, SHARE_OF_LIMIT * np.minimum(by_logarithm, by_power))
+    return replace(laws, linear=linear, logarithmic=logarithmic, power=power, exponent=exponent, force_limit=limit)
+
+
 def stiffened_laws(laws: ContactLaws, factor: Real) -> ContactLaws:
     """Laws of bodies whose moduli are ``factor`` (..., n) times those of others, (..., n) each.
 
