@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.constant_kinds import Fineness
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.model.effects import Parameter
 from pipeline.model.effects.effect import CRANKS, LOOPS, TIME, TORQUES, EffectDescription
@@ -15,22 +16,30 @@ from pipeline.model.units import NMM_PER_NM
 FEWEST_WAVES = 4
 """Waves of a ripple over the measured range of the angle: with fewer it is no staircase."""
 
+MOST_WAVES: Fineness = 60
+"""The same at most: finer ones are far from any motor's, and the search over them is long."""
+
 
 @dataclass(frozen=True)
 class InstrumentEffect(EffectDescription):
     """An effect of the bench.
 
     ``bounds`` is a function of the rated torque [N m], of the range of the angle measured at one position [arcmin],
-    and of the time that it took [h]. ``common_offset`` says that the effect is seen only where all positions share one
-    zero of the angle.
+    of the time that it took [h], and of the most waves over this range that its rows resolve. ``common_offset`` says
+    that the effect is seen only where all positions share one zero of the angle.
     """
 
-    bounds: Callable[[float, float, float], tuple[tuple[float, float], ...]]
+    bounds: Callable[[float, float, float, float], tuple[tuple[float, float], ...]]
     apply: Callable[[Instrument, Sequence[float]], Instrument]
     needs: frozenset[str] = frozenset()
     common_offset: bool = False
     limit_case: str = ""
     starts: str = "secants"
+
+
+def _log_wave_number(waves: float, span: float) -> float:
+    """Decimal logarithm of the waves per radian that are so many over a range of the angle [arcmin]."""
+    return float(np.log10(2 * np.pi * waves * ARCMIN / span))
 
 
 def _ripple(instrument: Instrument, values: Sequence[float]) -> Instrument:
@@ -50,7 +59,7 @@ EFFECTS = (
         signature="the loop is off centre along the torque",
         confused_with=("flank_wear",),
         told_apart_by="the torque sensor unloaded and unmounted",
-        bounds=lambda rated_torque, span, hours: ((-0.3 * rated_torque, 0.3 * rated_torque),),
+        bounds=lambda rated_torque, span, hours, waves: ((-0.3 * rated_torque, 0.3 * rated_torque),),
         apply=lambda instrument, values: replace(instrument, torque_zero=values[0]),
         needs=frozenset({TORQUES}),
     ),
@@ -64,7 +73,7 @@ EFFECTS = (
         signature="all of the curve is stretched along the torque, friction too",
         confused_with=("output_torsion", "seat_compliance"),
         told_apart_by="the torque sensor under a known weight",
-        bounds=lambda rated_torque, span, hours: ((-0.3, 0.5),),
+        bounds=lambda rated_torque, span, hours, waves: ((-0.3, 0.5),),
         apply=lambda instrument, values: replace(instrument, torque_gain=values[0]),
         needs=frozenset({TORQUES}),
     ),
@@ -78,7 +87,7 @@ EFFECTS = (
         signature="cycles are shifted from one another by equal steps, loops do not close",
         confused_with=("creep", "run_in"),
         told_apart_by="the angle over an hour without load",
-        bounds=lambda rated_torque, span, hours: ((-2 * span / hours, 2 * span / hours),),
+        bounds=lambda rated_torque, span, hours, waves: ((-2 * span / hours, 2 * span / hours),),
         apply=lambda instrument, values: replace(instrument, drift=values[0]),
         needs=frozenset({TIME}),
     ),
@@ -95,7 +104,7 @@ EFFECTS = (
         signature="offsets of the positions, and twist, vary once a turn of the encoder",
         confused_with=("ovality_2", "ovality_3"),
         told_apart_by="an encoder with two heads half a turn apart",
-        bounds=lambda rated_torque, span, hours: ((-2 * span, 2 * span),) * 2,
+        bounds=lambda rated_torque, span, hours, waves: ((-2 * span, 2 * span),) * 2,
         apply=lambda instrument, values: replace(instrument, encoder=(values[0], values[1])),
         needs=frozenset({CRANKS}),
         common_offset=True,
@@ -115,10 +124,10 @@ EFFECTS = (
         confused_with=(),
         told_apart_by="the motor alone, turned slowly by hand",
         starts="periods",
-        bounds=lambda rated_torque, span, hours: (
+        bounds=lambda rated_torque, span, hours, waves: (
             (-0.15 * rated_torque, 0.15 * rated_torque),
             (-0.15 * rated_torque, 0.15 * rated_torque),
-            (float(np.log10(FEWEST_WAVES * 2 * np.pi * ARCMIN / span)), float(np.log10(120 * np.pi * ARCMIN / span))),
+            (_log_wave_number(FEWEST_WAVES, span), _log_wave_number(min(waves, MOST_WAVES), span)),
         ),
         apply=_ripple,
         needs=frozenset({CRANKS, LOOPS}),

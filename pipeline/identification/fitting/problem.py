@@ -8,11 +8,11 @@ import numpy as np
 from scipy.linalg import svd
 
 from pipeline.arrays import Real, Truth
-from pipeline.identification.bench.instrument_effects import InstrumentEffect, instrument_effects
+from pipeline.identification.bench.instrument_effects import FEWEST_WAVES, InstrumentEffect, instrument_effects
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Forward
 from pipeline.identification.fitting.data import Data, TurningData
-from pipeline.identification.measurement.enough import FEWEST_COMPARED
+from pipeline.identification.measurement.enough import FEWEST_COMPARED, FEWEST_OF_A_WAVE
 from pipeline.model.effects import Conditions, Effect, library
 from pipeline.model.effects.effect import CRANKS, CYCLES, MOVES, TEMPERATURE, TIME
 from pipeline.model.geometry.clearance import Errors
@@ -98,6 +98,12 @@ class Problem:
         return max(float(np.ptp(self.forward.courses[p].time)) for p in trained_positions) / SECONDS_AN_HOUR or 1.0
 
     @cached_property
+    def resolved_waves(self) -> float:
+        """Waves over the range of the angle that the rows of a usual branch resolve: finer ones pass for noise."""
+        rows = np.bincount(self.data.block[self.training], self.data.count[self.training])
+        return float(np.median(rows[rows > 0])) / FEWEST_OF_A_WAVE
+
+    @cached_property
     def record(self) -> Mapping[str, float]:
         """Lengths that time constants are held against: of a position in time [s], and in cycles [1]."""
         position, cycle = self.data.position[self.training], self.data.cycle[self.training]
@@ -135,7 +141,7 @@ class Problem:
 
     def _bounds_of(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
         if isinstance(candidate, InstrumentEffect):
-            return candidate.bounds(self.rated_torque, self.span, self.hours)
+            return candidate.bounds(self.rated_torque, self.span, self.hours, self.resolved_waves)
         bounds = candidate.bounds(self.nominal[0])
         return tuple(
             self._time_constant_bounds(parameter.record, *ends) if parameter.record else ends
@@ -181,7 +187,8 @@ class Problem:
         if isinstance(candidate, InstrumentEffect) and candidate.common_offset and not one_zero:
             reasons.append("every position has its own zero of the angle")
         if not reasons and not all(low < high for low, high in self.bounds(candidate)):
-            reasons.append("the angle of a position has no range")
+            waves = isinstance(candidate, InstrumentEffect) and self.resolved_waves < FEWEST_WAVES
+            reasons.append("a branch has too few rows" if waves else "the angle of a position has no range")
         return "; ".join(reasons)
 
 
