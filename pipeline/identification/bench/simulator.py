@@ -147,12 +147,6 @@ class Forward:
         values = [self.backbone(drive).influence @ gaps.T for drive, gaps in zip(stations, patterns, strict=True)]
         return self._at_cells(stations, position, carried_torque, values)
 
-    def change_by_power(self, drives: Drive | Drives, position: int, carried_torque: Real) -> Real:
-        """d angle / d exponent (n_cells, 2) [arcmin] of the laws of the pins and of the output's contacts."""
-        stations = drives if isinstance(drives, tuple) else (drives,)
-        values = [self.backbone(drive).change_by_power(drive) for drive in stations]
-        return self._at_cells(stations, position, carried_torque, values)
-
     def change(
         self, drives: Drive | Drives, neighbours: Drive | Drives, position: int, carried_torque: Real
     ) -> Real | None:

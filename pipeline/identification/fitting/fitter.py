@@ -7,6 +7,7 @@ more for each parameter of friction and of the instrument.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -191,16 +192,24 @@ class Fitter:
             sound=is_found and prediction.sound,
         )
 
-    def change_by_power(self, fit: Fit) -> Real:
-        """d angle / d exponent (n_cells, 2) [arcmin] of the laws of the pins and of the output's contacts, of a fit."""
-        problem, change = self.problem, np.zeros((len(self.problem.data), 2))
-        drives, instrument = self.drives(fit.model, fit.unknowns)
-        forward = self.forward(fit.model)
-        for position in self.positions:
-            of_position = problem.data.position == position
-            carried_torque = forward.read(drives[position], position, instrument).carried_torque
-            change[of_position] = forward.change_by_power(drives[position], position, carried_torque)
-        return change
+    def fit_at(self, fit: Fit, flat: Real, is_fitted: Truth) -> Fit:
+        """A fit's model at other unknowns (n_unknowns,), held to their bounds, with its derivatives there."""
+        model, unknowns = fit.model, fit.unknowns.like(flat)
+        prediction = self.predict(model, unknowns, modes=True)
+        weight = np.where(is_fitted, 1 / fit.sigma**2, 0.0)
+        jacobian, _ = self.jacobian(model, unknowns, prediction, self.positions, weight, None)
+        angle = prediction.angle + self.offsets(prediction.angle, is_fitted, fit.sigma)
+        misfit = ((self.problem.data.angle - angle) / self.problem.data.sigma)[is_fitted]
+        deviation = self.penalty(unknowns) * (unknowns.flat - self.centre(model, unknowns))
+        return replace(
+            fit,
+            unknowns=unknowns,
+            values=values_at_shares(self.bounds(model), unknowns.shares),
+            predicted_angle=angle,
+            cost=float(misfit @ misfit + deviation @ deviation),
+            jacobian=jacobian,
+            sound=prediction.sound and bool(np.all(np.isfinite(jacobian))),
+        )
 
     def slopes(self, fit: Fit) -> Real:
         """d angle / d torque (n_cells,) [arcmin/(N m)] of a fitted model."""

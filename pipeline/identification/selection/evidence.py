@@ -13,13 +13,13 @@ Computation 4 (1992) 415; variance of a random effect by its largest marginal li
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
-from scipy.special import gammaincinv, log_ndtr
+from scipy.special import gammaincinv, log_ndtr, ndtri
 
 from pipeline.arrays import Real, Truth, Whole
 from pipeline.constant_kinds import Rounding
@@ -34,9 +34,6 @@ SIZES = (1e-3, *(0.1 * 2.0 ** np.arange(10)).tolist())
 """Standard deviations of a discrepancy that are tried, in those of the median cell's noise."""
 CORRELATIONS = (0.0, 0.3, 0.6)
 """Correlations of the noise of neighbouring cells of a branch."""
-LAW_POWER = 0.1
-"""Prior standard deviation of the exponent of a contact's deflection over its force. Line contacts have 0.9, after
-Palmgren, and crowned ones less: at two of these the 0.67 of a point contact is nearly reached."""
 OFFSET: Rounding = 1e3
 """Prior standard deviation of the zero of an angle, in those of the median cell: equal in all models."""
 
@@ -81,18 +78,18 @@ class Covariance:
     ----------
     cells : (n_cells,) those that count.
     parts : (n_cells,) what is left out at once: cells of a branch are never apart.
-    by_power : (n_all_cells, k) [arcmin] changes of the angle by the exponents of the contacts' laws.
     """
 
-    def __init__(self, data: Data, cells: Truth, parts: Whole, by_power: Real | None = None):
+    def __init__(self, data: Data, cells: Truth, parts: Whole):
         self.data, self.cells = data, cells
         self.sigma, self.parts = data.sigma[cells], parts[cells]
+        self.correlations = _possible_correlations(data, cells)
         self.is_first = np.append(True, np.diff(data.block[cells]) != 0)
         self.unit = float(np.median(self.sigma))
         group = data.group[cells]
-        zeros = OFFSET * self.unit * (group[:, None] == np.unique(group))
-        of_laws = np.zeros((len(group), 0)) if by_power is None else LAW_POWER * by_power[cells]
-        self.fixed_features = np.hstack([zeros, self._row_errors(), of_laws])
+        self.fixed_features = np.hstack(
+            [OFFSET * self.unit * (group[:, None] == np.unique(group)), self._row_errors()]
+        )
         common_features = {reach: self._common_features(reach) for reach in REACHES}
         of_cycles = self._by_number(common_features[max(REACHES)], data.cycle[cells])
         self._features = {
@@ -168,6 +165,29 @@ class Covariance:
         return positions, cycles
 
 
+def _possible_correlations(data: Data, cells: Truth) -> tuple[float, ...]:
+    """Correlations of neighbouring cells that the repeats of the branches do not exclude; all without repeats.
+
+    What cycles do not have in common is noise, whatever the model misses. Effects that differ between cycles make the
+    bound too large, never too small.
+    """
+    products, squares = [], []
+    for branch in np.unique(data.branch[cells]):
+        of_branch = cells & (data.branch == branch)
+        blocks = [np.flatnonzero(of_branch & (data.block == block)) for block in np.unique(data.block[of_branch])]
+        places = np.array([block for block in blocks if len(block) == len(blocks[-1])])
+        if len(places) > 1:
+            white = (data.angle[places] - data.angle[places].mean(axis=0)) / data.sigma[places]
+            products.append((white[:, 1:] * white[:, :-1]).ravel())
+            squares.append(0.5 * (white[:, 1:] ** 2 + white[:, :-1] ** 2).ravel())
+    if not products or not np.any(np.concatenate(squares)):
+        return CORRELATIONS
+    square = np.concatenate(squares)
+    n_pairs = np.sum(square) ** 2 / np.sum(square**2)
+    largest = np.sum(np.concatenate(products)) / np.sum(square) + float(ndtri(CONFIDENCE)) / np.sqrt(n_pairs)
+    return tuple(correlation for correlation in CORRELATIONS if correlation <= max(largest, 0.0))
+
+
 class Evidence:
     """The evidence of one fitted model, linear about the fit.
 
@@ -181,7 +201,8 @@ class Evidence:
         self.covariance, self.fit, self.bounds = covariance, fit, fitter.bounds(fit.model)
         cells, self.spread = covariance.cells, 1 / fitter.penalty(fit.unknowns)
         jacobian = fit.jacobian * self.spread
-        deviation = (fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns)) / self.spread
+        self.centre = fitter.centre(fit.model, fit.unknowns)
+        deviation = (fit.unknowns.flat - self.centre) / self.spread
         self.jacobian = jacobian[cells]
         self.misfit = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
         self._products: dict[tuple[float, float], Real] = {}
@@ -253,19 +274,35 @@ class Evidence:
         start: Structure,
         largest_size: float = np.inf,
         largest_between_cycles: float = np.inf,
+        largest_shared: float = np.inf,
     ) -> Structure:
-        """The structure of the largest ``value``, not beyond two sizes: along each of its numbers until none helps."""
+        """The structure of the largest ``value``, not beyond some sizes: of each correlation, along the other numbers.
+
+        Correlation and size stand in for each other, so that from one of them alone nothing may lead to the best.
+        """
+        starts = (replace(start, correlation=correlation) for correlation in self.covariance.correlations)
+        of_each = float(largest_size / np.sqrt(2))
+        largest_sizes = min(largest_shared, of_each), of_each, largest_between_cycles
+        best = [self._best_nearby(value, one, largest_sizes) for one in starts]
+        return max(best, key=value)
+
+    def _best_nearby(
+        self, value: Callable[[Structure], float], start: Structure, largest: tuple[float, float, float]
+    ) -> Structure:
+        """The structure that steps along each number but the correlation lead to, until none helps."""
         positions_scatter, cycles_scatter = self.covariance.can_scatter
-        sizes = [size for size in SIZES if size <= largest_size / np.sqrt(2)] or [SIZES[0]]
-        own_sizes = sizes if positions_scatter else [0.0]
+        largest_shared, largest_own, largest_between_cycles = largest
+        sizes = [size for size in SIZES if size <= largest_shared] or [SIZES[0]]
+        own_sizes = [size for size in SIZES if size <= largest_own] or [SIZES[0]] if positions_scatter else [0.0]
         cycle_sizes = [0.0, *SIZES[1:]] if cycles_scatter else [0.0]
         cycle_sizes = [size for size in cycle_sizes if size <= largest_between_cycles]
-        axes: tuple[Sequence[float], ...] = (sizes, own_sizes, REACHES, CORRELATIONS, cycle_sizes)
-        start_values = start.common, start.own_size, start.reach, start.correlation, start.cycle_size
+        axes: tuple[Sequence[float], ...] = (sizes, own_sizes, REACHES, cycle_sizes)
+        start_values = start.common, start.own_size, start.reach, start.cycle_size
         place = [int(np.argmin(np.abs(np.array(axis) - first))) for axis, first in zip(axes, start_values, strict=True)]
 
         def structure_at(place: Sequence[int]) -> Structure:
-            return Structure(*(axis[k] for axis, k in zip(axes, place, strict=True)))
+            common, own_size, reach, cycle_size = (axis[k] for axis, k in zip(axes, place, strict=True))
+            return Structure(common, own_size, reach, start.correlation, cycle_size)
 
         best_value, has_improved = value(structure_at(place)), True
         while has_improved:
@@ -285,6 +322,11 @@ class Evidence:
         (spread, factor, right_side, _), k = self._solved(self.structure, self._everything), self.jacobian.shape[1]
         covariance = cho_solve((factor, True), np.eye(len(spread), k))[:k]
         return cho_solve((factor, True), right_side)[:k], covariance
+
+    @property
+    def most_probable(self) -> Real:
+        """The most probable unknowns (n_unknowns,) in their units."""
+        return np.asarray(self.centre + self.spread * self.unknowns[0])
 
     @cached_property
     def _positive(self) -> float:
@@ -310,10 +352,16 @@ class Evidence:
         return {int(part): self._log_evidence(self.structure, parts != part) for part in np.unique(parts)}
 
     @cached_property
+    def predicting_structure(self) -> Structure:
+        """That of the largest evidence without what all positions miss alike, which is learnt and not predicted."""
+        return self.best_structure(self._value, self.structure, largest_shared=SIZES[0])
+
+    @cached_property
     def predictive(self) -> Real:
         """Log density of the cells of every part (n_parts,), predicted from all others: the score of unused data."""
-        whole_value = self._value(self.structure)
-        return np.array([whole_value - value for value in self.training.values()])
+        parts, structure = self.covariance.parts, self.predicting_structure
+        others = [self._log_evidence(structure, parts != part) for part in np.unique(parts)]
+        return np.asarray(self._value(structure) - np.array(others))
 
     def distance(self, effect: str) -> float:
         """How far the sizes of an effect of the model are from zero, over the radius of their 95 % region.

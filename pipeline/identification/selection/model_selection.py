@@ -110,9 +110,8 @@ class Selector:
     def select(self, cells: Truth) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most."""
         data, judge = self.problem.data, Judge(self.fitter, cells, len(self.testable))
-        base_fit = self.recalibrate(cells)
-        covariance = Covariance(data, cells, parts_of(data, cells), self.fitter.change_by_power(base_fit))
-        base = self.trial(base_fit, cells, covariance)
+        covariance = Covariance(data, cells, parts_of(data, cells))
+        base = self.trial(self.recalibrate(cells), cells, covariance)
         promises = self.screen(cells, base.fit)
         fits = self.fits(base.fit, cells, promises)
         fall = least_fall(MOST_NAMED, len(self.testable))
@@ -122,7 +121,28 @@ class Selector:
         selection = judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
         selection = self._with_all_solutions(selection, promises, cells, covariance, judge)
         selection = self._with_additions(selection, cells, covariance, judge)
-        return self._with_twins(selection, cells, covariance, judge)
+        selection = self._with_twins(selection, cells, covariance, judge)
+        return self._at_their_most_probable(selection, cells, covariance, judge)
+
+    def _at_their_most_probable(
+        self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge
+    ) -> Selection:
+        """The selection with what may be named made linear anew about its most probable unknowns.
+
+        A fit knows the noise alone, and the evidence the structure beside it, too: it may promise an effect a size at
+        which the model bends away. Of the two the less probable counts.
+        """
+        trials, done = dict(selection.trials), set[str]()
+        while new := [name for name in selection.reasons if name not in done]:
+            for name in new:
+                trial = trials[name]
+                fit = self.fitter.fit_at(trial.fit, trial.evidence.most_probable, cells)
+                if fit.sound:
+                    there = replace(self.trial(fit, cells, covariance, trial), other_solutions=trial.other_solutions)
+                    trials[name] = min(trial, there, key=lambda one: one.evidence.value)
+            done.update(new)
+            selection = judge.select(selection.base, trials, selection.promised_misfits)
+        return selection
 
     def _with_all_solutions(
         self, selection: Selection, promises: Mapping[str, Promise], cells: Truth, covariance: Covariance, judge: Judge

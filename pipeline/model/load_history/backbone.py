@@ -15,9 +15,6 @@ NO_LOAD = 1e-5
 torque falls, wherever a state is come down from: 1e-12 here, at 1e-7 up to 2e-9 on a bearing with 12 um of clearance,
 where 3 of 80 states are lost, at 1e-8 3e-8 (12 of 80)."""
 
-LEAST_FORCE = 1e-12
-"""Force [N] in place of none, where contacts of a kind are compared with the one that carries most."""
-
 
 @dataclass(frozen=True)
 class Backbone:
@@ -84,23 +81,6 @@ class Backbone:
         twist_change = neighbour.twist(self.torque) - drive.twist(self.torque)
         change += np.sum(self._over_torque(thrust) * (bearing_depths[0] - bearing_depths[1]), axis=2)
         return change + twist_change
-
-    def change_by_power(self, drive: Drive) -> Real:
-        """d angle / d exponent (n, n_nodes, 2) [rad], of the laws of the pins and of the output's contacts.
-
-        An exponent more by d makes of a deflection under the force F that times (F / F_0)^d, where F_0 is the largest
-        force of its kind; by the energy of ``influence``.
-        """
-        force, n_pins = self.states.force, drive.reducer.n_pins
-        is_loaded = np.nonzero(force > 0)
-        given_way = np.zeros_like(force)
-        given_way[is_loaded] = drive.laws[is_loaded[-1]].deflection(force[is_loaded])
-        changes = []
-        for kind in (slice(None, n_pins), slice(n_pins, None)):
-            shares = force[..., kind] / max(float(np.max(force[..., kind], initial=0.0)), LEAST_FORCE)
-            logarithms = np.log(shares, out=np.zeros_like(shares), where=shares > 0)
-            changes.append(np.sum(self.influence[..., kind] * given_way[..., kind] * logarithms, axis=2))
-        return np.stack(changes, axis=2)
 
 
 @lru_cache(maxsize=8)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from linear_unit import LinearFitter, linear_data, model_of
+from linear_unit import LinearFitter, linear_data, model_of, stood
 
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates
@@ -22,7 +22,7 @@ from pipeline.identification.selection.criteria import (
     without_names,
 )
 from pipeline.identification.selection.evidence import SIZES, Covariance, Evidence, Structure
-from pipeline.identification.selection.model_selection import parts_of
+from pipeline.identification.selection.model_selection import Selector, parts_of
 
 TRIED = 20
 SINGLE, PAIR = -prior_log_odds(1, TRIED), -prior_log_odds(2, TRIED)
@@ -272,3 +272,34 @@ def test_of_several_solutions_the_most_probable_counts_and_those_within_the_odds
 def test_a_pair_whose_fall_is_the_least_has_just_the_odds_over_a_single_effect():
     half = 0.5 * least_fall(2, TRIED, 1)
     assert half + prior_log_odds(2, TRIED) - prior_log_odds(1, TRIED) == pytest.approx(ODDS)
+
+
+class Bending(LinearFitter):
+    """A model that bends away: its effect moves the angle by its column up to a small size, and no further."""
+
+    def predict(self, model, unknowns, positions=None, modes=False):
+        bent = replace(unknowns, shares=np.minimum(unknowns.shares, 0.01))
+        return super().predict(model, bent, positions, modes)
+
+
+@pytest.mark.parametrize(("fitter_class", "is_named"), [(LinearFitter, True), (Bending, False)])
+def test_an_effect_is_not_named_for_a_size_at_which_the_model_bends_away(fitter_class, is_named):
+    """Near no effect its column promises what is there; about the size that this takes it has none."""
+    column = np.random.default_rng(5).normal(size=len(DATA))
+    cells, noise = np.ones(len(DATA), bool), 0.1 * np.random.default_rng(6).standard_normal(len(DATA))
+    data = replace(DATA, angle=noise + 0.3 * column)
+    covariance = Covariance(data, cells, parts_of(data, cells))
+    fitter = fitter_class(data, column[:, None])
+    fitter.problem.record = {}
+    selector = Selector.__new__(Selector)
+    selector.fitter, selector.problem = fitter, fitter.problem
+    base = selector.trial(fitter.fit(model_of(0), cells, fitter.start(model_of(0))), cells, covariance)
+    model = Model((candidates()["coulomb"],))
+    near_zero = stood(fitter, model, fitter.start(model, np.zeros(1)), data.sigma)
+    trials = {"coulomb": selector.trial(near_zero, cells, covariance)}
+    judge = Judge(fitter, cells, 1)
+    promised = judge.select(base, trials, {})
+    assert promised.best_model == "coulomb"
+    selection = selector._at_their_most_probable(promised, cells, covariance, judge)
+    assert bool(selection.members) == is_named
+    assert (selection.trials["coulomb"] is trials["coulomb"]) == is_named

@@ -9,7 +9,15 @@ from scipy.special import gammaincinv, log_ndtr
 from scipy.stats import multivariate_normal
 
 from pipeline.identification.fitting.fitter import OPEN_SHARE
-from pipeline.identification.selection.evidence import LAW_POWER, OFFSET, REACHES, Covariance, Evidence, Structure
+from pipeline.identification.selection.evidence import (
+    CORRELATIONS,
+    OFFSET,
+    REACHES,
+    SIZES,
+    Covariance,
+    Evidence,
+    Structure,
+)
 from pipeline.identification.selection.model_selection import parts_of
 
 SIGMA = 0.1
@@ -74,7 +82,8 @@ def test_unused_cells_are_scored_by_their_density_given_all_others():
     design, angle = drawn()
     fitter, fit = fitted(angle, design)
     evidence = Evidence(COVARIANCE, fitter, fit)
-    covariance = dense(evidence.structure, design)
+    assert evidence.predicting_structure.common == SIZES[0]
+    covariance = dense(evidence.predicting_structure, design)
     for score, position in zip(evidence.predictive, range(3), strict=True):
         out = DATA.position == position
         gain = covariance[np.ix_(out, ~out)] @ np.linalg.inv(covariance[np.ix_(~out, ~out)])
@@ -151,17 +160,44 @@ def test_scores_scatter_by_the_information_wherever_the_numbers_of_the_model_are
     np.testing.assert_allclose(scatter[2.0], scatter[0.0], rtol=0.2)
 
 
-def test_another_power_of_the_contact_laws_is_part_of_the_covariance():
-    """What an exponent one deviation from the model's changes costs no more than what a prior expects of it."""
+def test_what_all_positions_miss_alike_is_no_prediction():
+    """Two positions show a bump that the third has, too: a model without it is not ahead by what it learns of it."""
     design, angle = drawn()
-    by_power = 20 * SIGMA * np.random.default_rng(9).normal(size=(len(DATA), 2))
-    structure, falls = Structure(0.4, 0.8, 0.15, 0.0), {}
-    for known in (False, True):
-        covariance = Covariance(DATA, EVERYTHING, parts_of(DATA, EVERYTHING), by_power if known else None)
-        values = [
-            Evidence(covariance, *fitted(angle + moved, design))._value(structure)
-            for moved in (0.0, LAW_POWER * by_power[:, 0])
-        ]
-        falls[known] = values[0] - values[1]
-    assert falls[False] > 100
-    assert falls[True] == pytest.approx(0.5, abs=0.5)
+    bump = SIGMA * 5 * np.cos(DATA.torque)
+    fitter, fit = fitted(angle + bump, design)
+    missing = Evidence(COVARIANCE, fitter, fit)
+    fitter, fit = fitted(angle, design)
+    assert missing.structure.common > 2
+    assert np.all(Evidence(COVARIANCE, fitter, fit).predictive > missing.predictive + 10)
+
+
+def test_correlation_and_size_that_stand_in_for_each_other_are_found_together():
+    """From neither of them alone a step leads to the best: the value falls off a ridge between two of their numbers."""
+    design, angle = drawn()
+    evidence = Evidence(COVARIANCE, *fitted(angle, design))
+    best = Structure(1.6, SIZES[0], REACHES[0], CORRELATIONS[2])
+
+    def value(structure):
+        place = SIZES.index(structure.common), CORRELATIONS.index(structure.correlation)
+        off_ridge = abs(place[0] - 2 * place[1])
+        return place[1] - 10.0 * off_ridge - (structure.reach != best.reach) - structure.own_size
+
+    for start in (Structure(SIZES[0], SIZES[0], REACHES[0], 0.0), Structure(SIZES[4], SIZES[0], REACHES[1], 0.6)):
+        found = evidence.best_structure(value, start)
+        assert (SIZES.index(found.common), found.correlation) == (4, CORRELATIONS[2])
+
+
+@pytest.mark.parametrize(("repeats", "possible"), [("white", CORRELATIONS[:1]), ("walk", CORRELATIONS)])
+def test_repeats_bound_the_correlation_of_the_noise_whatever_the_model_misses(repeats, possible):
+    data = linear_data(positions=4, cycles=4, branches=2, cells=20, sigma=SIGMA)
+    rng = np.random.default_rng(3)
+    noise = rng.standard_normal(len(data))
+    if repeats == "walk":
+        for k in np.flatnonzero(np.diff(data.block, prepend=-1) == 0):
+            noise[k] = 0.6 * noise[k - 1] + 0.8 * noise[k]
+    missed = 30 * np.cos(np.arange(len(data)) % 20)  # alike in every cycle
+    data = replace(data, angle=SIGMA * (noise + missed))
+    everything = np.ones(len(data), bool)
+    assert Covariance(data, everything, parts_of(data, everything)).correlations == possible
+    single = data.cycle == 0
+    assert Covariance(data, single, parts_of(data, single)).correlations == CORRELATIONS
