@@ -199,6 +199,9 @@ def write_new(options: argparse.Namespace) -> None:
     if target.exists():
         raise InputError(f"{settings.shown(target)} exists; take another name, or change that file")
     source = base / "unit.toml" if kind == "unit" else base
+    if not source.is_file():
+        message = f"{settings.shown(source)}: a new {kind} is written from it; copy it from the checkout"
+        raise InputError(message)
     text = with_comments(kind, source.read_text(encoding="utf-8"))
     if kind == "study" and options.design:
         found_file(options.design, settings.ROOT, "designs", [Path(), settings.ROOT])  # says what is missing

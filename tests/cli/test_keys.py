@@ -73,3 +73,12 @@ def test_what_new_writes_is_read_and_is_commented(tmp_path, monkeypatch, capsys)
     assert "exists; take another name" in capsys.readouterr().err
     assert cli.main(["new", "study", "second", "--design", "nowhere"]) == 2
     assert cli.main(["new", "design", "../mine"]) == 2
+
+
+def test_new_says_where_it_would_write_from(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(settings, "ROOT", tmp_path)
+    for kind, path in BASES.items():
+        assert cli.main(["new", kind, "mine"]) == 2
+        message = capsys.readouterr().err
+        assert f"{path}" in message
+        assert f"a new {kind} is written from it; copy it from the checkout" in message

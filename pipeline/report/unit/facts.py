@@ -14,6 +14,8 @@ from pipeline.report.layout import count_text, listed_text, plain_number
 from pipeline.report.unit.rows import digits, interval, scatter_words, shown_unit, with_capital
 from pipeline.sampling.errors import unmeasured_dimensions
 
+LEAST_STRUCTURE = 0.005
+"""Share of the mean square of what is left below which its shape is not shown."""
 HALVED = 16
 """Fall of the error of cubic splines with half the distance: fourth order, de Boor, A Practical Guide to Splines."""
 
@@ -22,6 +24,8 @@ def discrepancy_facts(
     structure: Discrepancy, moved_facts: Sequence[tuple[str, float, float, str]]
 ) -> list[tuple[str, str]]:
     """What is left as a Gaussian process, in words; ``moved_facts``: name, change, standard error, unit."""
+    if structure.structured < LEAST_STRUCTURE:
+        return [("Structured", "nothing: what is left is noise")]
     sense = "rising" if structure.worst_sense > 0 else "falling"
     facts = [
         ("Structured", f"{digits(100 * structure.structured, 2)} % of the mean square of what is left"),

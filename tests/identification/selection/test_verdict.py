@@ -104,9 +104,9 @@ def test_structure_a_withheld_name_or_odd_tolerances_are_never_adequate(options,
     glance = dict(message.glance)
     assert glance["Cause"] == "no cause named"
     if "best" in options:
-        assert "removes 80% of this error" in message.sentence
+        assert "The nearest, constant friction of seals and bearings, leaves" in message.sentence
         assert glance["Nearest effect"].endswith(
-            "removes 80% of the error. It is not named, because the interval reaches zero"
+            "removes 80% of the error in measures of the noise. It is not named, because the interval reaches zero"
         )
     else:
         assert "Nearest effect" not in glance

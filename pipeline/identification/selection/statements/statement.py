@@ -77,7 +77,7 @@ def statement_of_verdict(
     in_sample : "loop" or "turn" where nothing but that was measured, so that nothing is held out; else "".
     where : in the loop what is named shows, or what is left.
     """
-    findings = "".join(f" {finding}." for finding in verdict.findings)
+    findings = "".join(f" {finding[0].upper()}{finding[1:]}." for finding in verdict.findings)
     if in_sample:
         sentence = _in_sample(selection, refit_error, in_sample)
     else:
@@ -142,9 +142,8 @@ def _sentence(
         return f"These data do not decide whether the model explains the unit: {error_text}{expected_text}."
     if not verdict.named_effects:
         nearest_model = selection.best_model or selection.nearest_model
-        share = f"removes {remainder.removed:.0%} of this error and " if remainder.removed > 0 else ""
         text = (
-            f" The nearest, {title_of(nearest_model)}, {share}leaves {_error(best_error)}."
+            f" The nearest, {title_of(nearest_model)}, leaves {_error(best_error)}."
             if selection.best_model
             else ""
         )
@@ -183,7 +182,7 @@ def _advice(verdict: Verdict, selection: Selection) -> str:
         return f"{CONFIRM} Independent evidence: {_measurements(names)}."
     if verdict.verdict == ADEQUATE:
         return LOWER_LIMITS
-    nearest_model = names[0] if names else selection.best_model or selection.nearest_model
+    nearest_model = names[0] if names else selection.best_model
     check = f"Check first: {_measurements((nearest_model,))}. " if nearest_model else ""
     return f"{check}Measure two more crank positions: they show whether the rest is the same at each of them."
 
@@ -205,7 +204,9 @@ def _glance(verdict: Verdict, selection: Selection, remainder: Remainder, where:
         rows.append(("Where in the loop", where))
     if not names and selection.best_model:
         share = (
-            f"removes {remainder.removed:.0%} of the error" if remainder.removed > 0 else "removes none of the error"
+            f"removes {remainder.removed:.0%} of the error in measures of the noise"
+            if remainder.removed > 0
+            else "removes none of the error"
         )
         reason = selection.reasons[selection.best_model]
         rows.append(("Nearest effect", f"{title_of(selection.best_model)}: {share}. It is not named, because {reason}"))
