@@ -10,7 +10,7 @@ import platform
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from functools import cache, cached_property, reduce
 from pathlib import Path
 from typing import Any
@@ -61,7 +61,7 @@ class Fingerprint:
     @cached_property
     def key(self) -> str:
         """One hash of it all."""
-        return _digest(asdict(self))
+        return _digest({field.name: getattr(self, field.name) for field in fields(self)})
 
     @cached_property
     def code(self) -> str:
