@@ -17,20 +17,23 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 """Sources are parsed once, not again by every process that a test starts: two thirds of the time of its imports."""
 
+gc.disable()
+"""Until all is collected: a tenth of the time of importing 400 files would go to garbage that is not there."""
+
 settings.register_profile("alike", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("alike")  # the same examples everywhere, however slow the machine
 
 BEGUN_FIRST = (
-    "test_friction_of_disks",  # compiles all forms of the solver, and what they share once, while others are at
-    *("test_series", "test_kills", "test_damage", "test_changed", "test_noise", "test_boundary"),  # these
-    *("test_effects_of_designs", "test_registered", "test_random_designs", "test_page_numbers", "test_turning_drive"),
-    *("test_verify", "test_results", "test_compiled", "test_perforation", "test_blind", "test_page_agrees"),
-    *("test_turn", "test_carrier_chain", "test_recovery", "test_generic_drive", "test_drivers_of_turn", "test_tails"),
-    *("test_lots", "test_coverage", "test_intervals", "test_record", "test_chain", "test_holes_chain"),
-    *("test_allocate_command", "test_population", "test_one_loop", "test_names", "test_until", "test_refitted"),
-    *("test_dask", "test_browser"),
+    "test_friction_of_disks",  # compiles all forms of the solver, and what they share once
+    *("test_verify", "test_series", "test_kills", "test_turning_drive", "test_results", "test_page_numbers"),
+    *("test_whole_turn", "test_browser", "test_changed", "test_registered", "test_lots", "test_blind"),
+    *("test_recovery", "test_perforation", "test_dask", "test_compiled", "test_until", "test_generic_drive"),
+    *("test_record", "test_drivers_of_turn", "test_effects_of_designs", "test_carrier_chain", "test_turn"),
+    *("test_noise", "test_intervals", "test_refitted", "test_chain", "test_names", "test_other_laboratories"),
+    *("test_holes_chain", "test_tails", "test_random_designs", "test_page_agrees", "test_damage", "test_population"),
+    *("test_wheel", "test_allocate_command", "test_coverage", "test_summary"),
 )
-"""Files of more than seven seconds: none of them is begun last, when the other processes would wait for it."""
+"""The longest files, longest first: none of them is begun last, when the other processes would wait for it."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -42,6 +45,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish() -> None:
     gc.freeze()  # what is imported and collected stays: it need not be gone through again
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

@@ -5,11 +5,12 @@ import hashlib
 import importlib.metadata
 import importlib.util
 import json
+import os
 import platform
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from functools import cache, cached_property, reduce
 from pathlib import Path
 from typing import Any
@@ -60,7 +61,7 @@ class Fingerprint:
     @cached_property
     def key(self) -> str:
         """One hash of it all."""
-        return _digest(asdict(self))
+        return _digest({field.name: getattr(self, field.name) for field in fields(self)})
 
     @cached_property
     def code(self) -> str:
@@ -129,6 +130,7 @@ def source_hashes(module: str) -> dict[str, str]:
     hashes: dict[str, str] = {}
     seen_modules: set[str] = set()
     single_files: set[str] = set()
+    folder_of = cache(_folder_of)
     waiting = [module]
     while waiting:
         name = waiting.pop()
@@ -137,16 +139,19 @@ def source_hashes(module: str) -> dict[str, str]:
         seen_modules.add(name)
         if name.rpartition(".")[0] in single_files:  # a thing in a module, no module
             continue
-        root, path = _locate(name)
-        if path is not None:
-            hashes[path.relative_to(root).as_posix()], imports = _source(path, path.stat().st_mtime_ns, name)
-            if path.name == "__init__.py":  # templates and style sheets of a package
-                data = (file for file in sorted(path.parent.iterdir()) if file.suffix in TEMPLATES)
-                hashes |= {f.relative_to(root).as_posix(): hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
+        root = folder_of(name.partition(".")[0])
+        if file := _file_of(name, root):
+            path = os.path.join(root, file)
+            hashes[file], imports = _source(path, os.stat(path).st_mtime_ns, name)
+            if file.endswith("/__init__.py"):  # templates and style sheets of a package
+                package = Path(path).parent
+                data = [template for template in sorted(os.listdir(package)) if template.endswith(TEMPLATES)]
+                place = file.removesuffix("__init__.py")
+                hashes |= {place + f: hashlib.sha256((package / f).read_bytes()).hexdigest() for f in data}
                 if name in GROUPS:
                     modules = [entry.module for entry in entry_points(GROUPS[name])]
                     packages |= {module.partition(".")[0] for module in modules}
-                    files = sorted(file.relative_to(path.parent) for file in path.parent.rglob("*.py"))
+                    files = sorted(file.relative_to(package) for file in package.rglob("*.py"))
                     waiting += [".".join((name, *file.with_suffix("").parts)) for file in files] + modules
             else:
                 single_files.add(name)
@@ -157,16 +162,19 @@ def source_hashes(module: str) -> dict[str, str]:
     return hashes
 
 
-def _locate(name: str) -> tuple[Path, Path | None]:
-    """Folder of the top package and the file of a module; no file if the name is not a module but a thing in one."""
-    top, *inner = name.split(".")
-    spec = importlib.util.find_spec(top) if top else None
+def _folder_of(top: str) -> str:
+    """Folder that holds a top package or module; empty if there is none."""
+    spec = importlib.util.find_spec(top)
     if spec is None or spec.origin is None:
-        return Path(), None
-    origin = Path(spec.origin)
-    root = origin.parent.parent if spec.submodule_search_locations else origin.parent
-    base = root.joinpath(top, *inner)
-    return root, next((p for p in (base / "__init__.py", base.with_suffix(".py")) if p.is_file()), None)
+        return ""
+    return str(Path(spec.origin).parents[1 if spec.submodule_search_locations else 0])
+
+
+def _file_of(name: str, root: str) -> str:
+    """File of a module in the folder of its top package; empty if the name is not a module but a thing in one."""
+    base = name.replace(".", "/")
+    files = (f"{base}/__init__.py", f"{base}.py") if root else ()
+    return next((file for file in files if os.path.isfile(os.path.join(root, file))), "")
 
 
 @contextmanager
@@ -189,10 +197,10 @@ _read_sources: dict[str, list[Any]] = {}
 
 
 @cache
-def _source(path: Path, _modified_ns: int, name: str) -> tuple[str, Sequence[str]]:
+def _source(path: str, _modified_ns: int, name: str) -> tuple[str, Sequence[str]]:
     """Hash of what a file does, and the names it imports; remembered until the file is modified."""
-    text = path.read_bytes()
-    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    text = Path(path).read_bytes()
+    package = name if os.path.basename(path) == "__init__.py" else name.rpartition(".")[0]
     key = hashlib.sha256(f"{package}\n".encode() + text).hexdigest()
     if key not in _read_sources:
         tree, imports = ast.parse(text), list[str]()

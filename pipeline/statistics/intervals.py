@@ -10,6 +10,7 @@ Latin hypercube are not independent; their intervals come from the spread betwee
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy  # its functions are slow to import: they are when they are called
@@ -153,14 +154,25 @@ def quantile_interval(values: Real, confidence: float, level: float) -> Interval
     at least `confidence`. A rank outside the sample leaves that side unbounded.
     """
     n, order_statistics = values.size, np.sort(values)
-    low, high = (int(rank) for rank in scipy.stats.binom.ppf([(1 - confidence) / 2, (1 + confidence) / 2], n, level))
+    low, high = _ranks(n, confidence, level)
     return (order_statistics[low - 1] if low >= 1 else -np.inf), (order_statistics[high] if high < n else np.inf)
 
 
 def share_interval(passes: Real, confidence: float) -> Interval:
     """Clopper-Pearson interval of a share; `passes` holds 0 and 1."""
-    test = scipy.stats.binomtest(int(np.sum(passes)), passes.size)
-    interval = test.proportion_ci(confidence_level=confidence, method="exact")
+    return _share_ends(int(np.sum(passes)), passes.size, confidence)
+
+
+@lru_cache
+def _ranks(n: int, confidence: float, level: float) -> tuple[int, int]:
+    """Ranks of the order statistics; all metrics of a study ask for the same."""
+    low, high = scipy.stats.binom.ppf([(1 - confidence) / 2, (1 + confidence) / 2], n, level)
+    return int(low), int(high)
+
+
+@lru_cache
+def _share_ends(passes: int, n: int, confidence: float) -> Interval:
+    interval = scipy.stats.binomtest(passes, n).proportion_ci(confidence_level=confidence, method="exact")
     return float(interval.low), float(interval.high)
 
 

@@ -126,7 +126,7 @@ def test_a_worker_that_joblib_starts_anew_because_it_has_grown_is_no_news(tmp_pa
     )
 
 
-@pytest.mark.parametrize("moment", [0.02, 0.3])
+@pytest.mark.parametrize("moment", [0.02, pytest.param(0.3, marks=pytest.mark.attack)])
 def test_a_kill_while_workers_start_leaves_no_process(tmp_path: Path, moment: float) -> None:
     """Seconds after the first chunk may be solved: processes of 200 MB that nobody ends stayed for good."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TOY_TROUBLE": '{"seconds": 0.25}'}

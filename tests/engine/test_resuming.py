@@ -85,6 +85,7 @@ def test_nothing_is_kept_of_an_interrupted_whole_stage(tmp_path: Path) -> None:
     assert run(STAGES, Toy(), ["draw"], tmp_path, ONE)["draw"].record["files"] == {}
 
 
+@pytest.mark.attack  # as test_kills.py does with a process that is forked
 def test_a_killed_run_resumes_and_its_workers_end(tmp_path: Path, trouble) -> None:
     trouble(seconds=0.2)
     chunks = tmp_path / "toy/.work/add/chunks"

@@ -141,9 +141,9 @@ def test_without_a_shared_effect_none_is_claimed_and_no_trend(tmp_path):
 
 
 def test_of_few_positions_the_other_states_show_the_class_with_its_size_and_control(tmp_path):
-    """Three positions in each of four states: folds over positions train on two, the other states hold the wave."""
+    """Three positions in each of three states: folds over positions train on two, the other states hold the wave."""
     answer = identify_measurements(
-        write_series(tmp_path, [1.0, 1.2, 1.5, 1.8], [40.0] * 4, RUNOUT, (20.0, 140.0, 260.0), seed=3)
+        write_series(tmp_path, [1.0, 1.3, 1.8], [40.0] * 3, RUNOUT, (20.0, 140.0, 260.0), seed=3)
     )
     (members,) = answer.effects.classes
     assert members[0].name == "pin_circle_runout"

@@ -159,7 +159,7 @@ def test_a_turning_crank_under_loops_is_told_how_to_be_read(tmp_path):
 def oval(tmp_path_factory):
     """Identification, verdict, page and residuals of a drive in a housing of two lobes."""
     home = tmp_path_factory.mktemp("oval")
-    identification = answer(home / "u", Record(effects={"ovality_2": [6.0, 4.0]}))
+    identification = answer(home / "u", Record(effects={"ovality_2": [6.0, 4.0]}), ("coulomb", "ovality_2"))
     findings_of_unit = findings(identification)
     written = write(findings_of_unit, home)
     write_page(findings_of_unit, *written, home, home)

@@ -78,11 +78,19 @@ class CrankLoops:
 
     def zeros(self, residual: Real) -> Real:
         """Mean residual of each cell's group (n_cells,), weighed; of cells without weight where a group has none."""
-        count = int(self.group.max()) + 1
-        total = np.bincount(self.group, self.weight, count)
-        weight = np.where(total[self.group] > 0, self.weight, 1.0)
-        means = np.bincount(self.group, weight * residual, count) / np.bincount(self.group, weight, count)
-        return means[self.group]
+        weight, total = self._weight_in_zero
+        return np.asarray((np.bincount(self.group, weight * residual) / total)[self.group], float)
+
+    @cached_property
+    def _weight_in_zero(self) -> tuple[Real, Real]:
+        """Weight (n_cells,) of each cell in the zero of its group, and their sum in each group (n_groups,)."""
+        weight = np.where(np.bincount(self.group, self.weight)[self.group] > 0, self.weight, 1.0)
+        return weight, np.asarray(np.bincount(self.group, weight), float)
+
+    @cached_property
+    def crank_of_parts(self) -> Real:
+        """Angle of the crank [rad] (n_cells n_parts,) at the position's first row."""
+        return np.repeat(self.crank, self.torque.shape[1])
 
 
 @dataclass(frozen=True)
@@ -96,6 +104,6 @@ class CrankAngle:
     @classmethod
     def from_readings(cls, loops: "CrankLoops", from_start: Real) -> "CrankAngle":
         """At readings less that of the position's first row (n_cells n_parts,) [arcmin]."""
-        start, turn = np.repeat(loops.crank, loops.torque.shape[1]), loops.crank_per_output * from_start
+        start, turn = loops.crank_of_parts, loops.crank_per_output * from_start
         rate = 1 - loops.behind_disk / loops.ratio
         return cls(start + turn, start * (1 - 1 / loops.ratio) + rate * turn, rate)

@@ -78,9 +78,10 @@ class GenericDrive:
             torque_zero=values.get("torque_zero_Nm", 0.0),
         )
 
-    def wave(self, acts_on: str, crank: CrankAngle) -> tuple[Real, Real]:
-        """Sum of the effects that act on something, and its derivative by the crank angle, each (n,)."""
-        wave, slope = np.zeros((2, len(crank.housing)))
+    def wave(self, acts_on: str, crank: CrankAngle) -> tuple[Real | float, Real | float]:
+        """Sum of the effects that act on something, and its derivative by the crank angle, each (n,) or 0."""
+        wave: Real | float = 0.0
+        slope: Real | float = 0.0
         for effect, cosine, sine in self.waves:
             if effect.acts_on == acts_on:
                 angle, rate = (crank.disk, crank.disk_rate) if effect.per_disk else (crank.housing, 1.0)
@@ -101,7 +102,7 @@ class GenericDrive:
         waves = {name: self.wave(name, crank) for name in self.springs}
         ratio = 1 - motor_rate * error_slope
         load = carried / ratio
-        varying = {name: slope for name, (_, slope) in waves.items() if motor_rate and slope.any()}
+        varying = {name: slope for name, (_, slope) in waves.items() if motor_rate and np.any(slope)}
         for _ in range(STEPS if varying else 0):
             work = sum(slope * self.springs[name].energy(load) for name, slope in varying.items())
             along = np.sign(carried) * (carried + motor_rate * work * factor) / ratio
@@ -131,7 +132,8 @@ class LoopModel:
         delayed = self._delayed_twist(drive, carried)
         motor_rate, parts = loops.crank_per_output if loops.at_input else 0.0, loops.torque.shape[1]
         twist, cells = np.zeros(loops.torque.size), self._zeros
-        error_at_start = drive.wave("reading", CrankAngle.from_readings(loops, twist))[0][::parts]
+        at_start = drive.wave("reading", CrankAngle.from_readings(loops, twist))[0]
+        error_at_start = np.broadcast_to(at_start, twist.shape)[::parts]
         for _ in range(ROUNDS):
             angle_before = cells
             from_start = np.repeat(self._zeros - loops.start + error_at_start, parts)

@@ -37,7 +37,7 @@ def at_motor(folder, side: str = 'side = "input"', play: float = 30.0) -> Measur
     rng = np.random.default_rng(1)
     write_unit(folder, {}, TEXT.format(side=side))
     for number in range(3):
-        torque = np.tile(path_of([0.0, 25.0, -25.0, 0.0], 80)[1:], 3)
+        torque = np.tile(path_of([0.0, 25.0, -25.0, 0.0], 40)[1:], 3)
         angle = loop(torque, play=play, rigidity=0.5, friction=1.0) + 0.05 * rng.standard_normal(torque.size)
         columns = {
             "Zeit": 20 * np.arange(torque.size),

@@ -19,7 +19,7 @@ from pipeline.report.results import needed_units
 from pipeline.report.sections.further import SamplesSection
 from pipeline.statistics.intervals import next_units
 
-BATCH, HALF_WIDTH = 8, 0.12
+BATCH, HALF_WIDTH = 8, 0.16
 
 
 def until(**changes: object) -> Study:
