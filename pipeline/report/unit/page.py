@@ -170,7 +170,7 @@ def _fit_values(
         "compared": facts.comparison_sentence(identification),
         "held_out_cranks": [] if turns else [digits(k) for k in identification.errors["after"].by_crank_deg],
         "loop_errors": [loop_row(name, error) for name, error in findings_of_unit.loops.items()],
-        "calibrated": calibrated_rows(findings_of_unit, verdict["calibrated"]),
+        "calibrated": calibrated_rows(identification),
         "tolerances": facts.tolerances_sentence(identification),
     }
 

@@ -11,7 +11,6 @@ from pipeline.identification.identify import Identification
 from pipeline.identification.results.prediction_errors import SEPARATION, LoopError
 from pipeline.identification.results.residual_signatures import Signature
 from pipeline.identification.results.turn_signatures import ORDER, ORDERS, SPAN
-from pipeline.identification.results.write import Findings
 from pipeline.identification.selection.held_out import STAGES, AngleError
 from pipeline.identification.selection.statements.detection import DetectionLimit
 from pipeline.identification.selection.statements.remainder import Remainder
@@ -209,10 +208,13 @@ def loop_row(name: str, error: LoopError) -> dict[str, Any]:
     }
 
 
-def calibrated_rows(findings_of_unit: Findings, factors: Mapping[str, float]) -> list[tuple[str, str, str, str]]:
-    """The calibrated numbers of the design: key, value as declared, as fitted, and their ratio."""
-    rows = []
-    for key, factor in factors.items():
-        value = number_at(findings_of_unit.identification.measurement.unit.study.design, key)
-        rows.append((key, plain_number(value), digits(value * factor), digits(factor)))
+def calibrated_rows(identification: Identification) -> list[tuple[str, ...]]:
+    """Refitted numbers: key or title, value as declared and as fitted, factor, its intervals, what is open of it."""
+    design, keys = identification.measurement.unit.study.design, identification.problem.calibrated_keys
+    rows: list[tuple[str, ...]] = []
+    for number in identification.verdict.calibrated_numbers:
+        value = float(number_at(design, number.key)) if number.key in keys else math.nan
+        values = (plain_number(value), digits(value * number.factor)) if number.key in keys else (DASH, DASH)
+        intervals = interval(number.ci_low, number.ci_high), interval(number.plausible_low, number.plausible_high)
+        rows.append((number.key, *values, digits(number.factor), *intervals, number.note))
     return rows
