@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_unit import CRANKS, ROOT, Bench, exactly_known, make_unit, problem_of, with_angles
 
+from pipeline.identification.bench.instrument_effects import MOST_WAVES
 from pipeline.identification.fitting.build import POPULATION
 from pipeline.identification.fitting.fitter import STEP, Fitter
 from pipeline.identification.fitting.parameters import WIDE, shares_of_values, values_at_shares
@@ -77,6 +78,19 @@ def test_positive_bounds_far_apart_are_shared_by_the_logarithm():
     np.testing.assert_allclose(values_at_shares([(0.05, 5e4)], np.array([0.5])), 50.0)
     assert values_at_shares([(1.0, WIDE)], np.array([0.5])) == pytest.approx(0.5 * (1 + WIDE))
     np.testing.assert_allclose(shares_of_values([(0.05, 5e4)], [50.0]), 0.5)
+
+
+def test_waves_are_no_finer_than_the_rows_of_a_branch_resolve(exact_unit):
+    """With four rows over each; where that leaves fewer waves than a staircase has, the effect is not testable."""
+    cogging, data = candidates()["motor_cogging"], exact_unit.data
+    cells = np.median(np.bincount(data.block))
+    for rows, waves in ((4, cells), (1, cells / 4)):
+        problem = replace(exact_unit, data=replace(data, count=np.full(len(data), rows)))
+        assert problem.resolved_waves == pytest.approx(waves)
+        wave_number = 10.0 ** problem.bounds(cogging)[2][1]
+        assert wave_number * problem.span / ARCMIN == pytest.approx(2 * np.pi * min(waves, MOST_WAVES))
+    third = replace(exact_unit, data=replace(data, count=(np.arange(len(data)) % 3 == 0).astype(np.int64)))
+    assert third.why_not(cogging) == "a branch has too few rows"
 
 
 def test_offsets_are_of_the_cells_fitted_in_their_group(exact_unit):
