@@ -8,6 +8,7 @@ from measured_bench import measured, write_unit
 from reducers import MICROMETRE, SMALL, errors_of, reducer_at
 from synthetic_unit import ROOT, Bench, make_unit, problem_of
 
+from pipeline.assembly import contact_laws
 from pipeline.identification.fitting import build
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
@@ -16,6 +17,7 @@ from pipeline.identification.fitting.parameters import values_at_shares
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.results.corrected_design import LAW_FACTORS
 from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TIME
 
 
@@ -105,3 +107,20 @@ def test_what_was_measured_is_off_by_the_instrument_in_common_and_at_each_elemen
     assert np.std(pins.mean(axis=1)) == pytest.approx(np.sqrt(1 + 1 / pins.shape[1]) * unit, rel=0.15)
     assert np.std(pins - pins.mean(axis=1, keepdims=True)) == pytest.approx(unit, rel=0.15)
     assert not np.any(units.pin_radius)
+
+
+def test_a_study_has_the_laws_of_the_fit_that_it_is_written_from(tmp_path, condensed):
+    """Factors of the deflections of pins and output, and of the curvature of all contacts."""
+    folder = make_unit(tmp_path / "u", {}, Bench(), condensed)
+    problem, study = problem_of(folder, condensed), load_measured_unit(folder, ROOT).study
+    factors = dict(zip(LAW_FACTORS, (1.3, 0.8, 2.0), strict=True))
+    written = study.model_copy(update={"springs": study.springs.model_copy(update=factors)})
+    drive = problem.drives((1.0,) * len(problem.calibrated_keys) + tuple(factors.values()), 0)
+    laws = contact_laws(written, drive.reducer)
+    force = np.array([[0.5], [5.0], [50.0]]) * np.ones(len(laws))
+    np.testing.assert_allclose(laws.deflection(force), drive.laws.deflection(force), rtol=1e-12)
+    declared = contact_laws(study, drive.reducer).deflection(force)
+    n = drive.reducer.n_pins
+    for kind in (slice(None, n), slice(n, None)):
+        share = laws.deflection(force)[:, kind] / declared[:, kind]
+        assert np.all(share[0] > share[2] * 1.05)  # a larger curvature: more at small forces, less at large ones
