@@ -165,8 +165,8 @@ FORCE_LAW = 1.65
 """Factor of the deflection of a contact: Hertz' and Palmgren's laws differ by up to a third on the flank."""
 
 LAW_CURVATURE = 3.0
-"""Factor of how far the deflection of a contact falls behind a linear law: it makes 0.73 of Palmgren's exponent of 0.9,
-near the 0.67 of a point contact, as crowned contacts are, and 0.97 where it divides."""
+"""Factor of how far the deflection of a contact falls behind a linear law: of Palmgren's exponent of 0.9 it makes 0.7,
+near the 2/3 of Hertz' point contact (Johnson 1985, 4.2), to which crowned contacts tend, and 0.97 where it divides."""
 
 
 @dataclass(frozen=True)

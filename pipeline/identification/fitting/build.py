@@ -89,8 +89,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     nmm = NMM_PER_NM * study.design.cycloid.rated_torque_Nm
     reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))
     stateless = Forward([course.without_states() for course in courses], nmm, reach)
-    of_numbers = [plausible_range(study.design, key) for key in keys]
-    ranges = np.array([of_scale.log for of_scale in (*of_numbers, LAWS, LAWS, CURVATURE)]).T
+    ranges = _scale_ranges(study.design, keys)
     by_state = Forward(courses, nmm, reach)
     nominal = first_states([drives((1.0,) * ranges.shape[1], station) for station in range(len(stations.cranks))])
     errors = assembly.errors(population_errors)
@@ -123,6 +122,12 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
         )
 
     return trained_on(visible_cells)
+
+
+def _scale_ranges(design: Design, keys: Sequence[str]) -> Real:
+    """Logarithms (2, n_scales) between which the factors of the numbers at ``keys`` and of the laws are plausible."""
+    of_numbers = [plausible_range(design, key) for key in keys]
+    return np.array([of_scale.log for of_scale in (*of_numbers, LAWS, LAWS, CURVATURE)]).T
 
 
 def _influences(measurement: Measurement, curves: Sequence[Backbone]) -> tuple[Real, ...]:

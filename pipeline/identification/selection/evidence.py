@@ -168,8 +168,8 @@ class Covariance:
 def _possible_correlations(data: Data, cells: Truth) -> tuple[float, ...]:
     """Correlations of neighbouring cells that the repeats of the branches do not exclude; all without repeats.
 
-    What cycles do not have in common is noise, whatever the model misses. Effects that differ between cycles make the
-    bound too large, never too small.
+    The difference of a cycle from the mean of all is noise, whatever the model misses. Effects that differ between
+    cycles make the bound too large, never too small.
     """
     products, squares = [], []
     for branch in np.unique(data.branch[cells]):
@@ -353,7 +353,10 @@ class Evidence:
 
     @cached_property
     def predicting_structure(self) -> Structure:
-        """That of the largest evidence without what all positions miss alike, which is learnt and not predicted."""
+        """The structure of the largest evidence without the part that all positions share.
+
+        Other positions would show that part, so that a model without the effect would predict as well as one with it.
+        """
         return self.best_structure(self._value, self.structure, largest_shared=SIZES[0])
 
     @cached_property

@@ -127,10 +127,11 @@ class Selector:
     def _at_their_most_probable(
         self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge
     ) -> Selection:
-        """The selection with what may be named made linear anew about its most probable unknowns.
+        """The selection, its models that may be named linearised again about their most probable unknowns.
 
-        A fit knows the noise alone, and the evidence the structure beside it, too: it may promise an effect a size at
-        which the model bends away. Of the two the less probable counts.
+        A fit minimises the misfit in the noise alone, while the evidence also has the structure beside the model. The
+        most probable unknowns may therefore lie away from the fit, where its derivatives no longer hold. The less
+        probable of the two linearisations counts.
         """
         trials, done = dict(selection.trials), set[str]()
         while new := [name for name in selection.reasons if name not in done]:
