@@ -30,8 +30,9 @@ BETWEEN_ROWS: Unit = 12**-0.5
 """Rms of the distance of a place that is anywhere between two rows from their middle [rows]."""
 PLACE: Unit = 24**-0.5
 """Rms of what half a row reaches beyond a place that is anywhere between two rows [rows]."""
-CELL_WIDTH = 0.02
-"""Error of a cell's torque as a share of the distance to its neighbours."""
+BENT_SHARE: Unit = 0.006
+"""Rms of what a knee anywhere in a cell of three rows changes the mean angle by, over the change of slope times the width
+of the cell: the parts over which the model is averaged do not lie where the rows do. Their distances differ by 30 %."""
 SECTORS = 8
 """Of a turn of the crank: what the model's form misses goes with the pins that carry, a quarter of the circle."""
 LEAST_FLOOR: Rounding = 1e-4
@@ -47,6 +48,7 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
     kinds = np.column_stack([blocks.position, blocks.kind])
     branch = np.unique(kinds, axis=0, return_inverse=True)[1].ravel()[cells.block]
     slope, width = _slopes(cells)
+    bend = BENT_SHARE * _slope_changes(cells) * width
     row_torque_noise = float(np.nan_to_num(noise.torque_noise_Nm))
     torque_noise = row_torque_noise / np.sqrt(cells.count)
     usual_share = np.mean(1 / cells.count[training])
@@ -65,7 +67,7 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
         count=cells.count,
         spread=cells.angle_spread,
         noise=floor,
-        sigma=np.sqrt(cell_variance + slope**2 * (torque_noise**2 + (CELL_WIDTH * width) ** 2) + within**2 + beside**2),
+        sigma=np.sqrt(cell_variance + (slope * torque_noise) ** 2 + bend**2 + within**2 + beside**2),
         row_error=np.hypot(row_error_within, row_error_beside),
         common_offset=measurement.unit.settings.offset == "common",
     )
@@ -111,6 +113,16 @@ def _slopes(cells: Cells) -> tuple[Real, Real]:
     step = np.where(is_linked, np.abs(np.diff(cells.torque_mean)), 0.0)
     interval = np.where(is_linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
     return _larger_beside(interval), _larger_beside(step)
+
+
+def _slope_changes(cells: Cells) -> Real:
+    """Largest change of the slope [arcmin/(N m)] at each cell and beside it (n_cells,)."""
+    is_linked = _is_linked(cells)
+    step = np.where(is_linked, np.diff(cells.torque_mean), 1.0)
+    slope = np.diff(cells.angle_mean) / step
+    change = np.where(is_linked[1:] & is_linked[:-1], np.abs(np.diff(slope)), 0.0)
+    padded = np.concatenate([[0.0, 0.0], change, [0.0, 0.0]])
+    return np.asarray(np.max([padded[:-2], padded[1:-1], padded[2:]], axis=0))
 
 
 def _is_linked(cells: Cells) -> Truth:

@@ -12,6 +12,7 @@ from pipeline.identification.measurement.cells import Cells, cells
 from pipeline.identification.measurement.estimate import smallest_step, torque_noise
 from pipeline.identification.measurement.load_history import History, history
 from pipeline.identification.measurement.repeatability import Noise, measured_noise, restrict_to_training
+from pipeline.identification.measurement.repeated_branches import UsableRows
 from pipeline.identification.measurement.rows import Rows, fitted_rows
 from pipeline.identification.measurement.unit_file import UnitFile
 
@@ -75,6 +76,11 @@ class MeasuredRows:
         return self.numeric & ~self.is_saturated & ~self.is_clipped & ~self.spikes & ~at_rest
 
     @cached_property
+    def usable_rows(self) -> UsableRows:
+        """Torque and angle of the rows that may be fitted."""
+        return UsableRows(np.flatnonzero(self.usable), self.rows.torque[self.usable], self.rows.angle[self.usable])
+
+    @cached_property
     def branches(self) -> BranchBlocks:
         """Monotone branches of every cycle."""
         return find_blocks(self.rows, self.usable, self.torque_noise, self.is_fitted)
@@ -92,7 +98,7 @@ class MeasuredRows:
     @cached_property
     def repeatability(self) -> Noise:
         """Noise of the cells."""
-        return measured_noise(self.branches, self.cells, self.torque_noise, self._resolution)
+        return measured_noise(self.branches, self.cells, self.usable_rows, self.torque_noise, self._resolution)
 
     def noise_of(self, visible: Truth) -> Noise:
         """Noise of some cells (n_cells,), whole branches, from their rows alone."""
@@ -102,7 +108,7 @@ class MeasuredRows:
         pairs = {(position, cycle) for position, cycle in zip(blocks.position, blocks.cycle, strict=True)}
         runs = [run for position, cycle, run in self.rows.runs() if (position, cycle) in pairs]
         scatter = torque_noise(self.rows, self.unit.settings.instrument, runs)
-        return measured_noise(blocks, restricted_cells, scatter, self._resolution)
+        return measured_noise(blocks, restricted_cells, self.usable_rows, scatter, self._resolution)
 
     @property
     def _resolution(self) -> float:

@@ -24,12 +24,13 @@ from pipeline.identification.measurement.estimate import (
 from pipeline.identification.measurement.repeated_branches import (
     NO_BRANCH,
     Branch,
+    UsableRows,
     angle_difference,
     branch_of,
     centred_differences,
     loop_differences,
     mean_loops,
-    on_nodes,
+    on_cells,
     steep_cells,
 )
 
@@ -93,19 +94,22 @@ class Noise:
         return Floor(self.resolution_arcmin, "resolution of the angle")
 
 
-def measured_noise(blocks: BranchBlocks, cells: Cells, torque_noise: float, resolution: float = 0.0) -> Noise:
+def measured_noise(
+    blocks: BranchBlocks, cells: Cells, rows: UsableRows, torque_noise: float, resolution: float = 0.0
+) -> Noise:
     """Noise of the cells of a unit, whose rows have a noise of the torque [N m] and an angle in steps [arcmin].
 
     Notes
     -----
     The first branch of a position starts from a state that nobody knows and is left out of repeats. Branches are
-    compared by their kind (sense and first torque), at the torques of the earlier one, by linear interpolation.
+    compared by their kind (sense and first torque), over the cells of the earlier one, by linear interpolation
+    between the rows of the other.
     """
     is_even = ~steep_cells(cells)
     count = np.maximum(cells.count - 2, 0) * is_even
     row_variance = np.sum(count * cells.angle_spread**2) / np.sum(count) if count.any() else np.nan
     row_scatter = float(np.sqrt(row_variance))
-    random, is_shared = _random(blocks, cells)
+    random, is_shared = _random(blocks, cells, rows)
 
     def of_all_cells(estimate: NoiseEstimate) -> NoiseEstimate:
         """The estimate from cells that are not steep for all: independent noise of rows goes with their number."""
@@ -116,11 +120,11 @@ def measured_noise(blocks: BranchBlocks, cells: Cells, torque_noise: float, reso
         return scaled_estimate(estimate, float(np.sqrt(1 + of_rows * (usual_share / share - 1))))
 
     return Noise(
-        repeats=of_all_cells(rms(_repeats(blocks, cells), np.sqrt(2))),
+        repeats=of_all_cells(rms(_repeats(blocks, cells, rows), np.sqrt(2))),
         random=of_all_cells(random),
         is_shared=is_shared,
         within_branch=robust(_from_neighbours(cells)),
-        between_positions=rms(_positions_apart(blocks, cells), np.sqrt(2)),
+        between_positions=rms(_positions_apart(blocks, cells, rows), np.sqrt(2)),
         row_scatter_arcmin=row_scatter,
         torque_noise_Nm=torque_noise,
         resolution_arcmin=resolution / float(np.sqrt(12)),
@@ -142,7 +146,7 @@ def restrict_to_training(
     )
 
 
-def _repeats(blocks: BranchBlocks, cells: Cells) -> list[Real]:
+def _repeats(blocks: BranchBlocks, cells: Cells, rows: UsableRows) -> list[Real]:
     """Differences between consecutive cycles, a list entry per pair of branches, each pair of cycles centred."""
     differences_of_repeats: list[Real] = []
     for position in np.unique(blocks.position):
@@ -151,18 +155,19 @@ def _repeats(blocks: BranchBlocks, cells: Cells) -> list[Real]:
         for cycle_before, cycle_after in zip(order[:-1], order[1:], strict=True):
             differences = []
             for block in of_position[blocks.cycle[of_position] == cycle_before]:
+                one = branch_of(cells, block, rows)
                 for second in of_position[
                     (blocks.cycle[of_position] == cycle_after) & (blocks.kind[of_position] == blocks.kind[block])
                 ]:
                     if block != of_position[0]:
-                        differences.append(angle_difference(branch_of(cells, block), branch_of(cells, second)))
+                        differences.append(angle_difference(one, branch_of(cells, second, rows)))
             differences_of_repeats += centred_differences(differences)
     return differences_of_repeats
 
 
-def _positions_apart(blocks: BranchBlocks, cells: Cells) -> list[Real]:
+def _positions_apart(blocks: BranchBlocks, cells: Cells, rows: UsableRows) -> list[Real]:
     """Differences between the mean loops of neighbouring positions."""
-    loops = mean_loops(blocks, cells)
+    loops = mean_loops(blocks, cells, rows)
     return [
         part
         for first_loop, second_loop in zip(loops[:-1], loops[1:], strict=True)
@@ -191,12 +196,12 @@ class Loops(NamedTuple):
     n_centred: int
 
 
-def _random(blocks: BranchBlocks, cells: Cells) -> tuple[NoiseEstimate, bool]:
+def _random(blocks: BranchBlocks, cells: Cells, rows: UsableRows) -> tuple[NoiseEstimate, bool]:
     """Scatter of loops beyond what position, cycle and temperature explain at equal torque; whether the last two do.
 
     A two-way layout of positions and cycles at every torque; an analysis of variance tells chance from what is shared.
     """
-    loops = _loops(blocks, cells)
+    loops = _loops(blocks, cells, rows)
     if loops.n_centred < 2 or len(np.unique(loops.position)) < 2:
         return UNKNOWN_NOISE, False
     of_position, of_cycle = (
@@ -237,7 +242,7 @@ def _unexplained_squares(loops: Loops, columns: Real) -> tuple[Real, Real]:
     return squares, expected_squares * (1 - 1 / loops.n_centred)
 
 
-def _loops(blocks: BranchBlocks, cells: Cells) -> Loops:
+def _loops(blocks: BranchBlocks, cells: Cells, usable_rows: UsableRows) -> Loops:
     """The loops of all cycles; several branches of a kind within a cycle are told apart by their order."""
     branches: dict[tuple[int, int], dict[tuple[int, int], Branch]] = {}
     for position in np.unique(blocks.position).tolist():
@@ -246,14 +251,14 @@ def _loops(blocks: BranchBlocks, cells: Cells) -> Loops:
             of_cycle = branches.setdefault((position, int(blocks.cycle[block])), {})
             kind = int(blocks.kind[block])
             number = sum(kind == kind_before for kind_before, _ in of_cycle)
-            of_cycle[kind, number] = branch_of(cells, block) if block != of_position[0] else NO_BRANCH
-    nodes: dict[tuple[int, int], Real] = {}
+            of_cycle[kind, number] = branch_of(cells, block, usable_rows) if block != of_position[0] else NO_BRANCH
+    longest: dict[tuple[int, int], Branch] = {}
     for of_cycle in branches.values():
         for key, branch in of_cycle.items():
-            nodes[key] = max(nodes.get(key, branch.torque), branch.torque, key=len)
+            longest[key] = max(longest.get(key, branch), branch, key=lambda one: len(one.torque))
     rows = []
     for (position, cycle), of_cycle in branches.items():
-        parts = [on_nodes(of_cycle.get(key, NO_BRANCH), torque) for key, torque in nodes.items()]
+        parts = [on_cells(of_cycle.get(key, NO_BRANCH), nodes) for key, nodes in longest.items()]
         angle, variance = (np.concatenate(part) for part in zip(*parts, strict=True))
         temperature = _mean(cells.temperature_mean[(cells.position == position) & (cells.cycle == cycle)])
         if np.any(np.isfinite(angle)):

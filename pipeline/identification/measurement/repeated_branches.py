@@ -3,8 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 
-from pipeline.arrays import Real, Truth
+from pipeline.arrays import Index, Real, Truth, Whole
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.enough import FEWEST_COMPARED
@@ -17,36 +18,81 @@ SURE = 3.0
 noise alone looks steep, and to leave out what is noisy would make the noise too low."""
 
 
+class UsableRows(NamedTuple):
+    """Rows that belong to cells.
+
+    Attributes
+    ----------
+    number : (n,) among all rows, ascending.
+    torque, angle : (n,) [N m], [arcmin].
+    """
+
+    number: Index
+    torque: Real
+    angle: Real
+
+    def of_cells(self, cells: Cells, chosen_cells: Index) -> Index:
+        """Places of the rows of chosen cells in these arrays, cell by cell."""
+        starts = np.searchsorted(self.number, cells.first_row[chosen_cells])
+        counts = cells.count[chosen_cells]
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        return np.asarray(np.repeat(starts, counts) + within)
+
+
 class Branch(NamedTuple):
-    """Cells of a block.
+    """Cells of a block, and their rows.
 
     Attributes
     ----------
     torque : (n,) ascending [N m].
     angle : (n,) [arcmin].
+    row_count : (n,) rows of each cell.
+    row_torque, row_angle : (n_rows,) [N m], [arcmin] of the rows, cell by cell.
     blur : scatter of a cell's angle by that of its rows [arcmin].
     """
 
     torque: Real
     angle: Real
+    row_count: Whole
+    row_torque: Real
+    row_angle: Real
     blur: float
 
+    @property
+    def cell_of_row(self) -> Index:
+        """Place of the cell of each row (n_rows,)."""
+        return np.repeat(np.arange(len(self.row_count)), self.row_count)
 
-NO_BRANCH = Branch(np.empty(0), np.empty(0), 0.0)
+
+NO_BRANCH = Branch(np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0), np.empty(0), 0.0)
 """Of which no cell is known."""
 
 
-def branch_of(cells: Cells, block: int) -> Branch:
+def branch_of(cells: Cells, block: int, rows: UsableRows) -> Branch:
     """The cells of a block."""
-    block_cells = np.flatnonzero(cells.block == block)
-    block_cells = block_cells[np.argsort(cells.torque_mean[block_cells], kind="stable")]
-    finite_scatter = cells.angle_spread[block_cells] / np.sqrt(np.maximum(cells.count[block_cells], 1))
-    finite_scatter = finite_scatter[np.isfinite(finite_scatter)]
+    block_cells = _ascending(cells, block)
+    of_rows = rows.of_cells(cells, block_cells)
     return Branch(
         cells.torque_mean[block_cells],
         cells.angle_mean[block_cells],
-        float(np.median(finite_scatter)) if finite_scatter.size else 0.0,
+        cells.count[block_cells],
+        rows.torque[of_rows],
+        rows.angle[of_rows],
+        _blur(cells, block_cells),
     )
+
+
+def _ascending(cells: Cells, block: int) -> Index:
+    """Cells of a block by ascending torque."""
+    block_cells = np.flatnonzero(cells.block == block)
+    return block_cells[np.argsort(cells.torque_mean[block_cells], kind="stable")]
+
+
+def _blur(cells: Cells, chosen_cells: Index) -> float:
+    """Scatter of the angle of some cells by that of their rows [arcmin]."""
+    scatter = cells.angle_spread[chosen_cells] / np.sqrt(np.maximum(cells.count[chosen_cells], 1))
+    scatter = scatter[np.isfinite(scatter)]
+    return float(np.median(scatter)) if scatter.size else 0.0
 
 
 def mean_branch(branches: list[Branch]) -> Branch:
@@ -54,41 +100,32 @@ def mean_branch(branches: list[Branch]) -> Branch:
     measured_branches = [branch for branch in branches if branch.torque.size]
     if not measured_branches:
         return NO_BRANCH
-    low, high = (
-        max(repeated_branch.torque[0] for repeated_branch in measured_branches),
-        min(repeated_branch.torque[-1] for repeated_branch in measured_branches),
+    low = max(branch.torque[0] for branch in measured_branches)
+    high = min(branch.torque[-1] for branch in measured_branches)
+    first = measured_branches[0]
+    is_common = (first.torque >= low) & (first.torque <= high)
+    row_torque = first.row_torque[is_common[first.cell_of_row]]
+    row_angle = np.mean([_interpolate(branch, row_torque) for branch in measured_branches], axis=0)
+    blur = np.mean([branch.blur for branch in measured_branches]) / np.sqrt(len(measured_branches))
+    count = first.row_count[is_common]
+    mean = first._replace(
+        torque=first.torque[is_common], row_count=count, row_torque=row_torque, row_angle=row_angle, blur=float(blur)
     )
-    torque = measured_branches[0].torque
-    torque = torque[(torque >= low) & (torque <= high)]
-    angle = (
-        np.mean(
-            [np.interp(torque, repeated_branch.torque, repeated_branch.angle) for repeated_branch in measured_branches],
-            axis=0,
-        )
-        if torque.size
-        else torque
-    )
-    return Branch(
-        torque,
-        angle,
-        float(
-            np.mean([repeated_branch.blur for repeated_branch in measured_branches]) / np.sqrt(len(measured_branches))
-        ),
-    )
+    return mean._replace(angle=np.bincount(mean.cell_of_row, row_angle, len(count)) / count)
 
 
 Loop = dict[int, Branch]
 """Mean branches of a position by their kind."""
 
 
-def mean_loops(blocks: BranchBlocks, cells: Cells) -> list[Loop]:
+def mean_loops(blocks: BranchBlocks, cells: Cells, rows: UsableRows) -> list[Loop]:
     """The branches of each position averaged over all cycles, but for its first branch."""
     loops: list[Loop] = []
     for position in np.unique(blocks.position):
         kinds: dict[int, list[int]] = {}
         for block in np.flatnonzero(blocks.position == position)[1:]:
             kinds.setdefault(int(blocks.kind[block]), []).append(block)
-        loops.append({kind: mean_branch([branch_of(cells, b) for b in members]) for kind, members in kinds.items()})
+        loops.append({kind: mean_branch([branch_of(cells, b, rows) for b in members]) for kind, members in kinds.items()})
     return loops
 
 
@@ -117,12 +154,26 @@ class Difference(NamedTuple):
 
 
 def angle_difference(branch: Branch, second: Branch) -> Difference:
-    """Angle of `second` less `branch`, steep places left out."""
-    if min(branch.torque.size, second.torque.size) < FEWEST_COMPARED:
-        return Difference(np.empty(0), np.empty(0))
-    is_comparable = _is_even(second, branch.torque) & ~steep_places(branch)
-    second_angle, variance = _interpolate(second, branch.torque)
+    """Angle of `second` less `branch` at its cells, steep places left out."""
+    second_angle, variance = on_cells(second, branch)
+    is_comparable = np.isfinite(second_angle) & ~steep_places(branch)
     return Difference((second_angle - branch.angle)[is_comparable], 0.5 * (1 + variance[is_comparable]))
+
+
+def on_cells(branch: Branch, cells: Branch) -> tuple[Real, Real]:
+    """Angle of a branch over the rows of another's cells, and its variance in that of a cell.
+
+    Between its rows, not between its cells: over a cell of few rows the curve is bent. NaN where the branch does not
+    reach a cell or is steep.
+    """
+    if min(branch.torque.size, cells.torque.size) < FEWEST_COMPARED:
+        return np.full(len(cells.torque), np.nan), np.ones(len(cells.torque))
+    torque, upper, share, count = _places_between_rows(branch, cells.row_torque)
+    shape, of_row = (len(cells.torque), len(torque)), cells.cell_of_row
+    weights = sparse.csr_array((np.append(1 - share, share), (np.tile(of_row, 2), np.append(upper - 1, upper))), shape)
+    variance = weights**2 @ (1 / count) / cells.row_count
+    angle = np.bincount(of_row, _interpolate(branch, cells.row_torque), len(cells.row_count)) / cells.row_count
+    return np.where(_is_even(branch, cells.torque), angle, np.nan), variance
 
 
 def _is_even(branch: Branch, level: Real) -> Truth:
@@ -133,26 +184,33 @@ def _is_even(branch: Branch, level: Real) -> Truth:
     return is_even
 
 
-def _interpolate(branch: Branch, level: Real) -> tuple[Real, Real]:
-    """Angle of a branch at torques, and its variance in that of a cell: two of them share in it."""
-    torque, angle = branch.torque, branch.angle
+def _places_between_rows(branch: Branch, level: Real) -> tuple[Real, Index, Real, Whole]:
+    """Where torques lie among those of a branch's rows.
+
+    Returns
+    -------
+    torque, count : (n_torques,) different torques of the rows, ascending [N m], and rows at each.
+    upper, share : (n,) index of the row's torque above each level, and how far the level is on the way to it.
+    """
+    torque, count = np.unique(branch.row_torque, return_counts=True)
     upper = np.clip(np.searchsorted(torque, level), 1, torque.size - 1)
     share = np.clip((level - torque[upper - 1]) / np.maximum(torque[upper] - torque[upper - 1], 1e-300), 0, 1)
-    return (1 - share) * angle[upper - 1] + share * angle[upper], share**2 + (1 - share) ** 2
+    return torque, upper, share, count
 
 
-def on_nodes(branch: Branch, torque: Real) -> tuple[Real, Real]:
-    """Angle and variance of a branch at torques; NaN where it does not reach or is steep."""
-    if branch.torque.size < FEWEST_COMPARED:
-        return np.full(len(torque), np.nan), np.ones(len(torque))
-    angle, variance = _interpolate(branch, torque)
-    return np.where(_is_even(branch, torque), angle, np.nan), variance
+def _interpolate(branch: Branch, level: Real) -> Real:
+    """Angle of a branch at torques (n,), between its rows; rows of equal torque count by their mean."""
+    torque, number, count = np.unique(branch.row_torque, return_inverse=True, return_counts=True)
+    return np.interp(level, torque, np.bincount(number.ravel(), branch.row_angle) / count)
 
 
 def steep_places(branch: Branch) -> Truth:
     """Whether the curve beside each cell is steeper than `STEEP` chords of the whole branch, and not by its noise."""
-    torque, angle = branch.torque, branch.angle
-    rise, run = np.abs(np.diff(angle)) - SURE * np.sqrt(2) * branch.blur, np.abs(np.diff(torque))
+    return _is_steep(branch.torque, branch.angle, branch.blur)
+
+
+def _is_steep(torque: Real, angle: Real, blur: float) -> Truth:
+    rise, run = np.abs(np.diff(angle)) - SURE * np.sqrt(2) * blur, np.abs(np.diff(torque))
     steep = rise * np.ptp(torque) > STEEP * np.ptp(angle) * run
     is_steep: Truth = np.concatenate([[False], steep]) | np.concatenate([steep, [False]])
     return is_steep
@@ -162,9 +220,8 @@ def steep_cells(cells: Cells) -> Truth:
     """Cells (n_cells,) beside which the curve is steep: those that are not compared with their repeats."""
     steep = np.zeros(len(cells), bool)
     for block in np.unique(cells.block):
-        block_cells = np.flatnonzero(cells.block == block)
-        order = np.argsort(cells.torque_mean[block_cells], kind="stable")
-        steep[block_cells[order]] = steep_places(branch_of(cells, block))
+        of_block = _ascending(cells, block)
+        steep[of_block] = _is_steep(cells.torque_mean[of_block], cells.angle_mean[of_block], _blur(cells, of_block))
     return steep
 
 

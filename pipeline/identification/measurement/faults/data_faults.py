@@ -67,7 +67,7 @@ def _unknown_noise(measurement: MeasuredRows) -> Iterator[Fault]:
 def _standing_out(measurement: MeasuredRows) -> Iterator[Fault]:
     repeats = measurement.repeatability.repeats.value
     for position, distance, largest_distance in shape_faults.standing_out(
-        mean_loops(measurement.branches, measurement.cells), repeats
+        mean_loops(measurement.branches, measurement.cells, measurement.usable_rows), repeats
     ):
         yield Fault(
             "position stands out",
