@@ -1,7 +1,8 @@
 """The cells of a measurement with the noise by which they are weighted.
 
-A cell's noise is the noise floor of the unit, and beside it what its torque is uncertain by: where the curve is steep,
-and where the angle jumps through the play within the cell. The mean angle of such a cell tells the torque at which the
+A cell's noise is the noise floor of the unit, and beside it what its torque is uncertain by: where the curve is steeper
+than it usually is (the floor holds the noise of the torque there), and where the angle jumps through the play within
+the cell. The mean angle of such a cell tells the torque at which the
 play was crossed, as surely as its rows and its repeats do.
 """
 
@@ -14,6 +15,7 @@ from pipeline.constant_kinds import Rounding, Unit
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.repeated_branches import PLAY_SHARE
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 from pipeline.model.units import TURN_DEG
 
@@ -23,16 +25,10 @@ STEP_SCATTER: Unit = 0.27
 """Scatter of rows about their line over the height of a step among them: 0.25 for one in the middle, 0.20 to 0.29
 within the middle 90 %: sqrt(d - 3 d^2) with d = s (1 - s) of a step after the share s, its own variance d less what a
 line of slope 6 d takes of it."""
-PLAY_SHARE = 0.1
-"""Height of a jump, over the range of the angle at its position, from which it is a way through the play: a knee of the
-curve scatters too."""
 BETWEEN_ROWS: Unit = 12**-0.5
 """Rms of the distance of a place that is anywhere between two rows from their middle [rows]."""
 PLACE: Unit = 24**-0.5
 """Rms of what half a row reaches beyond a place that is anywhere between two rows [rows]."""
-BENT_SHARE: Unit = 0.006
-"""Rms of what a knee anywhere in a cell of three rows changes the mean angle by, over the change of slope times the width
-of the cell: the parts over which the model is averaged do not lie where the rows do. Their distances differ by 30 %."""
 SECTORS = 8
 """Of a turn of the crank: what the model's form misses goes with the pins that carry, a quarter of the circle."""
 LEAST_FLOOR: Rounding = 1e-4
@@ -47,8 +43,8 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
     floor = max(noise.floor.value, LEAST_FLOOR)
     kinds = np.column_stack([blocks.position, blocks.kind])
     branch = np.unique(kinds, axis=0, return_inverse=True)[1].ravel()[cells.block]
-    slope, width = _slopes(cells)
-    bend = BENT_SHARE * _slope_changes(cells) * width
+    slope, _ = _slopes(cells)
+    steeper_square = np.maximum(slope**2 - np.median(slope[training]) ** 2, 0.0)
     row_torque_noise = float(np.nan_to_num(noise.torque_noise_Nm))
     torque_noise = row_torque_noise / np.sqrt(cells.count)
     usual_share = np.mean(1 / cells.count[training])
@@ -67,7 +63,7 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
         count=cells.count,
         spread=cells.angle_spread,
         noise=floor,
-        sigma=np.sqrt(cell_variance + (slope * torque_noise) ** 2 + bend**2 + within**2 + beside**2),
+        sigma=np.sqrt(cell_variance + steeper_square * torque_noise**2 + within**2 + beside**2),
         row_error=np.hypot(row_error_within, row_error_beside),
         common_offset=measurement.unit.settings.offset == "common",
     )
@@ -113,16 +109,6 @@ def _slopes(cells: Cells) -> tuple[Real, Real]:
     step = np.where(is_linked, np.abs(np.diff(cells.torque_mean)), 0.0)
     interval = np.where(is_linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
     return _larger_beside(interval), _larger_beside(step)
-
-
-def _slope_changes(cells: Cells) -> Real:
-    """Largest change of the slope [arcmin/(N m)] at each cell and beside it (n_cells,)."""
-    is_linked = _is_linked(cells)
-    step = np.where(is_linked, np.diff(cells.torque_mean), 1.0)
-    slope = np.diff(cells.angle_mean) / step
-    change = np.where(is_linked[1:] & is_linked[:-1], np.abs(np.diff(slope)), 0.0)
-    padded = np.concatenate([[0.0, 0.0], change, [0.0, 0.0]])
-    return np.asarray(np.max([padded[:-2], padded[1:-1], padded[2:]], axis=0))
 
 
 def _is_linked(cells: Cells) -> Truth:

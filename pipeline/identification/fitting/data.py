@@ -59,7 +59,7 @@ class Data:
     torque, angle : (n_cells,) [N m], [arcmin].
     count, spread : rows in each cell, and scatter of their angle about its line [arcmin].
     noise : floor of the angle of a cell [arcmin].
-    sigma : (n_cells,) [arcmin]: the floor, and the noise of the torque times the slope of the measured curve.
+    sigma : (n_cells,) [arcmin]: the floor, and the noise of the torque where the measured curve is steep.
     row_error : (n_cells,) [arcmin]: of the mean angle beside a way through the play, whose place between two rows is
         not known; alike in all branches of one sense where their rows lie at the same torques. 0 elsewhere.
     common_offset : whether all positions share one zero of the angle.

@@ -8,14 +8,14 @@ from scipy import sparse
 from pipeline.arrays import Index, Real, Truth, Whole
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
-from pipeline.identification.measurement.enough import FEWEST_COMPARED
+from pipeline.identification.measurement.enough import FEWEST_COMPARED, SURE
 
 STEEP = 3.0
 """Slopes beyond this multiple of a branch's chord are left out of repeats: in the play and on the steps of a cogging
 motor the difference of two repeats is the noise of the torque times the slope, not that of the angle."""
-SURE = 3.0
-"""Standard deviations of a difference of two cells that a step must exceed the steep slope by: where cells are narrow,
-noise alone looks steep, and to leave out what is noisy would make the noise too low."""
+PLAY_SHARE = 0.1
+"""Height of a jump, over the range of the angle, from which it is a way through the play: a knee of the curve scatters
+too."""
 
 
 class UsableRows(NamedTuple):
@@ -48,7 +48,7 @@ class Branch(NamedTuple):
     angle : (n,) [arcmin].
     row_count : (n,) rows of each cell.
     row_torque, row_angle : (n_rows,) [N m], [arcmin] of the rows, cell by cell.
-    blur : scatter of a cell's angle by that of its rows [arcmin].
+    blur, row_blur : usual scatter of a cell's angle by that of its rows, and of these [arcmin].
     """
 
     torque: Real
@@ -57,14 +57,21 @@ class Branch(NamedTuple):
     row_torque: Real
     row_angle: Real
     blur: float
+    row_blur: float
 
     @property
     def cell_of_row(self) -> Index:
         """Place of the cell of each row (n_rows,)."""
         return np.repeat(np.arange(len(self.row_count)), self.row_count)
 
+    @property
+    def by_torque(self) -> tuple[Real, Real, Whole]:
+        """Different torques of the rows, ascending, their mean angle, and rows at each, each (n_torques,)."""
+        torque, number, count = np.unique(self.row_torque, return_inverse=True, return_counts=True)
+        return torque, np.bincount(number.ravel(), self.row_angle) / count, count
 
-NO_BRANCH = Branch(np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0), np.empty(0), 0.0)
+
+NO_BRANCH = Branch(np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0), np.empty(0), 0.0, 0.0)
 """Of which no cell is known."""
 
 
@@ -78,7 +85,7 @@ def branch_of(cells: Cells, block: int, rows: UsableRows) -> Branch:
         cells.count[block_cells],
         rows.torque[of_rows],
         rows.angle[of_rows],
-        _blur(cells, block_cells),
+        *_blurs(cells, block_cells),
     )
 
 
@@ -88,11 +95,14 @@ def _ascending(cells: Cells, block: int) -> Index:
     return block_cells[np.argsort(cells.torque_mean[block_cells], kind="stable")]
 
 
-def _blur(cells: Cells, chosen_cells: Index) -> float:
-    """Scatter of the angle of some cells by that of their rows [arcmin]."""
-    scatter = cells.angle_spread[chosen_cells] / np.sqrt(np.maximum(cells.count[chosen_cells], 1))
-    scatter = scatter[np.isfinite(scatter)]
-    return float(np.median(scatter)) if scatter.size else 0.0
+def _blurs(cells: Cells, chosen_cells: Index) -> tuple[float, float]:
+    """Usual scatter of the angle of some cells by that of their rows, and of these [arcmin]."""
+    spread = cells.angle_spread[chosen_cells]
+    known = np.isfinite(spread)
+    if not np.any(known):
+        return 0.0, 0.0
+    count = np.maximum(cells.count[chosen_cells][known], 1)
+    return float(np.median(spread[known] / np.sqrt(count))), float(np.median(spread[known]))
 
 
 def mean_branch(branches: list[Branch]) -> Branch:
@@ -105,13 +115,12 @@ def mean_branch(branches: list[Branch]) -> Branch:
     first = measured_branches[0]
     is_common = (first.torque >= low) & (first.torque <= high)
     row_torque = first.row_torque[is_common[first.cell_of_row]]
-    row_angle = np.mean([_interpolate(branch, row_torque) for branch in measured_branches], axis=0)
-    blur = np.mean([branch.blur for branch in measured_branches]) / np.sqrt(len(measured_branches))
+    row_angle = np.mean([np.interp(row_torque, *branch.by_torque[:2]) for branch in measured_branches], axis=0)
+    blurs = np.mean([(branch.blur, branch.row_blur) for branch in measured_branches], axis=0)
     count = first.row_count[is_common]
-    mean = first._replace(
-        torque=first.torque[is_common], row_count=count, row_torque=row_torque, row_angle=row_angle, blur=float(blur)
-    )
-    return mean._replace(angle=np.bincount(mean.cell_of_row, row_angle, len(count)) / count)
+    angle = np.bincount(np.repeat(np.arange(len(count)), count), row_angle, len(count)) / count
+    blur, row_blur = (blurs / np.sqrt(len(measured_branches))).tolist()
+    return Branch(first.torque[is_common], angle, count, row_torque, row_angle, blur, row_blur)
 
 
 Loop = dict[int, Branch]
@@ -125,7 +134,8 @@ def mean_loops(blocks: BranchBlocks, cells: Cells, rows: UsableRows) -> list[Loo
         kinds: dict[int, list[int]] = {}
         for block in np.flatnonzero(blocks.position == position)[1:]:
             kinds.setdefault(int(blocks.kind[block]), []).append(block)
-        loops.append({kind: mean_branch([branch_of(cells, b, rows) for b in members]) for kind, members in kinds.items()})
+        branches = {kind: [branch_of(cells, block, rows) for block in members] for kind, members in kinds.items()}
+        loops.append({kind: mean_branch(members) for kind, members in branches.items()})
     return loops
 
 
@@ -156,7 +166,8 @@ class Difference(NamedTuple):
 def angle_difference(branch: Branch, second: Branch) -> Difference:
     """Angle of `second` less `branch` at its cells, steep places left out."""
     second_angle, variance = on_cells(second, branch)
-    is_comparable = np.isfinite(second_angle) & ~steep_places(branch)
+    is_comparable = np.isfinite(second_angle) & ~_is_steep(branch.torque, branch.angle, branch.blur)
+    is_comparable &= ~_meets_jump(branch, branch)
     return Difference((second_angle - branch.angle)[is_comparable], 0.5 * (1 + variance[is_comparable]))
 
 
@@ -164,52 +175,46 @@ def on_cells(branch: Branch, cells: Branch) -> tuple[Real, Real]:
     """Angle of a branch over the rows of another's cells, and its variance in that of a cell.
 
     Between its rows, not between its cells: over a cell of few rows the curve is bent. NaN where the branch does not
-    reach a cell or is steep.
+    reach a cell, is steep or jumps.
     """
     if min(branch.torque.size, cells.torque.size) < FEWEST_COMPARED:
         return np.full(len(cells.torque), np.nan), np.ones(len(cells.torque))
-    torque, upper, share, count = _places_between_rows(branch, cells.row_torque)
-    shape, of_row = (len(cells.torque), len(torque)), cells.cell_of_row
-    weights = sparse.csr_array((np.append(1 - share, share), (np.tile(of_row, 2), np.append(upper - 1, upper))), shape)
+    torque, angle, count = branch.by_torque
+    upper = np.clip(np.searchsorted(torque, cells.row_torque), 1, torque.size - 1)
+    share = (cells.row_torque - torque[upper - 1]) / (torque[upper] - torque[upper - 1])
+    share = np.clip(share, 0, 1)
+    rows = np.tile(cells.cell_of_row, 2), np.append(upper - 1, upper)
+    weights = sparse.csr_array((np.append(1 - share, share), rows), (len(cells.torque), len(torque)))
+    is_known = _is_even(branch, cells.torque) & ~_meets_jump(branch, cells)
     variance = weights**2 @ (1 / count) / cells.row_count
-    angle = np.bincount(of_row, _interpolate(branch, cells.row_torque), len(cells.row_count)) / cells.row_count
-    return np.where(_is_even(branch, cells.torque), angle, np.nan), variance
+    return np.where(is_known, weights @ angle / cells.row_count, np.nan), variance
 
 
 def _is_even(branch: Branch, level: Real) -> Truth:
     """Torques that a branch reaches and where it is not steep."""
     torque = branch.torque
-    steep = steep_places(branch)[np.clip(np.searchsorted(torque, level), 0, torque.size - 1)]
+    is_steep = _is_steep(torque, branch.angle, branch.blur)
+    steep = is_steep[np.clip(np.searchsorted(torque, level), 0, torque.size - 1)]
     is_even: Truth = (level >= torque[0]) & (level <= torque[-1]) & ~steep
     return is_even
 
 
-def _places_between_rows(branch: Branch, level: Real) -> tuple[Real, Index, Real, Whole]:
-    """Where torques lie among those of a branch's rows.
+def _meets_jump(branch: Branch, cells: Branch) -> Truth:
+    """Cells (n_cells,) between whose rows a branch jumps from row to row, as through the play.
 
-    Returns
-    -------
-    torque, count : (n_torques,) different torques of the rows, ascending [N m], and rows at each.
-    upper, share : (n,) index of the row's torque above each level, and how far the level is on the way to it.
+    A cell that is wider than the play is not steep as a whole.
     """
-    torque, count = np.unique(branch.row_torque, return_counts=True)
-    upper = np.clip(np.searchsorted(torque, level), 1, torque.size - 1)
-    share = np.clip((level - torque[upper - 1]) / np.maximum(torque[upper] - torque[upper - 1], 1e-300), 0, 1)
-    return torque, upper, share, count
-
-
-def _interpolate(branch: Branch, level: Real) -> Real:
-    """Angle of a branch at torques (n,), between its rows; rows of equal torque count by their mean."""
-    torque, number, count = np.unique(branch.row_torque, return_inverse=True, return_counts=True)
-    return np.interp(level, torque, np.bincount(number.ravel(), branch.row_angle) / count)
-
-
-def steep_places(branch: Branch) -> Truth:
-    """Whether the curve beside each cell is steeper than `STEEP` chords of the whole branch, and not by its noise."""
-    return _is_steep(branch.torque, branch.angle, branch.blur)
+    torque, angle, _ = branch.by_torque
+    rise, angle_range = np.abs(np.diff(angle)) - SURE * np.sqrt(2) * branch.row_blur, np.ptp(angle)
+    is_steep = rise * np.ptp(torque) > STEEP * angle_range * np.diff(torque)
+    jumps = np.flatnonzero(is_steep & (rise > PLAY_SHARE * angle_range))
+    starts = np.cumsum(cells.row_count) - cells.row_count
+    lowest, highest = (extreme.reduceat(cells.row_torque, starts)[:, None] for extreme in (np.minimum, np.maximum))
+    return np.asarray(np.any((torque[jumps] < highest) & (torque[jumps + 1] > lowest), axis=1))
 
 
 def _is_steep(torque: Real, angle: Real, blur: float) -> Truth:
+    """Whether the curve beside each cell is steeper than `STEEP` chords of the whole branch, and not by its noise."""
     rise, run = np.abs(np.diff(angle)) - SURE * np.sqrt(2) * blur, np.abs(np.diff(torque))
     steep = rise * np.ptp(torque) > STEEP * np.ptp(angle) * run
     is_steep: Truth = np.concatenate([[False], steep]) | np.concatenate([steep, [False]])
@@ -221,7 +226,7 @@ def steep_cells(cells: Cells) -> Truth:
     steep = np.zeros(len(cells), bool)
     for block in np.unique(cells.block):
         of_block = _ascending(cells, block)
-        steep[of_block] = _is_steep(cells.torque_mean[of_block], cells.angle_mean[of_block], _blur(cells, of_block))
+        steep[of_block] = _is_steep(cells.torque_mean[of_block], cells.angle_mean[of_block], _blurs(cells, of_block)[0])
     return steep
 
 

@@ -1,14 +1,13 @@
 """The torque at which the play is crossed, where the angle jumps through it within a cell."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from measured_bench import measured, path_of, write_unit
 from synthetic_unit import ROOT, Bench, make_unit, problem_of
 
-from pipeline.identification.fitting.cells_in_noise import BENT_SHARE, PLACE, STEP_SCATTER, data_of, place_errors
+from pipeline.identification.fitting.cells_in_noise import PLACE, STEP_SCATTER, data_of, place_errors
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.measured_loops import within_cells
@@ -168,22 +167,13 @@ def test_cells_cut_short_where_the_torque_turns_have_the_mean_torque_of_their_ro
     np.testing.assert_allclose(middles, cells.torque_mean, atol=0.02 * step)
 
 
-def test_a_knee_in_a_cell_of_three_rows_changes_its_mean_by_the_declared_share():
-    """Rows whose distances differ by 30 %, a knee anywhere between them, against the parts that the model has."""
-    rng, squares = np.random.default_rng(3), []
-    for _ in range(300):
-        torque = 5 + np.cumsum(1 + 0.3 * rng.standard_normal(3).clip(-2, 2)) / 3
-        measurement = SimpleNamespace(
-            rows=SimpleNamespace(torque=torque),
-            usable=np.ones(3, bool),
-            history=SimpleNamespace(torque=[np.array([0.0, 10.0])], leg=np.zeros(1, int)),
-            cells=SimpleNamespace(
-                block=np.zeros(1, int), position=np.zeros(1, int), first_row=np.zeros(1, int), count=np.array([3])
-            ),
-        )
-        edges = within_cells(measurement, np.arange(1))[0]
-        middles, width = 0.5 * (edges[1:] + edges[:-1]), edges[-1] - edges[0]
-        knees = np.linspace(edges[0], edges[-1], 200)
-        of_rows, of_parts = (np.maximum(places[:, None] - knees, 0).mean(axis=0) for places in (torque, middles))
-        squares.append(np.mean(((of_rows - of_parts) / width) ** 2))
-    assert np.sqrt(np.mean(squares)) == pytest.approx(BENT_SHARE, rel=0.25)
+def test_the_noise_of_the_torque_that_repeats_show_is_counted_once(tmp_path):
+    table = measured(cycles=4, per_branch=150, noise=1e-4)
+    noise = 0.05 * np.random.default_rng(2).standard_normal(len(table))
+    unit = load_measured_unit(
+        write_unit(tmp_path / "u", {"rows.csv": table.assign(torque_Nm=table["torque_Nm"] + noise)}), ROOT
+    )
+    measurement = Measurement.read(unit)
+    data = data_of(measurement, np.ones(len(measurement.cells), bool))
+    assert np.median(data.sigma) == pytest.approx(data.noise, rel=0.1)
+    assert np.max(data.sigma) > 3 * data.noise
