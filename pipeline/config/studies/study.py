@@ -58,7 +58,11 @@ class Samples(Section):
 
 
 class Clearance(Section):
-    """How errors become gaps: exact geometry or first order, and what a tolerance on the drawing means."""
+    """How errors become gaps: exact geometry or first order, and what a tolerance on the drawing means.
+
+    An error of the disk's profile is a smaller pin circle that generates it (`"radial"`), or half of that where it is
+    one of the diameter (`"radial_on_diameter"`), or material taken off along the normal of the flank (`"normal"`).
+    """
 
     method: Literal["exact", "first_order"] = "exact"
     disk_reading: Literal["radial_on_diameter", "radial", "normal"] = "radial_on_diameter"
@@ -68,6 +72,7 @@ class Clearance(Section):
 class Springs(Section):
     """Law of the line contacts, the stiffness of each where the law is linear, and the length of its tables.
 
+    Laws: `"hertz"`, `"palmgren"`, `"linear"`, and those that other packages add (`pipeline/model/contact/line_laws`).
     The deflections of the law at the pins and at the output may be multiplied by factors, as they are fitted to a unit,
     and so may that by which both fall behind a linear law (1 - the exponent of a power; the coefficient of Hertz'
     logarithm), the deflection at a usual force (`assembly.usual_force`) left as it is.

@@ -166,8 +166,10 @@ class Difference(NamedTuple):
 def angle_difference(branch: Branch, second: Branch) -> Difference:
     """Angle of `second` less `branch` at its cells, steep places left out."""
     second_angle, variance = on_cells(second, branch)
-    is_comparable = np.isfinite(second_angle) & ~_is_steep(branch.torque, branch.angle, branch.blur)
-    is_comparable &= ~_meets_jump(branch, branch)
+    is_comparable = np.isfinite(second_angle)
+    if np.any(is_comparable):
+        is_steep = _is_steep(branch.torque, branch.angle, branch.blur)
+        is_comparable &= ~is_steep & ~_meets_jump(branch, branch)
     return Difference((second_angle - branch.angle)[is_comparable], 0.5 * (1 + variance[is_comparable]))
 
 

@@ -144,7 +144,7 @@ def trend(
 def judged_signature(name: str, title: str, unit: str, line: tuple[Real, Real, int]) -> Signature:
     """The signature of a coefficient; few blocks widen its interval as Student's t does.
 
-    Resampled coefficients of n blocks scatter by (n - 1)/n of the variance, as in ``parameter_intervals``.
+    Resampled coefficients of n blocks scatter by (n - 1)/n of the variance, as in ``fitted_numbers``.
     """
     (value,), resamples, n = line
     if n < FEWEST_BLOCKS:

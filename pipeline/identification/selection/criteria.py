@@ -26,15 +26,15 @@ from math import comb
 from typing import Generic, TypeVar
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import chdtrc, logsumexp  # scipy.stats is slow to import
 
 from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import REMAINING_SHARE
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
-from pipeline.identification.selection.evidence import SIZES, Evidence
-from pipeline.identification.selection.recalibration import UNLIKELY, tolerance_share
+from pipeline.identification.selection.covariance import NO_EFFECT_LEFT
+from pipeline.identification.selection.evidence import Evidence
 from pipeline.statistics.resampling import LEVEL
 
 T = TypeVar("T")
@@ -49,11 +49,12 @@ LARGEST_CLASS = 3
 FORM = 0.05
 """Share of the misfit that the form of the model (contact law, mesh, cells) may leave. Calibrated: the parameters of
 drawn units came out 1 to 6 % off."""
-NO_EFFECT_LEFT = SIZES[3]
-"""Structure, in the noise of a cell, up to which one beside a name is the form of the model: of the sizes tried the
-nearest to the most, 0.38, that 23 refitted units without an effect left of their true curves."""
 AT_BOUND = 0.01
 """Share of its bounds from an end at which a size is at the bound."""
+
+
+UNLIKELY = 1e-3
+"""Share of units whose tolerances are as far from nominal as those fitted, below which they explain nothing."""
 
 
 @dataclass(frozen=True)
@@ -328,6 +329,19 @@ class Judge(Rule[Trial]):
         share = tolerance_share(fit, trial.evidence)
         if share < UNLIKELY:
             yield f"it needs tolerances that {share:.1g} of the study's units have"
+
+
+def tolerance_share(fit: Fit, evidence: Evidence) -> float:
+    """Share of the study's units whose tolerances lie as far from the usual unit as those fitted; 1 without any.
+
+    Modes of the tolerances have unit variance, so their sum of squares is chi-square with as many degrees of freedom.
+    Their posterior mean is taken: what the structure beside the model takes up is no tolerance.
+    """
+    n_modes = len(fit.unknowns.modes)
+    if not n_modes:
+        return 1.0
+    modes = evidence.unknowns[0][-n_modes:]
+    return float(chdtrc(n_modes, modes @ modes))
 
 
 def best_of(odds: Mapping[str, float]) -> str:

@@ -1,191 +1,34 @@
 """How probable the data are under a fitted model: one covariance, one score, for fitted cells and for unused ones.
 
 Near a fit the effects, the calibrated numbers and the tolerances with their priors are one linear Gaussian problem. The
-covariance of the cells holds the noise (with the blur beside a jump through the play, ``fitting.cells_in_noise``), its
-correlation between neighbouring cells of a branch, what every model of the library may miss alike at all positions,
-the scatter between positions, and that between cycles. Sizes of the last three, their reach and the correlation are
-those of the largest evidence of each model. What differs between cycles is known by the repeats of a unit alone: where
-these agree its size is none.
+sizes of what is correlated beyond the model (``covariance``), their reach and the correlation of the noise are the most
+probable ones of each model. What differs between cycles is known by the repeats of a unit alone: where these agree its
+size is none.
 
-Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; evidence of a linear Gaussian model: MacKay, Neural
-Computation 4 (1992) 415; variance of a random effect by its largest marginal likelihood: Harville, J. Am. Stat. Assoc.
-72 (1977) 320; autoregressive noise: Prais and Winsten (1954).
+Source: evidence of a linear Gaussian model: MacKay, Neural Computation 4 (1992) 415; variance of a random effect by its
+largest marginal likelihood: Harville, J. Am. Stat. Assoc. 72 (1977) 320.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
-from scipy.special import gammaincinv, log_ndtr, ndtri
+from scipy.special import gammaincinv, log_ndtr, logsumexp
 
-from pipeline.arrays import Real, Truth, Whole
-from pipeline.constant_kinds import Rounding
-from pipeline.identification.fitting.data import Data, TurningData
+from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
+from pipeline.identification.selection.covariance import CORRELATIONS, REACHES, SIZES, Covariance, Structure
 from pipeline.statistics.resampling import CONFIDENCE
 
-REACHES = (0.15, 0.5)
-"""Distances, in largest torques, over which a discrepancy is alike."""
-SIZES = (1e-3, *(0.1 * 2.0 ** np.arange(10)).tolist())
-"""Standard deviations of a discrepancy that are tried, in those of the median cell's noise."""
-CORRELATIONS = (0.0, 0.3, 0.6)
-"""Correlations of the noise of neighbouring cells of a branch."""
-OFFSET: Rounding = 1e3
-"""Prior standard deviation of the zero of an angle, in those of the median cell: equal in all models."""
-
-
-@dataclass(frozen=True)
-class Structure:
-    """What is correlated beyond a model.
-
-    Attributes
-    ----------
-    common, own_size : standard deviations in those of the median cell's noise: alike at all positions, and of each.
-    reach : in largest torques.
-    correlation : of the noise of neighbouring cells.
-    cycle_size : as ``common``, of each cycle by itself, alike at all positions.
-    """
-
-    common: float
-    own_size: float
-    reach: float
-    correlation: float
-    cycle_size: float = 0.0
-
-    @property
-    def size(self) -> float:
-        """Standard deviation of all that is alike in neighbouring torques and in every cycle."""
-        return float(np.hypot(self.common, self.own_size))
-
-    @property
-    def square(self) -> float:
-        """Mean square of all that is correlated, what differs between cycles included."""
-        return self.size**2 + self.cycle_size**2
-
-
+SCALES = tuple((4.0 ** -np.arange(4)).tolist())
+"""Standard deviations of the prior of an effect's sizes, in that of its widest prior: each is as probable, since the
+order of magnitude of a size is not known."""
 FIRST = Structure(SIZES[2], SIZES[2], REACHES[0], CORRELATIONS[0])
 """From where the structure of the largest evidence is sought."""
-
-
-class Covariance:
-    """The covariance of some cells of a problem, as features of unit variance.
-
-    Parameters
-    ----------
-    cells : (n_cells,) those that count.
-    parts : (n_cells,) what is left out at once: cells of a branch are never apart.
-    """
-
-    def __init__(self, data: Data, cells: Truth, parts: Whole):
-        self.data, self.cells = data, cells
-        self.sigma, self.parts = data.sigma[cells], parts[cells]
-        self.correlations = _possible_correlations(data, cells)
-        self.is_first = np.append(True, np.diff(data.block[cells]) != 0)
-        self.unit = float(np.median(self.sigma))
-        group = data.group[cells]
-        self.fixed_features = np.hstack(
-            [OFFSET * self.unit * (group[:, None] == np.unique(group)), self._row_errors()]
-        )
-        common_features = {reach: self._common_features(reach) for reach in REACHES}
-        of_cycles = self._by_number(common_features[max(REACHES)], data.cycle[cells])
-        self._features = {
-            reach: (common, self._by_number(common, data.position[cells]), of_cycles)
-            for reach, common in common_features.items()
-        }
-        self._whitened_columns: dict[tuple[float, float], Real] = {}
-        self._products: dict[tuple[float, float], Real] = {}
-
-    def _row_errors(self) -> Real:
-        """Errors of the place of the jump through play between two rows, alike on all branches of a sense (n, ...)."""
-        senses, errors = self.data.senses[self.cells], self.data.row_error[self.cells]
-        of_senses = errors[:, None] * (senses[:, None] == np.unique(senses))
-        return np.asarray(of_senses[:, np.any(of_senses > 0, axis=0)])
-
-    def _common_features(self, reach: float) -> Real:
-        """Features (n, n_features) that all positions and cycles share, variances summing to one."""
-        data = self.data
-        if isinstance(data, TurningData):
-            place, kind = data.crank[self.cells], data.senses[self.cells] * (1.0 + data.level[self.cells])
-            place = 2 * (place - place.min()) / max(float(np.ptp(place)), 1e-9) - 1
-        else:
-            place, kind = data.torque[self.cells], data.senses[self.cells]
-            place = place / max(float(np.max(np.abs(place))), 1e-9)
-        centres = np.arange(-1 - reach, 1 + 1.5 * reach, reach)
-        bumps = np.exp(-(((place[:, None] - centres) / reach) ** 2))
-        bumps /= np.linalg.norm(bumps, axis=1)[:, None]
-        return np.hstack([bumps * (kind == number)[:, None] for number in np.unique(kind)])
-
-    def _by_number(self, features: Real, numbers: Whole) -> Real:
-        """The features of each number (n,) by itself; none of a single one, and of a turning crank."""
-        distinct_numbers = np.unique(numbers)
-        if isinstance(self.data, TurningData) or len(distinct_numbers) == 1:
-            return np.zeros((len(features), 0))
-        return np.hstack([features * (numbers == number)[:, None] for number in distinct_numbers])
-
-    def whiten(self, columns: Real, correlation: float) -> Real:
-        """Columns (n, ...) over the noise, its correlation between neighbours of a branch removed."""
-        scaled_columns = columns / self.sigma.reshape(-1, *[1] * (columns.ndim - 1))
-        white = scaled_columns.copy()
-        white[1:] = (scaled_columns[1:] - correlation * scaled_columns[:-1]) / np.sqrt(1 - correlation**2)
-        white[self.is_first] = scaled_columns[self.is_first]
-        return white
-
-    def features(self, reach: float) -> Real:
-        """Features of all kinds, zeros of angles and places between rows (n, n_features)."""
-        return np.hstack([*self._features[reach], self.fixed_features])
-
-    def whitened_features(self, reach: float, correlation: float) -> tuple[Real, Real]:
-        """The features (n, n_features), whitened, and their products."""
-        key = reach, correlation
-        if key not in self._whitened_columns:
-            self._whitened_columns[key] = self.whiten(self.features(reach), correlation)
-            self._products[key] = self._whitened_columns[key].T @ self._whitened_columns[key]
-        return self._whitened_columns[key], self._products[key]
-
-    def spreads(self, structure: Structure) -> Real:
-        """Standard deviation of the amount of each feature."""
-        counts = [features.shape[1] for features in self._features[structure.reach]]
-        sizes = self.unit * np.array([structure.common, structure.own_size, structure.cycle_size])
-        return np.append(np.repeat(sizes, counts), np.ones(self.fixed_features.shape[1]))
-
-    def log_scale(self, correlation: float, is_chosen: Truth) -> float:
-        """Logarithm of what turns the density of whitened cells into that of ``is_chosen`` ones (n,)."""
-        n_correlated = np.sum(is_chosen & ~self.is_first)
-        return float(-np.sum(np.log(self.sigma[is_chosen])) - 0.5 * n_correlated * np.log1p(-(correlation**2)))
-
-    @property
-    def can_scatter(self) -> tuple[bool, bool]:
-        """Whether positions can scatter, and whether cycles can."""
-        _, *of_numbers = self._features[REACHES[0]]
-        positions, cycles = (features.shape[1] > 0 for features in of_numbers)
-        return positions, cycles
-
-
-def _possible_correlations(data: Data, cells: Truth) -> tuple[float, ...]:
-    """Correlations of neighbouring cells that the repeats of the branches do not exclude; all without repeats.
-
-    The difference of a cycle from the mean of all is noise, whatever the model misses. Effects that differ between
-    cycles make the bound too large, never too small.
-    """
-    products, squares = [], []
-    for branch in np.unique(data.branch[cells]):
-        of_branch = cells & (data.branch == branch)
-        blocks = [np.flatnonzero(of_branch & (data.block == block)) for block in np.unique(data.block[of_branch])]
-        places = np.array([block for block in blocks if len(block) == len(blocks[-1])])
-        if len(places) > 1:
-            white = (data.angle[places] - data.angle[places].mean(axis=0)) / data.sigma[places]
-            products.append((white[:, 1:] * white[:, :-1]).ravel())
-            squares.append(0.5 * (white[:, 1:] ** 2 + white[:, :-1] ** 2).ravel())
-    if not products or not np.any(np.concatenate(squares)):
-        return CORRELATIONS
-    square = np.concatenate(squares)
-    n_pairs = np.sum(square) ** 2 / np.sum(square**2)
-    largest = np.sum(np.concatenate(products)) / np.sum(square) + float(ndtri(CONFIDENCE)) / np.sqrt(n_pairs)
-    return tuple(correlation for correlation in CORRELATIONS if correlation <= max(largest, 0.0))
 
 
 class Evidence:
@@ -207,9 +50,11 @@ class Evidence:
         self.misfit = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
         self._products: dict[tuple[float, float], Real] = {}
         self._known_values: dict[Structure, float] = {}
+        first_share = len(fit.unknowns.scales)
+        self.sizes = first_share + np.flatnonzero([low <= 0 <= high for low, high in self.bounds])
         self._systems: dict[Structure, tuple[Real, Real]] = {}
         self.structure = self._most_likely(start_structure or FIRST)
-        self.value = self._value(self.structure) + self._positive
+        self.value = self._of_all_scales(self.structure, self._everything)
 
     @cached_property
     def _everything(self) -> Truth:
@@ -236,22 +81,35 @@ class Evidence:
         left_out = self._columns(structure)[~is_chosen]
         return self._products[key] - left_out.T @ left_out
 
-    def _solved(self, structure: Structure, is_chosen: Truth) -> tuple[Real, Real, Real, float]:
+    def _solved(
+        self, structure: Structure, is_chosen: Truth, scale: float = 1.0
+    ) -> tuple[Real, Real, Real, float]:
         """Deviations (n_columns,) of unknowns and features, factor of their posterior's precision, right side, square.
 
-        Of chosen cells (n,); the square is that of the misfit, in noise.
+        Of chosen cells (n,), with priors of the sizes narrower by a scale; the square is that of the misfit, in noise.
         """
         k, gram = self.jacobian.shape[1], self._gram(structure, is_chosen)
         other_columns = np.delete(np.arange(len(gram)), k)
         spread = np.append(np.ones(k), self.covariance.spreads(structure))
+        spread[self.sizes] = scale
         scaled_gram = spread[:, None] * gram[np.ix_(other_columns, other_columns)] * spread
         factor = cholesky(np.eye(len(spread)) + scaled_gram, lower=True)
         return spread, factor, spread * gram[other_columns, k], float(gram[k, k])
 
-    def _log_evidence(self, structure: Structure, is_chosen: Truth) -> float:
-        """Logarithm of the evidence of chosen cells (n,)."""
-        _, factor, right_side, square = self._solved(structure, is_chosen)
+    def _of_all_scales(self, structure: Structure, is_chosen: Truth) -> float:
+        """Logarithm of the evidence of chosen cells (n,), the mean over the scales of the sizes' priors."""
+        scales = SCALES if len(self.sizes) else SCALES[:1]
+        values = [self._log_evidence(structure, is_chosen, scale, is_signed=True) for scale in scales]
+        return float(logsumexp(values) - np.log(len(scales))) + structure.log_prior
+
+    def _log_evidence(
+        self, structure: Structure, is_chosen: Truth, scale: float = 1.0, is_signed: bool = False
+    ) -> float:
+        """Logarithm of the evidence of chosen cells (n,); by a truncated integral where the sign of sizes counts."""
+        spread, factor, right_side, square = self._solved(structure, is_chosen, scale)
         explained_square = np.sum(solve_triangular(factor, right_side, lower=True) ** 2)
+        if is_signed:
+            square -= 2 * self._positive(factor, right_side)
         size = float(np.sum(np.log(np.diag(factor)))) + 0.5 * float(is_chosen.sum()) * np.log(2 * np.pi)
         return float(
             -0.5 * (square - explained_square) - size + self.covariance.log_scale(structure.correlation, is_chosen)
@@ -259,7 +117,7 @@ class Evidence:
 
     def _value(self, structure: Structure) -> float:
         if structure not in self._known_values:
-            self._known_values[structure] = self._log_evidence(structure, self._everything)
+            self._known_values[structure] = self._log_evidence(structure, self._everything) + structure.log_prior
         return self._known_values[structure]
 
     def _most_likely(
@@ -328,13 +186,18 @@ class Evidence:
         """The most probable unknowns (n_unknowns,) in their units."""
         return np.asarray(self.centre + self.spread * self.unknowns[0])
 
-    @cached_property
-    def _positive(self) -> float:
-        """Logarithm of the share of the posterior of sizes that cannot be negative, over that of their prior."""
-        mean, covariance = self.unknowns
+    def _positive(self, factor: Real, right_side: Real) -> float:
+        """Logarithm of the share of the posterior of sizes that cannot be negative, over that of their prior.
+
+        By the factor of the posterior's precision (n_columns, n_columns) and the right side (n_columns,).
+        """
         first_share = len(self.fit.unknowns.scales)
         columns = [first_share + k for k, (low, _) in enumerate(self.bounds) if low == 0]
-        return float(sum(log_ndtr(mean[k] / np.sqrt(covariance[k, k])) + np.log(2) for k in columns))
+        if not columns:
+            return 0.0
+        inverse = cho_solve((factor, True), np.eye(len(factor))[:, columns])
+        variance, mean = inverse[columns, np.arange(len(columns))], right_side @ inverse
+        return float(np.sum(log_ndtr(mean / np.sqrt(variance)) + np.log(2)))
 
     def log_evidence_up_to(self, largest_size: float, largest_between_cycles: float) -> float:
         """The logarithm of the evidence where the structure beside the model is no larger than a size.
@@ -343,13 +206,14 @@ class Evidence:
         """
         if self.structure.size <= largest_size and self.structure.cycle_size <= largest_between_cycles:
             return self.value
-        return self._value(self._most_likely(self.structure, largest_size, largest_between_cycles)) + self._positive
+        structure = self._most_likely(self.structure, largest_size, largest_between_cycles)
+        return self._of_all_scales(structure, self._everything)
 
     @cached_property
     def training(self) -> Mapping[int, float]:
         """By number of a part, the logarithm of the evidence of all other parts."""
         parts = self.covariance.parts
-        return {int(part): self._log_evidence(self.structure, parts != part) for part in np.unique(parts)}
+        return {int(part): self._of_all_scales(self.structure, parts != part) for part in np.unique(parts)}
 
     @cached_property
     def predicting_structure(self) -> Structure:
@@ -364,7 +228,7 @@ class Evidence:
         """Log density of the cells of every part (n_parts,), predicted from all others: the score of unused data."""
         parts, structure = self.covariance.parts, self.predicting_structure
         others = [self._log_evidence(structure, parts != part) for part in np.unique(parts)]
-        return np.asarray(self._value(structure) - np.array(others))
+        return np.asarray(self._log_evidence(structure, self._everything) - np.array(others))
 
     def distance(self, effect: str) -> float:
         """How far the sizes of an effect of the model are from zero, over the radius of their 95 % region.

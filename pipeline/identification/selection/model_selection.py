@@ -13,6 +13,7 @@ from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
 from pipeline.identification.measurement.enough import FEWEST_COMPARED
+from pipeline.identification.selection.covariance import Covariance
 from pipeline.identification.selection.criteria import (
     MOST_NAMED,
     ODDS,
@@ -22,7 +23,7 @@ from pipeline.identification.selection.criteria import (
     least_fall,
     most_probable,
 )
-from pipeline.identification.selection.evidence import Covariance, Evidence
+from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.pairs import promising_pairs
 from pipeline.identification.selection.screening import RIVAL, Promise, Screening, screen_effects
 

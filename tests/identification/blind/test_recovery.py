@@ -29,8 +29,8 @@ CASES = {
     "preload": ((9.0,), TWO, 0.03),
     "presliding": ((0.6, 0.4), TWO, 0.1),
     "run_in": ((6.0, 1.5), replace(TWO, cycles=5), 0.1),
-    "seat_compliance": ((0.01,), THREE, 0.1),
-    "softening_compliance": ((0.2, 1.5), THREE, 0.1),
+    "seat_compliance": ((0.01,), THREE, 0.15),
+    "softening_compliance": ((0.2, 1.5), THREE, 0.15),
     "thermal_growth": ((12.0,), replace(TWO, cycles=3, warming=10.0), 0.05),
     "torque_zero": ((0.4,), TWO, 0.03),
     "torque_gain": ((0.1,), THREE, 0.2),
@@ -65,7 +65,7 @@ def test_an_effect_is_found_again(name, tmp_path, condensed):
     assert promises[name].misfit < 0.98
     (fit,) = selector.fits(base, all_cells, promises)
     assert fit.sound
-    assert np.sqrt(np.mean(((problem.data.angle - fit.predicted_angle) / problem.data.sigma) ** 2)) < 1.2
+    assert np.sqrt(np.mean(((problem.data.angle - fit.predicted_angle) / problem.data.sigma) ** 2)) < 1.25
     np.testing.assert_allclose(fit.values, values, rtol=tolerance_range)
 
 

@@ -17,8 +17,9 @@ from pipeline.identification.fitting.parameters import WIDE, shares_of_values, v
 from pipeline.identification.fitting.problem import LIMIT, Model, PriorModes, candidates
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.selection.evidence import Covariance, Evidence
-from pipeline.identification.selection.recalibration import calibrated_numbers, implausible, refit_with_free_numbers
+from pipeline.identification.selection.covariance import Covariance
+from pipeline.identification.selection.evidence import Evidence
+from pipeline.identification.selection.fitted_numbers import calibrated_numbers, implausible, refit_with_free_numbers
 from pipeline.model.effects import Conditions
 from pipeline.model.load_history.load_cycle import ARCMIN
 

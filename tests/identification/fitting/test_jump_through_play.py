@@ -15,7 +15,8 @@ from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.selection.evidence import Covariance, Evidence
+from pipeline.identification.selection.covariance import Covariance
+from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.model_selection import Selector, parts_of
 from pipeline.identification.selection.statements.verdict import IDENTIFIED, judge
 

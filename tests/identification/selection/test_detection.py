@@ -7,8 +7,9 @@ import pytest
 from linear_unit import LinearFitter, linear_data, model_of
 
 from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.selection.covariance import Covariance
 from pipeline.identification.selection.criteria import Judge, Trial
-from pipeline.identification.selection.evidence import Covariance, Evidence
+from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.model_selection import parts_of
 from pipeline.identification.selection.statements.detection import detection_limits
 

@@ -12,8 +12,8 @@ from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.selection.criteria import LARGEST_CLASS, Selection
+from pipeline.identification.selection.fitted_numbers import FittedParameter
 from pipeline.identification.selection.held_out import AngleError
-from pipeline.identification.selection.parameter_intervals import FittedParameter
 from pipeline.identification.selection.statements.remainder import TORQUE_BINS, Remainder
 from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
@@ -114,7 +114,8 @@ def _expected_clause(error: AngleError) -> str:
     """What a right model would leave, where that and what is left are clearly more than noise."""
     if not min(error.expected_to_noise, error.to_noise) > EXPECTED_RATIO:
         return ""
-    return f"; a correct model would be expected to leave {error.expected_to_noise:.3g} times the noise here"
+    why = " since these data do not settle its numbers" if error.to_noise <= error.expected_to_noise else ""
+    return f"; a correct model would be expected to leave {error.expected_to_noise:.3g} times the noise here{why}"
 
 
 def _in_sample(selection: Selection, refit_error: AngleError, measured_text: str) -> str:

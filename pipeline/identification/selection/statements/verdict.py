@@ -7,15 +7,14 @@ import numpy as np
 from pipeline.arrays import Truth
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
-from pipeline.identification.selection.criteria import Selection
-from pipeline.identification.selection.parameter_intervals import FittedParameter, intervals
-from pipeline.identification.selection.recalibration import (
-    UNLIKELY,
+from pipeline.identification.selection.criteria import UNLIKELY, Selection, tolerance_share
+from pipeline.identification.selection.fitted_numbers import (
     CalibratedNumber,
+    FittedParameter,
     calibrated_numbers,
     implausible,
+    intervals,
     refit_with_free_numbers,
-    tolerance_share,
 )
 
 ADEQUATE = "adequate"
