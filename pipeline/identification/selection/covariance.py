@@ -22,9 +22,6 @@ SIZES = (1e-3, *(0.1 * 2.0 ** np.arange(10)).tolist())
 """Standard deviations of a discrepancy that are tried, in those of the median cell's noise."""
 CORRELATIONS = (0.0, 0.3, 0.6)
 """Correlations of the noise of neighbouring cells of a branch."""
-NO_EFFECT_LEFT = SIZES[3]
-"""Structure, in the noise of a cell, up to which one beside a name is the form of the model: of the sizes tried the
-nearest to the most, 0.38, that 23 refitted units without an effect left of their true curves."""
 OFFSET: Rounding = 1e3
 """Prior standard deviation of the zero of an angle, in those of the median cell: equal in all models."""
 
@@ -56,16 +53,6 @@ class Structure:
     def square(self) -> float:
         """Mean square of all that is correlated, what differs between cycles included."""
         return self.size**2 + self.cycle_size**2
-
-    @property
-    def log_prior(self) -> float:
-        """Logarithm of how probable the sizes are before the data, against those that the form of the model leaves.
-
-        All larger ones of those tried are together as probable as what it leaves.
-        """
-        n_larger = sum(size > NO_EFFECT_LEFT for size in SIZES)
-        sizes = self.common, self.own_size, self.cycle_size
-        return float(-np.log(n_larger) * sum(size > NO_EFFECT_LEFT for size in sizes))
 
 
 class Covariance:

@@ -1,9 +1,9 @@
 """How probable the data are under a fitted model: one covariance, one score, for fitted cells and for unused ones.
 
 Near a fit the effects, the calibrated numbers and the tolerances with their priors are one linear Gaussian problem. The
-sizes of what is correlated beyond the model (``covariance``), their reach and the correlation of the noise are the most
-probable ones of each model. What differs between cycles is known by the repeats of a unit alone: where these agree its
-size is none.
+sizes of what is correlated beyond the model (``covariance``), their reach and the correlation of the noise are those of
+the largest evidence of each model. What differs between cycles is known by the repeats of a unit alone: where these
+agree its size is none.
 
 Source: evidence of a linear Gaussian model: MacKay, Neural Computation 4 (1992) 415; variance of a random effect by its
 largest marginal likelihood: Harville, J. Am. Stat. Assoc. 72 (1977) 320.
@@ -16,7 +16,7 @@ from itertools import product
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
-from scipy.special import gammaincinv, log_ndtr, logsumexp
+from scipy.special import gammaincinv, log_ndtr
 
 from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.fitter import Fitter
@@ -24,9 +24,6 @@ from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.selection.covariance import CORRELATIONS, REACHES, SIZES, Covariance, Structure
 from pipeline.statistics.resampling import CONFIDENCE
 
-SCALES = tuple((4.0 ** -np.arange(4)).tolist())
-"""Standard deviations of the prior of an effect's sizes, in that of its widest prior: each is as probable, since the
-order of magnitude of a size is not known."""
 FIRST = Structure(SIZES[2], SIZES[2], REACHES[0], CORRELATIONS[0])
 """From where the structure of the largest evidence is sought."""
 
@@ -50,11 +47,9 @@ class Evidence:
         self.misfit = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
         self._products: dict[tuple[float, float], Real] = {}
         self._known_values: dict[Structure, float] = {}
-        first_share = len(fit.unknowns.scales)
-        self.sizes = first_share + np.flatnonzero([low <= 0 <= high for low, high in self.bounds])
         self._systems: dict[Structure, tuple[Real, Real]] = {}
         self.structure = self._most_likely(start_structure or FIRST)
-        self.value = self._of_all_scales(self.structure, self._everything)
+        self.value = self._value(self.structure) + self._positive
 
     @cached_property
     def _everything(self) -> Truth:
@@ -81,35 +76,22 @@ class Evidence:
         left_out = self._columns(structure)[~is_chosen]
         return self._products[key] - left_out.T @ left_out
 
-    def _solved(
-        self, structure: Structure, is_chosen: Truth, scale: float = 1.0
-    ) -> tuple[Real, Real, Real, float]:
+    def _solved(self, structure: Structure, is_chosen: Truth) -> tuple[Real, Real, Real, float]:
         """Deviations (n_columns,) of unknowns and features, factor of their posterior's precision, right side, square.
 
-        Of chosen cells (n,), with priors of the sizes narrower by a scale; the square is that of the misfit, in noise.
+        Of chosen cells (n,); the square is that of the misfit, in noise.
         """
         k, gram = self.jacobian.shape[1], self._gram(structure, is_chosen)
         other_columns = np.delete(np.arange(len(gram)), k)
         spread = np.append(np.ones(k), self.covariance.spreads(structure))
-        spread[self.sizes] = scale
         scaled_gram = spread[:, None] * gram[np.ix_(other_columns, other_columns)] * spread
         factor = cholesky(np.eye(len(spread)) + scaled_gram, lower=True)
         return spread, factor, spread * gram[other_columns, k], float(gram[k, k])
 
-    def _of_all_scales(self, structure: Structure, is_chosen: Truth) -> float:
-        """Logarithm of the evidence of chosen cells (n,), the mean over the scales of the sizes' priors."""
-        scales = SCALES if len(self.sizes) else SCALES[:1]
-        values = [self._log_evidence(structure, is_chosen, scale, is_signed=True) for scale in scales]
-        return float(logsumexp(values) - np.log(len(scales))) + structure.log_prior
-
-    def _log_evidence(
-        self, structure: Structure, is_chosen: Truth, scale: float = 1.0, is_signed: bool = False
-    ) -> float:
-        """Logarithm of the evidence of chosen cells (n,); by a truncated integral where the sign of sizes counts."""
-        spread, factor, right_side, square = self._solved(structure, is_chosen, scale)
+    def _log_evidence(self, structure: Structure, is_chosen: Truth) -> float:
+        """Logarithm of the evidence of chosen cells (n,)."""
+        _, factor, right_side, square = self._solved(structure, is_chosen)
         explained_square = np.sum(solve_triangular(factor, right_side, lower=True) ** 2)
-        if is_signed:
-            square -= 2 * self._positive(factor, right_side)
         size = float(np.sum(np.log(np.diag(factor)))) + 0.5 * float(is_chosen.sum()) * np.log(2 * np.pi)
         return float(
             -0.5 * (square - explained_square) - size + self.covariance.log_scale(structure.correlation, is_chosen)
@@ -117,7 +99,7 @@ class Evidence:
 
     def _value(self, structure: Structure) -> float:
         if structure not in self._known_values:
-            self._known_values[structure] = self._log_evidence(structure, self._everything) + structure.log_prior
+            self._known_values[structure] = self._log_evidence(structure, self._everything)
         return self._known_values[structure]
 
     def _most_likely(
@@ -186,18 +168,13 @@ class Evidence:
         """The most probable unknowns (n_unknowns,) in their units."""
         return np.asarray(self.centre + self.spread * self.unknowns[0])
 
-    def _positive(self, factor: Real, right_side: Real) -> float:
-        """Logarithm of the share of the posterior of sizes that cannot be negative, over that of their prior.
-
-        By the factor of the posterior's precision (n_columns, n_columns) and the right side (n_columns,).
-        """
+    @cached_property
+    def _positive(self) -> float:
+        """Logarithm of the share of the posterior of sizes that cannot be negative, over that of their prior."""
+        mean, covariance = self.unknowns
         first_share = len(self.fit.unknowns.scales)
         columns = [first_share + k for k, (low, _) in enumerate(self.bounds) if low == 0]
-        if not columns:
-            return 0.0
-        inverse = cho_solve((factor, True), np.eye(len(factor))[:, columns])
-        variance, mean = inverse[columns, np.arange(len(columns))], right_side @ inverse
-        return float(np.sum(log_ndtr(mean / np.sqrt(variance)) + np.log(2)))
+        return float(sum(log_ndtr(mean[k] / np.sqrt(covariance[k, k])) + np.log(2) for k in columns))
 
     def log_evidence_up_to(self, largest_size: float, largest_between_cycles: float) -> float:
         """The logarithm of the evidence where the structure beside the model is no larger than a size.
@@ -206,14 +183,13 @@ class Evidence:
         """
         if self.structure.size <= largest_size and self.structure.cycle_size <= largest_between_cycles:
             return self.value
-        structure = self._most_likely(self.structure, largest_size, largest_between_cycles)
-        return self._of_all_scales(structure, self._everything)
+        return self._value(self._most_likely(self.structure, largest_size, largest_between_cycles)) + self._positive
 
     @cached_property
     def training(self) -> Mapping[int, float]:
         """By number of a part, the logarithm of the evidence of all other parts."""
         parts = self.covariance.parts
-        return {int(part): self._of_all_scales(self.structure, parts != part) for part in np.unique(parts)}
+        return {int(part): self._log_evidence(self.structure, parts != part) for part in np.unique(parts)}
 
     @cached_property
     def predicting_structure(self) -> Structure:
@@ -228,7 +204,7 @@ class Evidence:
         """Log density of the cells of every part (n_parts,), predicted from all others: the score of unused data."""
         parts, structure = self.covariance.parts, self.predicting_structure
         others = [self._log_evidence(structure, parts != part) for part in np.unique(parts)]
-        return np.asarray(self._log_evidence(structure, self._everything) - np.array(others))
+        return np.asarray(self._value(structure) - np.array(others))
 
     def distance(self, effect: str) -> float:
         """How far the sizes of an effect of the model are from zero, over the radius of their 95 % region.

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp, ndtri  # scipy.stats is slow to import
+from scipy.special import ndtri  # scipy.stats is slow to import
 
 from pipeline.arrays import Real
 from pipeline.constant_kinds import Fineness, Shown
@@ -13,7 +13,6 @@ from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.covariance import Structure
 from pipeline.identification.selection.criteria import LARGEST_CLASS, ODDS, Trial, prior_log_odds
-from pipeline.identification.selection.evidence import SCALES
 from pipeline.statistics.resampling import CONFIDENCE
 
 START: Shown = 0.01
@@ -123,7 +122,7 @@ class _Sought:
             self.pattern = change
             information = float(evidence.information(change[:, None])[0, 0])
             scores = evidence.scores(change[:, None])[:, 0]
-            self.cost = self._cost_of_parameters(change[:, None] * self.prior, 0)
+            self.cost = self._cost_of_parameters(change[:, None] * self.prior)
             self.scatter = float(np.sqrt(max(1.0, np.sum(scores**2) / max(information, 1e-300))))
             self.structure = evidence.best_structure(self._needed_share, self.structure)
             ratio = self._needed_share(self.structure)
@@ -148,19 +147,11 @@ class _Sought:
             return 0.0
         return float((np.sqrt(2 * odds) + ndtri(CONFIDENCE) * self.scatter) / np.sqrt(max(information, 1e-12)))
 
-    def _cost_of_parameters(self, changes: Real, grows: int) -> float:
-        """Fall of the evidence by parameters whose prior deviations make ``changes`` (n_cells, n_parameters).
-
-        The one of the size that ``grows`` has priors of several scales, as in the evidence.
-        """
-        information = self.base.evidence.information(changes)
-        falls = []
-        for scale in SCALES:
-            deviations = np.where(np.arange(changes.shape[1]) == grows, scale, 1.0)
-            precision = np.eye(len(deviations)) + deviations[:, None] * information * deviations
-            falls.append(0.5 * np.linalg.slogdet(precision)[1] + 0.5 / (scale * self.prior) ** 2)
+    def _cost_of_parameters(self, changes: Real) -> float:
+        """Fall of the evidence by parameters whose prior deviations make ``changes`` (n_cells, n_parameters)."""
+        information = np.eye(changes.shape[1]) + self.base.evidence.information(changes)
         halves = sum(low == 0 for low, _ in self.bounds)
-        return float(np.log(len(SCALES)) - logsumexp(-np.array(falls)) - halves * np.log(2))
+        return float(0.5 * np.linalg.slogdet(information)[1] - halves * np.log(2))
 
     def _cost_of_all(self) -> float:
         """As ``_cost_of_parameters``, of all parameters at the size that was found: phases and times are fitted too."""
@@ -172,7 +163,7 @@ class _Sought:
         weight = 1 / fitter.problem.data.sigma**2
         first = len(unknowns.scales)
         jacobian, _ = fitter.jacobian(model, unknowns, prediction, fitter.positions, weight, known_derivatives)
-        return self._cost_of_parameters(OPEN_SHARE * jacobian[:, first : first + len(self.bounds)], self.grows)
+        return self._cost_of_parameters(OPEN_SHARE * jacobian[:, first : first + len(self.bounds)])
 
     def limit(self, rivals: Sequence[tuple[float, float]]) -> DetectionLimit:
         """Both sizes.
