@@ -48,7 +48,7 @@ class Branch(NamedTuple):
     angle : (n,) [arcmin].
     row_count : (n,) rows of each cell.
     row_torque, row_angle : (n_rows,) [N m], [arcmin] of the rows, cell by cell.
-    blur, row_blur : usual scatter of a cell's angle by that of its rows, and of these [arcmin].
+    blur, row_blur : usual standard deviation of a cell's mean angle and of its rows, by the scatter of the rows [arcmin].
     """
 
     torque: Real
@@ -96,7 +96,7 @@ def _ascending(cells: Cells, block: int) -> Index:
 
 
 def _blurs(cells: Cells, chosen_cells: Index) -> tuple[float, float]:
-    """Usual scatter of the angle of some cells by that of their rows, and of these [arcmin]."""
+    """Usual standard deviation of a cell's mean angle and of its rows, by the scatter of the rows [arcmin]."""
     spread = cells.angle_spread[chosen_cells]
     known = np.isfinite(spread)
     if not np.any(known):
@@ -174,10 +174,10 @@ def angle_difference(branch: Branch, second: Branch) -> Difference:
 
 
 def on_cells(branch: Branch, cells: Branch) -> tuple[Real, Real]:
-    """Angle of a branch over the rows of another's cells, and its variance in that of a cell.
+    """Mean angle of a branch at the torques of the rows of another branch's cells, and its variance in that of a cell.
 
-    Between its rows, not between its cells: over a cell of few rows the curve is bent. NaN where the branch does not
-    reach a cell, is steep or jumps.
+    Interpolated between rows, not between cells, because the curve is bent over a cell of few rows. NaN where the
+    branch does not reach a cell, is steep or jumps.
     """
     if min(branch.torque.size, cells.torque.size) < FEWEST_COMPARED:
         return np.full(len(cells.torque), np.nan), np.ones(len(cells.torque))
@@ -202,9 +202,9 @@ def _is_even(branch: Branch, level: Real) -> Truth:
 
 
 def _meets_jump(branch: Branch, cells: Branch) -> Truth:
-    """Cells (n_cells,) between whose rows a branch jumps from row to row, as through the play.
+    """Cells (n_cells,) within whose torques a branch jumps between two rows, as through the play.
 
-    A cell that is wider than the play is not steep as a whole.
+    The slope between cells does not show such a jump where cells are wide.
     """
     torque, angle, _ = branch.by_torque
     rise, angle_range = np.abs(np.diff(angle)) - SURE * np.sqrt(2) * branch.row_blur, np.ptp(angle)
