@@ -48,7 +48,7 @@ class Branch(NamedTuple):
     angle : (n,) [arcmin].
     row_count : (n,) rows of each cell.
     row_torque, row_angle : (n_rows,) [N m], [arcmin] of the rows, cell by cell.
-    blur, row_blur : usual standard deviation of a cell's mean angle and of its rows, by the scatter of the rows [arcmin].
+    blur, row_blur : usual standard deviation of a cell's mean angle and of its rows, by their scatter [arcmin].
     """
 
     torque: Real
@@ -174,7 +174,7 @@ def angle_difference(branch: Branch, second: Branch) -> Difference:
 
 
 def on_cells(branch: Branch, cells: Branch) -> tuple[Real, Real]:
-    """Mean angle of a branch at the torques of the rows of another branch's cells, and its variance in that of a cell.
+    """Mean angle of a branch at the rows of another branch's cells, and its variance in that of a cell.
 
     Interpolated between rows, not between cells, because the curve is bent over a cell of few rows. NaN where the
     branch does not reach a cell, is steep or jumps.
