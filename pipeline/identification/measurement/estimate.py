@@ -24,7 +24,8 @@ def high_frequency_scatter(values: Real, runs: list[slice]) -> float:
 
     The smaller of two estimates, since what is no noise only enlarges each. Fourth differences (variance 70 s^2) remove
     a ramp that starts and ends gently; second differences (6 s^2) contain fewer corners and steps, most of which their
-    median absolute value ignores. Noise that is alike in neighbouring rows is not seen. NaN with fewer than three rows in a run.
+    median absolute value ignores. Noise that is alike in neighbouring rows is not seen. NaN with fewer than three rows
+    in a run.
     """
     estimates = [
         MAD_TO_STD * np.median(np.abs(differences)) / np.sqrt(comb(2 * order, order))
