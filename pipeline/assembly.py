@@ -1,7 +1,7 @@
 """A validated design and study as objects of the model: where millimetres of a file become bodies and contacts."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ from pipeline.config.designs.design import Design, MaterialSection
 from pipeline.config.designs.flank import flank_profile
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.mechanisms.mechanism import LawInputs
-from pipeline.config.studies.study import Study
+from pipeline.config.studies.study import LAW_FACTORS, Study
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated_laws, curved_laws, scaled_laws
 from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
 from pipeline.model.elastic.beam import ring_flexibility
@@ -146,18 +146,19 @@ def contact_law(study: Study) -> ContactLaw:
 
 
 def contact_laws(study: Study, reducer: Reducer) -> ContactLaws:
-    """Laws of every contact of the reducer, pins first.
+    """Laws of every contact of the reducer, pins first, with the study's factors.
 
     Raises
     ------
     ValueError
         As ``pin_laws``.
     """
-    return concatenated_laws([pin_laws(study, reducer), output_laws(study)])
+    laws = concatenated_laws([pin_laws(study, reducer), output_laws(study)])
+    return with_factors(laws, study.design, reducer, law_factors(study))
 
 
 def pin_laws(study: Study, reducer: Reducer) -> ContactLaws:
-    """Laws of the contacts of the pins.
+    """Laws of the contacts of the pins, without factors.
 
     Raises
     ------
@@ -167,24 +168,49 @@ def pin_laws(study: Study, reducer: Reducer) -> ContactLaws:
     inputs, radius = _law_inputs(study), study.design.cycloid.pin_radius_mm
     pin = inputs.materials[study.design.pins.material]
     on_flank = LineContact(1 / (1 / radius + reducer.pins.flank_curvature), inputs.thickness, pin, inputs.disk)
-    laws = inputs.law.on_mesh(on_flank, radius, study.reduce.patch_half_width_mm)
-    curved = curved_laws(laws, study.springs.curvature_factor, usual_force(study.design))
-    return scaled_laws(curved, study.springs.pin_deflection_factor)
+    return inputs.law.on_mesh(on_flank, radius, study.reduce.patch_half_width_mm)
 
 
 def output_laws(study: Study) -> ContactLaws:
-    """Laws of the contacts of the output with every disk, then of those behind the disks; alike at all crank angles."""
+    """Laws of the output's contacts with every disk, then of those behind the disks, without factors.
+
+    They are alike at all crank angles.
+    """
     output = study.design.output
-    laws = concatenated_laws([*[output.laws(_law_inputs(study))] * study.design.disk.count, output.laws_behind()])
-    curved = curved_laws(laws, study.springs.curvature_factor, usual_force(study.design))
-    return scaled_laws(curved, study.springs.output_deflection_factor)
+    return concatenated_laws([*[output.laws(_law_inputs(study))] * study.design.disk.count, output.laws_behind()])
 
 
-def usual_force(design: Design) -> float:
-    """Force [N] at which laws of another curvature are alike: of the rated torque if half of the pins shared it."""
-    cycloid = design.cycloid
-    pins = 0.5 * (cycloid.lobes + 1) * design.disk.count
-    return NMM_PER_NM * cycloid.rated_torque_Nm / (cycloid.pin_circle_radius_mm * pins)
+def law_factors(study: Study) -> tuple[float, ...]:
+    """The study's factors of the laws (n_law_factors,), in the order of ``LAW_FACTORS``."""
+    return tuple(getattr(study.springs, factor.key) for factor in LAW_FACTORS)
+
+
+def with_factors(laws: ContactLaws, design: Design, reducer: Reducer, factors: Sequence[float]) -> ContactLaws:
+    """Laws of every contact of a reducer with factors in the order of ``LAW_FACTORS``.
+
+    The deflection of a pin whose relative radius of curvature with the flank is R', of its own radius r, is multiplied
+    by the factor of half a radius to the power log2(r/R'): 1 on a flat flank, the factor where R' = r/2.
+    """
+    of_pins, of_output, curvature, of_half_radius = factors
+    n_pins = reducer.n_pins
+    deflection = np.where(np.arange(len(laws)) < n_pins, of_pins, of_output)
+    radius_ratio = 1 + design.cycloid.pin_radius_mm * reducer.pins.flank_curvature
+    deflection[:n_pins] *= of_half_radius ** np.log2(radius_ratio)
+    return scaled_laws(curved_laws(laws, curvature, usual_forces(design)), deflection)
+
+
+def usual_forces(design: Design) -> Real:
+    """Force of each contact (n_contacts,) [N] at which laws of another curvature are alike, at all crank angles.
+
+    It is the mean force of the contacts that carry, of the pins or of the output, at half of the rated torque, if they
+    are every second one: the rated torque over the sum of the arms.
+    """
+    geometry = reducer(design, 0.0)
+    contacts, n_pins = geometry.contacts, geometry.n_pins
+    arms = np.abs(np.append(contacts.arm[:n_pins], geometry.contact_jacobian[n_pins:, geometry.output_motion]))
+    total = np.repeat([np.sum(arms[:n_pins]), np.sum(arms[n_pins:])], [n_pins, len(arms) - n_pins])
+    forces: Real = NMM_PER_NM * design.cycloid.rated_torque_Nm / total
+    return forces
 
 
 def _law_inputs(study: Study) -> LawInputs:

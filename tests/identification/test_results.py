@@ -18,6 +18,7 @@ from measured_bench import measured, write_unit
 from pipeline import cli, settings
 from pipeline.config import load_study
 from pipeline.config.changing import toml_of
+from pipeline.config.studies.study import LAW_FACTORS
 from pipeline.engine.store import Output
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.results import corrected_design, tables
@@ -171,7 +172,8 @@ def test_a_study_of_angles_evenly_over_the_turn_is_written_with_those_of_the_uni
     measurement = SimpleNamespace(unit=unit, drive_cranks=np.array([0.0, 65.4545, 425.4545]))
     problem = SimpleNamespace(calibrated_keys=("a",), mean_unit=None, modes_of_errors=lambda modes: SimpleNamespace())
     identification = SimpleNamespace(measurement=measurement, problem=problem)
-    trial = SimpleNamespace(fit=SimpleNamespace(unknowns=SimpleNamespace(scales=np.zeros(4), modes=np.zeros(0))))
+    unknowns = SimpleNamespace(scales=np.zeros(1 + len(LAW_FACTORS)), modes=np.zeros(0))
+    trial = SimpleNamespace(fit=SimpleNamespace(unknowns=unknowns))
     written = tomllib.loads(corrected_design._study_text(identification, trial, corrected_design.BEST_KIND))
     assert written["cycle"]["crank_deg"] == [0.0, 65.4545]
     assert "loaded_angles" not in written["cycle"]

@@ -1,5 +1,7 @@
 """Force laws against their integrals, published formulas and limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from pipeline.model.contact.laws import (
+    SHARE_OF_LIMIT,
     ContactLaws,
     LineContact,
     Material,
@@ -310,6 +313,31 @@ def test_curved_laws_fall_as_many_times_behind_a_linear_one(laws, factor):
     assert np.all(np.diff(compliance, axis=0) <= 1e-12 * compliance[:-1])
     np.testing.assert_allclose(curved.force(curved.deflection(forces)), forces, rtol=1e-9)
     assert np.all(curved.force_limit <= laws.force_limit)
+
+
+@pytest.mark.parametrize("power", [0.8, 0.7, 2 / 3])
+def test_a_hertz_law_curved_further_tends_to_the_power_of_the_force_that_falls_behind_as_far(power):
+    """Within 2 % of F^m from a seventh to seven times the usual force, where Hertz' law is up to 40 % away."""
+    laws, usual_force = roller_laws(), 200.0
+    shortfall = float(laws.logarithmic[0] * usual_force / laws.deflection([usual_force])[0])
+    forces = np.geomspace(1 / 7, 7, 9)[:, None]
+    curved = curved_laws(laws, (1 - power) / shortfall, usual_force).deflection(usual_force * forces)
+    expected = laws.deflection([usual_force])[0] * forces**power
+    np.testing.assert_allclose(curved[:, 0], expected[:, 0], rtol=0.02)
+    assert np.max(np.abs(laws.deflection(usual_force * forces)[:, 0] / expected[:, 0] - 1)) > 0.15
+
+
+@EACH_LAW
+@pytest.mark.parametrize("factor", [0.3, 1.7, 4.0])
+def test_a_curved_law_ends_before_its_slope_vanishes(laws, factor):
+    """The slope of the law proper falls to zero, if at all, beyond its limit by the share that was kept free."""
+    curved = curved_laws(laws, factor, 0.01 * float(laws.force_limit[0]) if np.isfinite(laws.force_limit[0]) else 300.0)
+    limit = float(curved.force_limit[0])
+    beyond = replace(curved, force_limit=np.array([np.inf]))
+    if limit < float(laws.force_limit[0]):
+        at_zero = beyond.compliance([limit / SHARE_OF_LIMIT])[0]
+        assert abs(at_zero) < 1e-9 * beyond.compliance([0.01 * limit])[0]
+    assert beyond.compliance([min(limit, 1e12)])[0] > 0
 
 
 def test_laws_as_curved_as_they_are_and_linear_ones_stay():

@@ -161,12 +161,6 @@ METAL_MODULUS, OTHER_MODULUS = 1.1, 1.6
 moisture and printing."""
 METAL_MPA = 40e3
 """Young's modulus above which a material is a metal: magnesium has 45 GPa, filled polymers less than 30."""
-FORCE_LAW = 1.65
-"""Factor of the deflection of a contact: Hertz' and Palmgren's laws differ by up to a third on the flank."""
-
-LAW_CURVATURE = 3.0
-"""Factor of how far the deflection of a contact falls behind a linear law: of Palmgren's exponent of 0.9 it makes 0.7,
-near the 2/3 of Hertz' point contact (Johnson 1985, 4.2), to which crowned contacts tend, and 0.97 where it divides."""
 
 
 @dataclass(frozen=True)
@@ -181,10 +175,6 @@ class PlausibleRange:
     def log(self) -> tuple[float, float]:
         """Logarithms of the factors."""
         return float(np.log(self.low)), float(np.log(self.high))
-
-
-LAWS = PlausibleRange(1 / FORCE_LAW, FORCE_LAW, "contact laws differ by as much")
-CURVATURE = PlausibleRange(1 / LAW_CURVATURE, LAW_CURVATURE, "between nearly linear and nearly a point contact")
 
 
 def plausible_range(design: Design, key: str) -> PlausibleRange:

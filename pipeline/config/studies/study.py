@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, create_model, model_validator
 
 from pipeline.arrays import Real, Truth
-from pipeline.config.designs.design import Design
+from pipeline.config.designs.design import Design, PlausibleRange
 from pipeline.config.designs.problems import LawName
 from pipeline.config.files.section import Derived, Millimetres, NotNegative, Section
 from pipeline.config.studies.costs import Costs
@@ -73,9 +73,10 @@ class Springs(Section):
     """Law of the line contacts, the stiffness of each where the law is linear, and the length of its tables.
 
     Laws: `"hertz"`, `"palmgren"`, `"linear"`, and those that other packages add (`pipeline/model/contact/line_laws`).
-    The deflections of the law at the pins and at the output may be multiplied by factors, as they are fitted to a unit,
-    and so may that by which both fall behind a linear law (1 - the exponent of a power; the coefficient of Hertz'
-    logarithm), the deflection at a usual force (`assembly.usual_force`) left as it is.
+    Four factors of the laws, all 1 by default, are what a fit to a unit finds: of the deflection at the pins; of that
+    at the output; of how far both fall behind a linear law (1 - the exponent of a power, the coefficient of Hertz'
+    logarithm), the deflection at a usual force (`assembly.usual_forces`) left as it is; and of the deflection at a pin
+    where the radius of its contact is half of the pin's, against that on a flat flank.
     """
 
     law: LawName = "hertz"
@@ -84,6 +85,57 @@ class Springs(Section):
     pin_deflection_factor: Annotated[float, Field(ge=0.05, le=20)] = 1.0
     output_deflection_factor: Annotated[float, Field(ge=0.05, le=20)] = 1.0
     curvature_factor: Annotated[float, Field(ge=0.05, le=5)] = 1.0
+    half_radius_factor: Annotated[float, Field(ge=0.5, le=2)] = 1.0
+
+
+FORCE_LAW = 1.65
+"""Factor of the deflection of a contact: Hertz' and Palmgren's laws differ by up to a third on the flank."""
+LAW_CURVATURE = 4.0
+"""Factor of how far the deflection of a contact falls behind a linear law: of a shortfall of the exponent of 0.087 to
+0.1, of Hertz' and Palmgren's line contacts, it makes more than the 1/3 of Hertz' point contact (Johnson 1985, 4.2)."""
+HALF_RADIUS = 1.3
+"""Factor of the deflection where the radius of a contact is halved: 2^(1/3) = 1.26 of a point contact, and 0.93 makes
+Hertz' line contacts alike at all radii, as many models have them."""
+
+
+class LawFactor(NamedTuple):
+    """A factor of the contact laws that a fit may find.
+
+    Attributes
+    ----------
+    key : below [springs] of a study.
+    title : what it is a factor of.
+    plausible : range.
+    """
+
+    key: str
+    title: str
+    plausible: PlausibleRange
+
+
+LAW_FACTORS = (
+    LawFactor(
+        "pin_deflection_factor",
+        "deflection of the pins' contacts",
+        PlausibleRange(1 / FORCE_LAW, FORCE_LAW, "contact laws differ by as much"),
+    ),
+    LawFactor(
+        "output_deflection_factor",
+        "deflection of the output's contacts",
+        PlausibleRange(1 / FORCE_LAW, FORCE_LAW, "contact laws differ by as much"),
+    ),
+    LawFactor(
+        "curvature_factor",
+        "curvature of the laws of all contacts",
+        PlausibleRange(1 / LAW_CURVATURE, LAW_CURVATURE, "between nearly linear and a point contact"),
+    ),
+    LawFactor(
+        "half_radius_factor",
+        "deflection of a pin's contact at half of its radius",
+        PlausibleRange(1 / HALF_RADIUS, HALF_RADIUS, "between alike at all radii and a point contact"),
+    ),
+)
+"""All of them, in the order in which a fit has them."""
 
 
 class Reduce(Section):

@@ -6,8 +6,8 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.arrays import Real, Truth, Whole
-from pipeline.config.designs.design import CURVATURE, LAWS, Design, plausible_range
-from pipeline.config.studies.study import Study
+from pipeline.config.designs.design import Design, plausible_range
+from pipeline.config.studies.study import LAW_FACTORS, Study
 from pipeline.config.studies.tolerances import Case
 from pipeline.constant_kinds import Fineness
 from pipeline.errors import InputError
@@ -126,8 +126,8 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
 
 def _scale_ranges(design: Design, keys: Sequence[str]) -> Real:
     """Logarithms (2, n_scales) between which the factors of the numbers at ``keys`` and of the laws are plausible."""
-    of_numbers = [plausible_range(design, key) for key in keys]
-    return np.array([of_scale.log for of_scale in (*of_numbers, LAWS, LAWS, CURVATURE)]).T
+    ranges = [plausible_range(design, key) for key in keys] + [factor.plausible for factor in LAW_FACTORS]
+    return np.array([of_scale.log for of_scale in ranges]).T
 
 
 def _influences(measurement: Measurement, curves: Sequence[Backbone]) -> tuple[Real, ...]:

@@ -16,7 +16,7 @@ from pipeline.config.designs.design import Design
 from pipeline.config.files.section import number_at, with_value
 from pipeline.config.studies.study import Study
 from pipeline.constant_kinds import Fineness, Rounding
-from pipeline.model.contact.laws import ContactLaws, concatenated_laws, curved_laws, scaled_laws
+from pipeline.model.contact.laws import ContactLaws, concatenated_laws
 from pipeline.model.effects import Conditions
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.reducer import Reducer
@@ -44,14 +44,6 @@ def scaled_design(design: Design, keys: Sequence[str], scales: Sequence[float]) 
 def softness(design: Design) -> float:
     """The compliance of the disk is in proportion to this."""
     return 1 / (design.materials[design.disk.material].youngs_modulus_MPa * design.disk.thickness_mm)
-
-
-def _with_laws(drive: Drive, usual_force: float, factors: Sequence[float]) -> Drive:
-    """The drive with other laws: deflections of its pins and of its output's contacts, curvature of all."""
-    of_pins, of_output, curvature = factors
-    deflection = np.where(np.arange(len(drive.laws)) < drive.reducer.n_pins, of_pins, of_output)
-    laws = scaled_laws(curved_laws(drive.laws, curvature, usual_force), deflection)
-    return replace(drive, laws=laws, known_gap=drive.gap_of_errors)
 
 
 def _with_gaps(drive: Drive, known_drive: Drive | None = None) -> Drive:
@@ -135,7 +127,7 @@ def drives_of(
     counts = [len(position.cycle) for position in conditions]
     errors = [_repeated_errors(assembly.errors(sampled_errors), count) for count in counts]
     clearances = [np.repeat(sampled_errors.bearing_clearance, count, axis=0) for count in counts]
-    usual_force = assembly.usual_force(study.design)
+    own_factors = np.array(assembly.law_factors(study))
     angles, kept_drives = cranks.tolist(), KEPT_SCALES * len(cranks)
 
     @lru_cache(maxsize=4 * KEPT_SCALES)
@@ -167,7 +159,10 @@ def drives_of(
 
     @lru_cache(maxsize=4 * kept_drives)
     def drive(scales: Scales, position: int) -> Drive:
-        return _with_laws(with_numbers(scales[: len(keys)], position), usual_force, scales[len(keys) :])
+        numbers, factors = scales[: len(keys)], own_factors * scales[len(keys) :]
+        declared = with_numbers(numbers, position)
+        laws = assembly.with_factors(declared.laws, scaled_study(numbers).design, declared.reducer, factors.tolist())
+        return replace(declared, laws=laws, known_gap=declared.gap_of_errors)
 
     return drive
 

@@ -14,7 +14,7 @@ from pipeline.config.changing import toml_of
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.files.section import number_at, with_value
 from pipeline.config.reading import parse_design, parse_study
-from pipeline.config.studies.study import Study
+from pipeline.config.studies.study import LAW_FACTORS, Study
 from pipeline.config.studies.tolerances import Case, elements
 from pipeline.constant_kinds import ShownCount
 from pipeline.engine.store import write_atomic
@@ -113,8 +113,6 @@ def _rms(data: Data, angle: Real) -> float:
 
 DIGITS: ShownCount = 6
 """Digits of a number that a written design has; its interval is wider."""
-LAW_FACTORS = "pin_deflection_factor", "output_deflection_factor", "curvature_factor"
-"""Keys below [springs] of the scales after those of the calibrated numbers."""
 DESCRIBES = {
     "status": "calibrated",
     "reason": f"describes a measured unit best; NOT CLAIMED, its verdict is {UNEXPLAINED}",
@@ -278,8 +276,8 @@ def _study_content(study: Study, identification: Identification, trial: Trial, k
     content["cycle"] = {**cycle, "crank_deg": cranks, "keep_contacts": (0,)}
     factors = np.exp(trial.fit.unknowns.scales[len(problem.calibrated_keys) :]).tolist()
     written_factors = {
-        name: float(f"{factor * getattr(study.springs, name):.{DIGITS}g}")
-        for name, factor in zip(LAW_FACTORS, factors, strict=True)
+        key: float(f"{factor * getattr(study.springs, key):.{DIGITS}g}")
+        for (key, *_), factor in zip(LAW_FACTORS, factors, strict=True)
     }
     content["springs"] = {**content.get("springs", {}), **written_factors}
     content["samples"] = {"experiment": "cases", "count": 1, "nominal_first": True}

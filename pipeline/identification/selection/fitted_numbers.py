@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import ndtri  # scipy.stats is slow to import
 
 from pipeline.arrays import Real, Truth
+from pipeline.config.studies.study import LAW_FACTORS
 from pipeline.constant_kinds import Shown
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import SCALE_REACH, Fit, values_at_shares
@@ -14,12 +15,6 @@ from pipeline.identification.selection.criteria import FORM, Trial
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.statistics.resampling import CONFIDENCE
 
-LAWS = (
-    "deflection of the pins' contacts",
-    "deflection of the output's contacts",
-    "curvature of the laws of all contacts",
-)
-"""Titles of the scales after those of the calibrated numbers."""
 ENTANGLED_SHARE: Shown = 0.9
 """Correlation from which only a combination of two numbers is determined."""
 LEARNT: Shown = 0.7
@@ -56,7 +51,7 @@ def calibrated_numbers(fitter: Fitter, fit: Fit, evidence: Evidence) -> tuple[Ca
         return ()
     deviation, covariance = evidence.deviations[:n], evidence.unknowns[1][:n, :n]
     correlation = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    keys, (low, high) = (*problem.calibrated_keys, *LAWS), problem.scale_range
+    keys, (low, high) = [*problem.calibrated_keys, *(factor.title for factor in LAW_FACTORS)], problem.scale_range
     leaves = replace(fit.unknowns, reach=problem.scale_range).at_reach
     reach = float(ndtri(0.5 * (1 + CONFIDENCE))) * deviation
     numbers = []

@@ -15,11 +15,15 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import lambertw
 
 from pipeline.arrays import Index, Real, Truth
 
 SHARE_OF_LIMIT = 0.9
 """The tangent continues a law at this share of the force at which its slope would vanish."""
+
+HERTZ_SHORTFALL = 0.1
+"""Coefficient of the logarithm in Hertz' law of two bodies over their secant compliance: 0.09 to 0.12."""
 
 SMALLEST_DEFLECTION = 1e-100
 """Deflection [mm] from which a law is inverted; below it forces underflow."""
@@ -197,23 +201,42 @@ def scaled_laws(laws: ContactLaws, factor: ArrayLike) -> ContactLaws:
 def curved_laws(laws: ContactLaws, factor: float, usual_force: float) -> ContactLaws:
     """Laws that fall ``factor`` times as far behind a linear one as others do.
 
-    At a usual force [N] they are alike. Of a power m of the force 1 - m is multiplied, of Hertz' law the coefficient of
-    the logarithm, some 0.1 of the secant compliance of two bodies: a factor of 3 makes an exponent of 0.7 of
-    Palmgren's 0.9, one of 0.3 makes 0.97. Linear laws stay as they are. The law ends where its slope would vanish, or
-    where the other ends.
+    At a usual force [N] they are alike. Of a power m of the force 1 - m is multiplied: a factor of 3 makes an exponent
+    of 0.7 of Palmgren's 0.9, one of 0.3 makes 0.97. Of Hertz' law the logarithm is multiplied by a factor below 1; one
+    above 1 replaces the share 1 - 1/factor^2 of it by a power that falls behind as far as is needed, so that it tends
+    to the same power (of 0.7 at 3). Linear laws stay as they are. The law ends where its slope would vanish, or where
+    the other ends.
     """
     if factor == 1.0:
         return laws
-    logarithmic: Real = factor * laws.logarithmic
-    linear = laws.linear + (logarithmic - laws.logarithmic) * np.log(usual_force)
-    exponent = np.where(laws.power > 0, 1 - factor * (1 - laws.exponent), laws.exponent)
-    power = laws.power * usual_force ** (laws.exponent - exponent)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        by_logarithm = np.where(logarithmic > 0, np.exp(linear / logarithmic - 1), np.inf)
-        of_mesh = (power > 0) & (linear < 0)
-        by_power = np.where(of_mesh, (power * exponent / -linear) ** (1 / (1 - exponent)), np.inf)
-    limit = np.minimum(laws.force_limit, SHARE_OF_LIMIT * np.minimum(by_logarithm, by_power))
+    is_hertz = laws.logarithmic > 0
+    replaced = max(1 - factor**-2, 0.0) * laws.logarithmic
+    logarithmic = laws.logarithmic - replaced if factor > 1 else factor * laws.logarithmic
+    secant = replaced / HERTZ_SHORTFALL
+    shortfall = np.where(
+        is_hertz, HERTZ_SHORTFALL * (factor**2 + factor + 1) / (factor + 1), factor * (1 - laws.exponent)
+    )
+    exponent = np.where((laws.power > 0) | (replaced > 0), 1 - shortfall, laws.exponent)
+    power = laws.power * usual_force ** (laws.exponent - exponent) + secant * usual_force ** (1 - exponent)
+    linear = laws.linear - secant + (logarithmic - laws.logarithmic) * np.log(usual_force)
+    limit = np.minimum(laws.force_limit, SHARE_OF_LIMIT * _vanishing_slope(linear, logarithmic, power, exponent))
     return replace(laws, linear=linear, logarithmic=logarithmic, power=power, exponent=exponent, force_limit=limit)
+
+
+def _vanishing_slope(linear: Real, logarithmic: Real, power: Real, exponent: Real) -> Real:
+    """Force (n,) [N] at which the slope of a F - c F ln(F) + k F^m vanishes, infinite where it does not.
+
+    With u = ln(F) - (a - c)/c it vanishes at (1 - m) u = W((1 - m) m k/c e^(-(1 - m)(a - c)/c)), Lambert's W.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        start = linear / logarithmic - 1
+        argument = (1 - exponent) * exponent * power / logarithmic * np.exp(-(1 - exponent) * start)
+        further = np.where(power > 0, lambertw(argument).real / (1 - exponent), 0.0)
+        of_logarithm = np.where(logarithmic > 0, np.exp(start + further), np.inf)
+        of_mesh = (logarithmic == 0) & (power > 0) & (linear < 0)
+        of_power = np.where(of_mesh, (power * exponent / -linear) ** (1 / (1 - exponent)), np.inf)
+    force: Real = np.minimum(of_logarithm, of_power)
+    return force
 
 
 def stiffened_laws(laws: ContactLaws, factor: Real) -> ContactLaws:

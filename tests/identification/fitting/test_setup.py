@@ -8,7 +8,10 @@ from measured_bench import measured, write_unit
 from reducers import MICROMETRE, SMALL, errors_of, reducer_at
 from synthetic_unit import ROOT, Bench, make_unit, problem_of
 
+from pipeline import assembly
 from pipeline.assembly import contact_laws
+from pipeline.config import load_study
+from pipeline.config.studies.study import LAW_FACTORS
 from pipeline.identification.fitting import build
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
@@ -17,7 +20,6 @@ from pipeline.identification.fitting.parameters import values_at_shares
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.results.corrected_design import LAW_FACTORS
 from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TIME
 
 
@@ -113,7 +115,7 @@ def test_a_study_has_the_laws_of_the_fit_that_it_is_written_from(tmp_path, conde
     """Factors of the deflections of pins and output, and of the curvature of all contacts."""
     folder = make_unit(tmp_path / "u", {}, Bench(), condensed)
     problem, study = problem_of(folder, condensed), load_measured_unit(folder, ROOT).study
-    factors = dict(zip(LAW_FACTORS, (1.3, 0.8, 2.0), strict=True))
+    factors = dict(zip((factor.key for factor in LAW_FACTORS), (1.3, 0.8, 2.0, 1.2), strict=True))
     written = study.model_copy(update={"springs": study.springs.model_copy(update=factors)})
     drive = problem.drives((1.0,) * len(problem.calibrated_keys) + tuple(factors.values()), 0)
     laws = contact_laws(written, drive.reducer)
@@ -124,3 +126,17 @@ def test_a_study_has_the_laws_of_the_fit_that_it_is_written_from(tmp_path, conde
     for kind in (slice(None, n), slice(n, None)):
         share = laws.deflection(force)[:, kind] / declared[:, kind]
         assert np.all(share[0] > share[2] * 1.05)  # a larger curvature: more at small forces, less at large ones
+
+
+def test_a_pin_gives_way_by_the_factor_of_half_a_radius_where_its_contact_has_half_of_its_own():
+    """1/R' = 1/r + the curvature of the flank; the contacts of the output stay, and a flat flank would."""
+    study = load_study("pin_in_hole", ROOT)
+    reducer = assembly.reducer(study.design, 30.0)
+    force = np.full(len(reducer.contacts), 20.0)
+    factored = contact_laws(study.with_section("springs", half_radius_factor=1.2), reducer)
+    ratio = factored.deflection(force) / contact_laws(study, reducer).deflection(force)
+    radius = study.design.cycloid.pin_radius_mm
+    relative_radius = 1 / (1 / radius + reducer.pins.flank_curvature)
+    np.testing.assert_allclose(ratio[: reducer.n_pins], (radius / relative_radius) ** np.log2(1.2), rtol=1e-12)
+    np.testing.assert_allclose(ratio[reducer.n_pins :], 1.0, rtol=1e-15)
+    assert np.ptp(ratio) > 0.1
