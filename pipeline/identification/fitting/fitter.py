@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.arrays import Real, Truth
-from pipeline.constant_kinds import Rounding, Shortcut, ShortcutCount
+from pipeline.constant_kinds import Rounding, Shortcut, ShortcutCount, ShortcutGrid
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Drives, Forward
 from pipeline.identification.fitting.least_squares import Descent
@@ -25,6 +25,8 @@ SCALES_MOVED: Shortcut = 0.15
 """Change of a scale's logarithm up to which derivatives by the scales are kept."""
 ITERATIONS: ShortcutCount = 15
 """Least-squares steps of a fit unless the caller asks for others."""
+LOADS: ShortcutGrid = (0.6, 0.4, 0.2, 0.1)
+"""Shares of the largest torque above which cells are fitted, one after the other."""
 FIRST_ITERATIONS: ShortcutCount = 3
 """Steps of a fit from each of several starts before the best of them goes on."""
 OPEN_SHARE = 0.3
@@ -153,6 +155,18 @@ class Fitter:
         descent = Descent(self, model, is_fitted, start, base_fit)
         descent.run(iterations)
         return self._fit_of(descent)
+
+    def fit_by_load(self, model: Model, is_fitted: Truth, start: Vector) -> Fit:
+        """As ``fit``, to the cells of large torques first, then to those of smaller ones, too.
+
+        Where the torque is large, many contacts share it, and the misfit is smooth in the unknowns. Close to the play
+        one contact or two carry it; which of them is a kink, at which a descent from far away ends.
+        """
+        torque = np.abs(self.problem.data.torque)
+        for share in LOADS:
+            is_loaded = is_fitted & (torque > share * np.max(torque[is_fitted], initial=0.0))
+            start = self.fit(model, is_loaded, start).unknowns if np.any(is_loaded) else start
+        return self.fit(model, is_fitted, start)
 
     def fit_from_best(
         self,

@@ -170,16 +170,21 @@ def splits_of(data: Data, visible: Truth) -> list[tuple[Truth, Truth]]:
 
 
 def _fold(selector: Selector, selection: Selection, training: Truth, judged_cells: Truth) -> tuple[Fit, Fit, Fit]:
-    """The model refitted, with effects, and as it describes best, from the training cells alone."""
+    """The model refitted, with effects, and as it describes best, from the training cells alone.
+
+    Refitted from the declared numbers and from the fit of all cells, which only leads the search: the better fit.
+    """
     fitter = selector.fitter
-    base = fitter.fit(Model(), training, fitter.start(Model()))
+    from_declared = fitter.fit(Model(), training, fitter.start(Model()))
+    from_all = _from_fit_of_all(selector, selection.base.fit, training, from_declared)
+    base = min(from_declared, from_all, key=lambda fit: fit.cost)
     answer, description = selection.answer.fit, selection.description.fit
     if selection.members:
         part = int(parts_of(fitter.problem.data, training | judged_cells)[judged_cells][0])
         name = Judge(fitter, training, len(selector.testable)).chosen_without(selection, part)
         chosen_fit = _refit(selector, selection.trials[name].fit, training, base) if name else base
     else:
-        chosen_fit = _from_fit_of_all(selector, answer, training, base)
+        chosen_fit = _from_fit_of_all(selector, answer, training, base) if answer.model.effects else base
     if description is answer:
         return base, chosen_fit, chosen_fit
     return base, chosen_fit, _from_fit_of_all(selector, description, training, base)
@@ -199,8 +204,6 @@ def _refit(selector: Selector, fit_of_all: Fit, training: Truth, base: Fit) -> F
 def _from_fit_of_all(selector: Selector, fit_of_all: Fit, training: Truth, other: Fit) -> Fit:
     """The model of a fit of all cells, fitted to the training cells from there; ``other`` where that is not sound."""
     fitter, unknowns, model = selector.fitter, fit_of_all.unknowns, fit_of_all.model
-    if not model.effects:
-        return other
     modes = np.zeros(fitter.problem.n_modes)
     n_common = min(len(modes), len(unknowns.modes))
     modes[:n_common] = unknowns.modes[:n_common]

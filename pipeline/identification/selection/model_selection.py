@@ -7,7 +7,7 @@ from itertools import permutations, product
 import numpy as np
 
 from pipeline.arrays import Truth, Whole
-from pipeline.constant_kinds import Seed, Shortcut, ShortcutCount, ShownCount
+from pipeline.constant_kinds import Shortcut, ShortcutCount, ShownCount
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
@@ -27,17 +27,10 @@ from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.pairs import promising_pairs
 from pipeline.identification.selection.screening import RIVAL, Promise, Screening, screen_effects
 
-NEAR_MISFIT: Shortcut = 1.5
-"""Further starts are followed where their misfit is within this ratio of the best."""
 FIRST_SHARE: Shortcut = 0.1
 """Share of its bounds by which a parameter starts off no effect in either sense."""
 EDGE: Shortcut = 0.01
 """Share of its bounds from an end at which it starts at least."""
-FURTHER_STARTS: ShortcutCount = 2
-"""Starts of the calibrated numbers within their ranges, beyond the declared one."""
-LEAST_DISTANCE: Shortcut = 0.5
-"""Standard deviations of the priors from which a fit from a further start is not on its way to where one ended already.
-"""
 FAR_FROM_DECLARED: Shortcut = 0.3
 """Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
 MOST_EFFECTS: ShownCount = 4
@@ -49,8 +42,11 @@ ADDITIONS: ShortcutCount = 4
 SINGLE_GROUPS = 6
 """Positions (or cycles) up to which each is left out by itself; more are left out in three lots, spread evenly over
 them, so that the time grows as the rows do."""
-SEED: Seed = 20170
-"""Of the further starts: equal data give an equal verdict."""
+PASSES: ShortcutCount = 3
+"""Passes from large torques down, at most."""
+FALL_OF_BASE: Shortcut = 2.0
+"""Fall of the sum of squares without effects, that of one nat, from which a further pass is tried, and everything anew
+beside it."""
 
 
 def parts_of(data: Data, cells: Truth) -> Whole:
@@ -109,10 +105,32 @@ class Selector:
         return Trial(fit, Evidence(covariance, self.fitter, fit, start_structure), rms)
 
     def select(self, cells: Truth) -> Selection:
-        """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most."""
+        """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most.
+
+        A fit with an effect may lead to numbers and tolerances that fit better without the effect, too. Then all is
+        tried anew beside these, since an effect must not win by a start that the model without it did not have.
+        """
+        base_fit = self.recalibrate(cells)
+        while True:
+            selection = self._beside(base_fit, cells)
+            rival = self._without_effects(selection, cells)
+            if not rival.sound or rival.cost > base_fit.cost - FALL_OF_BASE:
+                return selection
+            base_fit = rival
+
+    def _without_effects(self, selection: Selection, cells: Truth) -> Fit:
+        """The fit without effects from where the most probable model with some ended, else that of the selection."""
+        if not selection.odds:
+            return selection.base.fit
+        unknowns = selection.trials[max(selection.odds, key=lambda name: selection.odds[name])].fit.unknowns
+        start = replace(self.fitter.start(Model()), scales=unknowns.scales, modes=unknowns.modes)
+        return self.fitter.fit(Model(), cells, start)
+
+    def _beside(self, base_fit: Fit, cells: Truth) -> Selection:
+        """The selection beside a fit without effects."""
         data, judge = self.problem.data, Judge(self.fitter, cells, len(self.testable))
         covariance = Covariance(data, cells, parts_of(data, cells))
-        base = self.trial(self.recalibrate(cells), cells, covariance)
+        base = self.trial(base_fit, cells, covariance)
         promises = self.screen(cells, base.fit)
         fits = self.fits(base.fit, cells, promises)
         fall = least_fall(MOST_NAMED, len(self.testable))
@@ -159,8 +177,8 @@ class Selector:
         trials, least_odds = dict(selection.trials), selection.odds[selection.best_model] - 2 * ODDS
         for name in [name for name, odds in selection.odds.items() if odds >= least_odds and name in promises]:
             model, base = trials[name].fit.model, selection.base
-            starts = [*promises[name].starts, self._from_declared(model, cells, base.fit.unknowns)]
-            fits = [self.fitter.fit(model, cells, start, base_fit=base.fit) for start in starts]
+            fits = [self.fitter.fit(model, cells, start, base_fit=base.fit) for start in promises[name].starts]
+            fits.append(self.fitter.fit(model, cells, self._from_declared(model, cells, base.fit.unknowns)))
             solutions = [self.trial(fit, cells, covariance, base) for fit in fits if fit.sound]
             trials[name] = most_probable([trials[name], *solutions])
         return judge.select(selection.base, trials, selection.promised_misfits)
@@ -231,22 +249,20 @@ class Selector:
         return judge.select(selection.base, trials, selection.promised_misfits), further
 
     def recalibrate(self, cells: Truth) -> Fit:
-        """Calibrated numbers and tolerances alone, the best from several starts."""
+        """Calibrated numbers and tolerances alone: the best of a fit to all cells and of passes from large torques.
+
+        A pass ends where contacts open and close, too, but another one from there goes on.
+        """
         start = self.fitter.start(Model())
-        base = self.fitter.fit(Model(), cells, start)
-        low, high = self.problem.scale_range
-        for share in np.random.default_rng(SEED).uniform(size=(FURTHER_STARTS, len(low))):
-            if not len(low):
+        best = self.fitter.fit(Model(), cells, start)
+        for _ in range(PASSES):
+            further = self.fitter.fit_by_load(Model(), cells, start)
+            is_better = further.sound and further.cost < best.cost - FALL_OF_BASE
+            if not is_better and start is best.unknowns:
                 break
-            further_start = replace(start, scales=low + share * (high - low))
-            refit = self.fitter.fit(Model(), cells, further_start, FIRST_ITERATIONS)
-            distance = np.abs(refit.unknowns.scales - base.unknowns.scales) / self.problem.scale_spread
-            if np.all(distance < LEAST_DISTANCE) or refit.cost > NEAR_MISFIT * base.cost:
-                continue
-            refit = self.fitter.fit(Model(), cells, refit.unknowns, base_fit=refit)
-            if refit.sound and refit.cost < base.cost:
-                base = refit
-        return base
+            best = further if is_better else best
+            start = best.unknowns
+        return best
 
     def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise]) -> list[Fit]:
         """Fits of all promised additions to a base, the best promised first, each from its best start."""

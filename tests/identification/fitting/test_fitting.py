@@ -20,6 +20,7 @@ from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.covariance import Covariance
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.fitted_numbers import calibrated_numbers, implausible, refit_with_free_numbers
+from pipeline.identification.selection.model_selection import Selector
 from pipeline.model.effects import Conditions
 from pipeline.model.load_history.load_cycle import ARCMIN
 
@@ -148,7 +149,7 @@ def test_a_shift_of_each_position_changes_nothing_but_its_offset(exact_unit):
 
 def test_calibrated_scales_are_found_again(exact_unit):
     exact_unit = exactly_known(exact_unit)
-    fitter, truth = Fitter(exact_unit), np.log([0.5, 1.01, 1.15, 1.0, 1.0, 1.0])
+    fitter, truth = Fitter(exact_unit), np.log([0.5, 1.01, 1.15, 1.0, 1.0, 1.0, 1.0])
     assert exact_unit.calibrated_keys == (
         "bearing.stiffness_N_per_mm_power",
         "output.outer_station_mm",
@@ -190,10 +191,26 @@ def evidence_of(fitter, fit):
     return Evidence(Covariance(data, cells, data.position), fitter, fit)
 
 
+def test_a_unit_far_from_the_declared_one_is_found_from_large_torques_down(unknown):
+    """All numbers and tolerances drawn, a tenth of the noise: a descent to all cells ends where contacts close."""
+    data, random = replace(unknown.data, sigma=0.1 * unknown.data.sigma), np.random.default_rng(4)
+    unit = replace(unknown, data=data)
+    start, spread = Fitter(unit).start(Model()), unit.scale_spread
+    drawn = start.like(np.concatenate([spread, np.ones(len(start.modes))]) * random.standard_normal(len(start.flat)))
+    truth = replace(drawn, scales=np.clip(drawn.scales, *unit.scale_range))
+    angle = Fitter(unit).predict(Model(), truth).angle + data.sigma * random.standard_normal(len(data))
+    fitter, cells = Fitter(with_angles(unit, angle)), everything(unit)
+    at_once, by_load = fitter.fit(Model(), cells, start), fitter.fit_by_load(Model(), cells, start)
+    passes = Selector(fitter, cells).recalibrate(cells)
+    assert at_once.cost > 5 * by_load.cost
+    assert passes.cost < by_load.cost
+    assert rms(fitter.problem, passes.predicted_angle)[1] < 1.1
+
+
 def test_a_calibrated_number_stops_at_the_end_of_its_plausible_range_unless_released(exact_unit):
     """A bearing 11 times as stiff and a roller half as long were silent before."""
     exact_unit = exactly_known(exact_unit)
-    fitter, truth = Fitter(exact_unit), np.log([1.0, 1.0, 0.5, 1.0, 1.0, 1.0])
+    fitter, truth = Fitter(exact_unit), np.log([1.0, 1.0, 0.5, 1.0, 1.0, 1.0, 1.0])
     angle = fitter.predict(Model(), replace(fitter.start(Model()), scales=truth)).angle
     variant = Fitter(with_angles(exact_unit, angle))
     bounded_fit = variant.fit(Model(), everything(exact_unit), variant.start(Model()))
