@@ -198,18 +198,18 @@ def scaled_laws(laws: ContactLaws, factor: ArrayLike) -> ContactLaws:
     return replace(laws, **numbers)
 
 
-def curved_laws(laws: ContactLaws, factor: float, usual_force: float) -> ContactLaws:
+def curved_laws(laws: ContactLaws, factor: float, usual_force: ArrayLike) -> ContactLaws:
     """Laws that fall ``factor`` times as far behind a linear one as others do.
 
-    At a usual force [N] they are alike. Of a power m of the force 1 - m is multiplied: a factor of 3 makes an exponent
-    of 0.7 of Palmgren's 0.9, one of 0.3 makes 0.97. Of Hertz' law the logarithm is multiplied by a factor below 1; one
-    above 1 replaces the share 1 - 1/factor^2 of it by a power that falls behind as far as is needed, so that it tends
-    to the same power (of 0.7 at 3). Linear laws stay as they are. The law ends where its slope would vanish, or where
-    the other ends.
+    At a usual force [N], one or (n,), they are alike. Of a power m of the force 1 - m is multiplied: a factor of 3 makes
+    an exponent of 0.7 of Palmgren's 0.9, one of 0.3 makes 0.97. Of Hertz' law the logarithm is multiplied by a factor
+    below 1; one above 1 replaces the share 1 - 1/factor^2 of it by a power that falls behind as far as is needed, so
+    that it tends to the same power (of 0.7 at 3). Linear laws stay as they are. The law ends where its slope would
+    vanish, or where the other ends.
     """
     if factor == 1.0:
         return laws
-    is_hertz = laws.logarithmic > 0
+    usual, is_hertz = np.asarray(usual_force, float), laws.logarithmic > 0
     replaced = max(1 - factor**-2, 0.0) * laws.logarithmic
     logarithmic = laws.logarithmic - replaced if factor > 1 else factor * laws.logarithmic
     secant = replaced / HERTZ_SHORTFALL
@@ -217,8 +217,8 @@ def curved_laws(laws: ContactLaws, factor: float, usual_force: float) -> Contact
         is_hertz, HERTZ_SHORTFALL * (factor**2 + factor + 1) / (factor + 1), factor * (1 - laws.exponent)
     )
     exponent = np.where((laws.power > 0) | (replaced > 0), 1 - shortfall, laws.exponent)
-    power = laws.power * usual_force ** (laws.exponent - exponent) + secant * usual_force ** (1 - exponent)
-    linear = laws.linear - secant + (logarithmic - laws.logarithmic) * np.log(usual_force)
+    power = laws.power * usual ** (laws.exponent - exponent) + secant * usual ** (1 - exponent)
+    linear = laws.linear - secant + (logarithmic - laws.logarithmic) * np.log(usual)
     limit = np.minimum(laws.force_limit, SHARE_OF_LIMIT * _vanishing_slope(linear, logarithmic, power, exponent))
     return replace(laws, linear=linear, logarithmic=logarithmic, power=power, exponent=exponent, force_limit=limit)
 
