@@ -15,6 +15,7 @@ from pipeline.config.distributions import library
 from pipeline.config.files.table_file import TableFile, read_table
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.lots import dimension_fit as dimension_fits
+from pipeline.decisions.lots import lot_yield as lot_yields
 from pipeline.decisions.lots.dimension_fit import correlation_length, dimension_fit
 from pipeline.decisions.lots.fitted_distribution import fitted_kinds, relative_bic
 from pipeline.decisions.lots.lot_yield import limit_passes, lot_yield, study_of_lot
@@ -36,9 +37,13 @@ DIMENSIONS = dimension_library()
 
 @pytest.fixture(scope="module", autouse=True)
 def few_replicates():
-    """The ends of a 95 % interval are order statistics 3 and 98 of 99 lots, in place of 10 and 390 of 399."""
+    """The ends of a 95 % interval are order statistics 3 and 98 of 99 lots, in place of 10 and 390 of 399.
+
+    The spread from lot to lot is that of eight resampled ones, which Student's t accounts for, in place of twenty.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(dimension_fits, "REPLICATES", 99)
+        patch.setattr(lot_yields, "RESAMPLED_LOTS", 8)
         yield
 
 
