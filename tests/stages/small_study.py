@@ -19,12 +19,12 @@ LAST = "aggregate"
 
 
 def small_study(**samples: object) -> Study:
-    """The quick study with few samples and all contacts kept; ``samples`` change its samples."""
+    """The quick study with few samples and rigid angles, and all contacts kept; ``samples`` change its samples."""
     study = load_study("quick", ROOT)
     return study.model_copy(
         update={
             "samples": study.samples.model_copy(update={"count": 8, **samples}),
-            "cycle": study.cycle.model_copy(update={"keep_contacts": "all"}),
+            "cycle": study.cycle.model_copy(update={"keep_contacts": "all", "rigid_angles": 31}),
             "model_forms": None,
         }
     )

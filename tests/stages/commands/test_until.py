@@ -24,10 +24,10 @@ BATCH, HALF_WIDTH = 8, 0.16
 
 def until(**changes: object) -> Study:
     """Of rigid disks at one crank angle; its limit is one that some units break."""
-    study = small_study(until=Until(yield_half_width=HALF_WIDTH, **changes))
+    study = small_study(until=Until(**{"yield_half_width": HALF_WIDTH} | changes))
     limits = study.limits.model_copy(update={"clearance_backlash_arcmin": 2.1})
     changed = {"reduce": study.reduce.model_copy(update={"disk": "rigid"}), "limits": limits, "name": "until"}
-    return study.model_copy(update=changed | {"cycle": study.cycle.model_copy(update={"crank_deg": (0.0,)})})
+    return study.model_copy(update=changed | {"cycle": study.cycle.model_copy(update={"crank_deg": (0.0,), "rigid_angles": 7})})
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_it_ends_where_the_yield_is_known_with_the_rows_of_one_run(
 
 
 def test_it_ends_at_the_most_that_it_may_take_and_says_so(own_runs: Path) -> None:
-    outputs = studies.run(until(at_most=11), ["aggregate"], jobs=1)
+    outputs = studies.run(until(at_most=11, yield_half_width=0.1), ["aggregate"], jobs=1)
     assert outputs.study.samples.count == 11
     frames = SimpleNamespace(
         study=outputs.study, turn_statistic="worst", distributions=outputs.table("aggregate/distributions")

@@ -46,7 +46,7 @@ def test_values_over_the_turn_are_the_extremes_of_what_the_tables_hold(frames):
     free = units.index[~units["preloaded"]]
     np.testing.assert_allclose(units["clearance_backlash_arcmin_worst"][free], finite.max()[free], atol=1e-6)
     np.testing.assert_allclose(units["clearance_backlash_arcmin_best"][free], play.min()[free], atol=1e-6)
-    step = kinematic["crank_deg"] * 181 / 360
+    step = kinematic["crank_deg"] * 31 / 360
     even_rows = kinematic[np.isclose(step, step.round())].groupby("sample")["backlash_arcmin"]
     np.testing.assert_allclose(units["clearance_backlash_arcmin_mean"][free], even_rows.mean()[free], atol=1e-4)
     assert np.all((has_play["finite_motion_arcmin"] != 0).groupby(has_play["sample"]).sum() == 3)
