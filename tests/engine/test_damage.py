@@ -355,13 +355,13 @@ OF_ALL_RUNS = ("toy", ".cache", "toy/.work")
 @pytest.mark.skipif(os.name != "posix", reason="pipes and signals")
 @pytest.mark.parametrize("kind", ODD_FILES)
 @pytest.mark.parametrize("interrupted", [False, True])
-@pytest.mark.parametrize("every", [pytest.param(1, marks=pytest.mark.attack), 3])
+@pytest.mark.parametrize("every", [pytest.param(1, marks=pytest.mark.attack), 5])
 def test_what_is_no_plain_file_is_made_anew(
     tmp_path: Path, monkeypatch, kind: str, interrupted: bool, every: int
 ) -> None:
     """At every path of a run, finished or half done, and of its cache; the commands that only look end as well.
 
-    In part each kind is at every third path, and two kinds or one at each path.
+    In part each kind is at every fifth path, and one kind at each path.
     """
     outputs = hashes(run(STAGES, Toy(), ["finish"], tmp_path / "reference", ONE))
     monkeypatch.setenv("TOY_TROUBLE", '{"fail_at": 39}' if interrupted else "{}")

@@ -58,7 +58,10 @@ def drive_measured(folder, changes=None, by_angle=False, locked="input", noise=0
     return Measurement.read(load_measured_unit(folder, ROOT))
 
 
-@pytest.mark.parametrize(("by_angle", "locked"), [(False, "input"), (False, "output"), (True, "input")])
+@pytest.mark.parametrize(
+    ("by_angle", "locked"),
+    [pytest.param(False, "input", marks=pytest.mark.attack), (False, "output"), (True, "input")],
+)
 def test_play_and_friction_are_claimed_with_their_size(tmp_path, by_angle, locked):
     description = describe(drive_measured(tmp_path / "u", by_angle=by_angle, locked=locked))
     numbers = {number.term: number for number in description.numbers}

@@ -138,9 +138,9 @@ def test_pools_around_compiled_code_share_its_cache(tmp_path: Path, kind: str) -
 
 def test_processes_that_start_at_once_compile_a_loop_once(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(LOOP)
-    printed = [process.communicate()[0].split() for process in [started(tmp_path) for _ in range(3)]]
-    assert [value for value, _ in printed] == ["4.5"] * 3
-    assert sorted(int(misses) for _, misses in printed) == [0, 0, 1]
+    printed = [process.communicate()[0].split() for process in [started(tmp_path) for _ in range(2)]]
+    assert [value for value, _ in printed] == ["4.5"] * 2
+    assert sorted(int(misses) for _, misses in printed) == [0, 1]
 
 
 def test_a_loop_is_compiled_once_however_many_samples_studies_have(tmp_path: Path) -> None:
