@@ -116,17 +116,18 @@ def _merged_runs(bin_number: Whole, zero: int) -> list[tuple[int, int]]:
 
 def _average(rows: Rows, row_numbers: Whole) -> tuple[float, ...]:
     """The averages of `Cells` over some rows, from `torque_mean` to `first_row`."""
-    torque, angle = rows.torque[row_numbers], rows.angle[row_numbers]
-    from_mean = torque - torque.mean()
-    scatter = np.sum(from_mean**2)
-    slope = np.sum(from_mean * angle) / scatter if scatter > 0 else 0.0
-    line_residual = angle - angle.mean() - slope * from_mean
+    torque, angle, total = rows.torque[row_numbers], rows.angle[row_numbers], np.add.reduce  # np.mean takes five times it
+    torque_mean, angle_mean = total(torque) / row_numbers.size, total(angle) / row_numbers.size
+    from_mean = torque - torque_mean
+    scatter = total(from_mean**2)
+    slope = total(from_mean * angle) / scatter if scatter > 0 else 0.0
+    line_residual = angle - angle_mean - slope * from_mean
     return (
-        torque.mean(),
-        angle.mean(),
+        torque_mean,
+        angle_mean,
         row_numbers.size,
-        np.sqrt(np.sum(line_residual**2) / max(row_numbers.size - 2, 1)),
-        np.nan if rows.time is None else rows.time[row_numbers].mean(),
-        np.nan if rows.temperature is None else rows.temperature[row_numbers].mean(),
+        np.sqrt(total(line_residual**2) / max(row_numbers.size - 2, 1)),
+        np.nan if rows.time is None else total(rows.time[row_numbers]) / row_numbers.size,
+        np.nan if rows.temperature is None else total(rows.temperature[row_numbers]) / row_numbers.size,
         row_numbers[0],
     )
