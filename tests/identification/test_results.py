@@ -160,7 +160,7 @@ def test_settings_are_read_back_as_they_were_written() -> None:
 CRANKS = (0.0, 40.0, 95.0)
 FRICTION = 0.5
 EXAMPLE = "friction_example"
-OFFERED = ("coulomb", "load_friction", "preload", "presliding", "torque_zero", "thermal_growth")
+OFFERED = ("coulomb", "load_friction", "preload", "thermal_growth")
 """What is mistaken for it most easily, and an effect that is not testable; ``test_recovery`` has every effect."""
 
 

@@ -22,7 +22,8 @@ def small_study(name, **changes):
     data = tomllib.loads((ROOT / "data/studies/pin_in_hole.toml").read_text(encoding="utf-8"))
     data["samples"]["count"] = 6
     del data["cycle"]["loaded_angles"]
-    data["cycle"] |= {"crank_deg": [0.0, 37.0, 211.0], "levels_per_branch": 4, "keep_contacts": "all", "rigid_angles": 31}
+    data["cycle"] |= {"crank_deg": [0.0, 37.0, 211.0], "levels_per_branch": 4, "keep_contacts": "all"}
+    data["cycle"] |= {"rigid_angles": 31}
     data["reduce"] |= {"flank_edges_per_lobe": 16, "patch_half_width_mm": 0.9, "growth": 0.6, "largest_edge_mm": 5.0}
     data["springs"]["table_points"] = 16
     for section, values in changes.items():

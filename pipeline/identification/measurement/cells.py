@@ -116,7 +116,8 @@ def _merged_runs(bin_number: Whole, zero: int) -> list[tuple[int, int]]:
 
 def _average(rows: Rows, row_numbers: Whole) -> tuple[float, ...]:
     """The averages of `Cells` over some rows, from `torque_mean` to `first_row`."""
-    torque, angle, total = rows.torque[row_numbers], rows.angle[row_numbers], np.add.reduce  # np.mean takes five times it
+    torque, angle = rows.torque[row_numbers], rows.angle[row_numbers]
+    total = np.add.reduce  # of these few rows np.mean takes five times as long
     torque_mean, angle_mean = total(torque) / row_numbers.size, total(angle) / row_numbers.size
     from_mean = torque - torque_mean
     scatter = total(from_mean**2)

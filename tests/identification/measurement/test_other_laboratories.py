@@ -107,7 +107,7 @@ def test_a_missing_column_hides_no_other_fault(tmp_path):
 def test_a_number_at_the_bound_of_the_fit_is_not_claimed(tmp_path):
     """Friction beyond what a fit allows puts every fit on the bound: no scatter between them is no certainty."""
     write_unit(tmp_path / "bench", {}, TEXT.format(side="").replace("rated_torque_Nm = 25.0", "rated_torque_Nm = 12.0"))
-    torque = np.tile(path_of([0.0, 12.0, -12.0, 0.0], 80)[1:], 3)
+    torque = np.tile(path_of([0.0, 12.0, -12.0, 0.0], 40)[1:], 3)
     carried, angle = 0.0, []
     for load in torque:
         carried = min(max(carried, load - 9.0), load + 9.0)

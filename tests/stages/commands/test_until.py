@@ -27,7 +27,8 @@ def until(**changes: object) -> Study:
     study = small_study(until=Until(**{"yield_half_width": HALF_WIDTH} | changes))
     limits = study.limits.model_copy(update={"clearance_backlash_arcmin": 2.1})
     changed = {"reduce": study.reduce.model_copy(update={"disk": "rigid"}), "limits": limits, "name": "until"}
-    return study.model_copy(update=changed | {"cycle": study.cycle.model_copy(update={"crank_deg": (0.0,), "rigid_angles": 7})})
+    changed["cycle"] = study.cycle.model_copy(update={"crank_deg": (0.0,), "rigid_angles": 7})
+    return study.model_copy(update=changed)
 
 
 @pytest.fixture
