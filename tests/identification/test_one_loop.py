@@ -15,7 +15,7 @@ from pipeline.identification.selection.statements.verdict import UNEXPLAINED
 from pipeline.report.unit.page import write_page
 
 
-@pytest.fixture(scope="module", params=[20, 80], ids=["sparse", "dense"])
+@pytest.fixture(scope="module", params=[20, 50], ids=["sparse", "dense"])
 def answer(request, tmp_path_factory, condensed):
     """Identification and page of one loop with friction, of so many rows a branch."""
     home = tmp_path_factory.mktemp("loop")

@@ -35,7 +35,7 @@ def folder(tmp_path_factory):
     study["samples"] = {"experiment": "cases", "nominal_first": False}
     study["cases"] = [{"label": "nominal"}]
     study["reduce"]["disk"] = "rigid"
-    study["cycle"] |= {"crank_deg": [0.0, 91.7], "keep_contacts": "all"}
+    study["cycle"] |= {"crank_deg": [0.0, 91.7], "rigid_angles": 7, "keep_contacts": "all"}
     (folder / "classic.toml").write_text(toml_of(study))
     return folder
 

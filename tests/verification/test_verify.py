@@ -49,7 +49,7 @@ def crude():
 
 @pytest.fixture(scope="module")
 def rows(crude):
-    """Every check, with two of three patch widths of the cylinder and of five loads of the whole reducer.
+    """Every check, with two of three patch widths of the cylinder, and the largest of five loads of the whole reducer.
 
     Bodies are in plane strain, which ``test_bodies.py`` compares with plane stress.
     """
@@ -57,7 +57,7 @@ def rows(crude):
     compliance = {"disk compliance": checks.pop("disk compliance")}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(laws, "WIDTHS", laws.WIDTHS[1:])
-        patch.setattr(whole, "SHARES", whole.SHARES[::4])
+        patch.setattr(whole, "SHARES", whole.SHARES[-1:])
         patch.setattr(elasticity, "STRESSES", ("plane_strain",))
         return list(run_checks(crude, checks)) + list(run_checks(small_reducer(**FINE), compliance))
 

@@ -14,6 +14,7 @@ from pipeline.decisions.run_comparison import differing_inputs, shared_draws
 
 ROOT = Path(__file__).parent.parent.parent.parent
 QUICK = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 24")
+QUICK = QUICK.replace("levels_per_branch", "rigid_angles = 7\nlevels_per_branch")
 ECCENTRICITY = (
     '[tolerances.eccentricity]          # ground crank\ndistribution = "normal"\nlower_um = -2.0\nupper_um = 2.0'
 )
