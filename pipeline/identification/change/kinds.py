@@ -97,7 +97,7 @@ def torque_zero(loop: Loop) -> float:
     top = float(loop.torque[-1])
     zeros_tried = np.linspace(-LARGEST_ZERO, LARGEST_ZERO, TRIED_ZEROS) * top
     steps = np.linspace(0.0, (1 - LARGEST_ZERO) * top, len(loop.torque) // 2)
-    misfit = np.array([_asymmetry(loop, zero, steps) for zero in zeros_tried])
+    misfit = _asymmetry(loop, zeros_tried[:, None], steps)
     best_zero = int(np.argmin(misfit))
     if best_zero in (0, TRIED_ZEROS - 1):
         return np.nan
@@ -107,12 +107,12 @@ def torque_zero(loop: Loop) -> float:
     return float(zeros_tried[best_zero] + shift * (zeros_tried[1] - zeros_tried[0]))
 
 
-def _asymmetry(loop: Loop, zero: float, steps: np.ndarray) -> float:
-    """Mean square [arcmin^2] by which a loop differs from itself turned about a torque, its offset removed."""
-    above, below = zero + steps, zero - steps
+def _asymmetry(loop: Loop, zeros: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Mean squares (n,) [arcmin^2] by which a loop differs from itself turned about torques (n, 1), without offset."""
+    above, below = zeros + steps, zeros - steps
     rising = np.interp(above, loop.torque, loop.rising) + np.interp(below, loop.torque, loop.falling)
     falling = np.interp(above, loop.torque, loop.falling) + np.interp(below, loop.torque, loop.rising)
-    return float(np.var(np.concatenate([rising, falling])))
+    return np.asarray(np.var(np.concatenate([rising, falling], axis=1), axis=1))
 
 
 def _slope(torque: np.ndarray, angle: np.ndarray) -> float:
