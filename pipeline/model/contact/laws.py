@@ -201,8 +201,8 @@ def scaled_laws(laws: ContactLaws, factor: ArrayLike) -> ContactLaws:
 def curved_laws(laws: ContactLaws, factor: float, usual_force: ArrayLike) -> ContactLaws:
     """Laws that fall ``factor`` times as far behind a linear one as others do.
 
-    At a usual force [N], one or (n,), they are alike. Of a power m of the force 1 - m is multiplied: a factor of 3 makes
-    an exponent of 0.7 of Palmgren's 0.9, one of 0.3 makes 0.97. Of Hertz' law the logarithm is multiplied by a factor
+    At a usual force [N], one or (n,), they are alike. Of a power m of the force 1 - m is multiplied: a factor of 3 is
+    an exponent of 0.7 for Palmgren's 0.9, one of 0.3 is 0.97. Of Hertz' law the logarithm is multiplied by a factor
     below 1; one above 1 replaces the share 1 - 1/factor^2 of it by a power that falls behind as far as is needed, so
     that it tends to the same power (of 0.7 at 3). Linear laws stay as they are. The law ends where its slope would
     vanish, or where the other ends.
