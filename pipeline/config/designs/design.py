@@ -177,6 +177,11 @@ class PlausibleRange:
         return float(np.log(self.low)), float(np.log(self.high))
 
 
+def range_within(factor: float, reason: str) -> PlausibleRange:
+    """The range from a number divided by a factor to the number times it."""
+    return PlausibleRange(1 / factor, factor, reason)
+
+
 def plausible_range(design: Design, key: str) -> PlausibleRange:
     """Range of the number at a dotted key of the design."""
     value, provenance = number_at(design, key), design.provenance.get(key)
@@ -186,6 +191,6 @@ def plausible_range(design: Design, key: str) -> PlausibleRange:
     if key.endswith("youngs_modulus_MPa"):
         metal = value >= METAL_MPA
         factor, reason = (METAL_MODULUS, "metals") if metal else (OTHER_MODULUS, "polymers")
-        return PlausibleRange(1 / factor, factor, f"modulus of {reason}")
+        return range_within(factor, f"modulus of {reason}")
     factor, reason = (DIMENSION, "dimension") if key.endswith("_mm") else (STIFFNESS, "stiffness that was not measured")
-    return PlausibleRange(1 / factor, factor, reason)
+    return range_within(factor, reason)

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, create_model, model_validator
 
 from pipeline.arrays import Real, Truth
-from pipeline.config.designs.design import Design, PlausibleRange
+from pipeline.config.designs.design import Design, PlausibleRange, range_within
 from pipeline.config.designs.problems import LawName
 from pipeline.config.files.section import Derived, Millimetres, NotNegative, Section
 from pipeline.config.studies.costs import Costs
@@ -91,8 +91,9 @@ class Springs(Section):
 FORCE_LAW = 1.65
 """Factor of the deflection of a contact: Hertz' and Palmgren's laws differ by up to a third on the flank."""
 LAW_CURVATURE = 4.0
-"""Factor of how far the deflection of a contact falls behind a linear law: of a shortfall of the exponent of 0.087 to
-0.1, of Hertz' and Palmgren's line contacts, it makes more than the 1/3 of Hertz' point contact (Johnson 1985, 4.2)."""
+"""Factor of how far the deflection of a contact falls behind a linear law. The exponent of the force is 0.09 to 0.1
+below 1 in Hertz' and Palmgren's line contacts and 1/3 below 1 in Hertz' point contact (Johnson 1985, 4.2): 3.3 to 3.8
+times as much."""
 HALF_RADIUS = 1.3
 """Factor of the deflection where the radius of a contact is halved: 2^(1/3) = 1.26 of a point contact, and 0.93 makes
 Hertz' line contacts alike at all radii, as many models have them."""
@@ -113,29 +114,22 @@ class LawFactor(NamedTuple):
     plausible: PlausibleRange
 
 
+OTHER_LAWS = range_within(FORCE_LAW, "contact laws differ by as much")
 LAW_FACTORS = (
-    LawFactor(
-        "pin_deflection_factor",
-        "deflection of the pins' contacts",
-        PlausibleRange(1 / FORCE_LAW, FORCE_LAW, "contact laws differ by as much"),
-    ),
-    LawFactor(
-        "output_deflection_factor",
-        "deflection of the output's contacts",
-        PlausibleRange(1 / FORCE_LAW, FORCE_LAW, "contact laws differ by as much"),
-    ),
+    LawFactor("pin_deflection_factor", "deflection of the pins' contacts", OTHER_LAWS),
+    LawFactor("output_deflection_factor", "deflection of the output's contacts", OTHER_LAWS),
     LawFactor(
         "curvature_factor",
         "curvature of the laws of all contacts",
-        PlausibleRange(1 / LAW_CURVATURE, LAW_CURVATURE, "between nearly linear and a point contact"),
+        range_within(LAW_CURVATURE, "between nearly linear and a point contact"),
     ),
     LawFactor(
         "half_radius_factor",
         "deflection of a pin's contact at half of its radius",
-        PlausibleRange(1 / HALF_RADIUS, HALF_RADIUS, "between alike at all radii and a point contact"),
+        range_within(HALF_RADIUS, "between alike at all radii and a point contact"),
     ),
 )
-"""All of them, in the order in which a fit has them."""
+"""All factors of the contact laws, in the order in which a fit has them."""
 
 
 class Reduce(Section):

@@ -119,7 +119,7 @@ class Selector:
             base_fit = rival
 
     def _without_effects(self, selection: Selection, cells: Truth) -> Fit:
-        """The fit without effects from where the most probable model with some ended, else that of the selection."""
+        """The fit without effects, started at the numbers and tolerances of the most probable model with effects."""
         if not selection.odds:
             return selection.base.fit
         unknowns = selection.trials[max(selection.odds, key=lambda name: selection.odds[name])].fit.unknowns
@@ -249,9 +249,9 @@ class Selector:
         return judge.select(selection.base, trials, selection.promised_misfits), further
 
     def recalibrate(self, cells: Truth) -> Fit:
-        """Calibrated numbers and tolerances alone: the best of a fit to all cells and of passes from large torques.
+        """Calibrated numbers and tolerances alone: the best of a fit to all cells at once and of several passes.
 
-        A pass ends where contacts open and close, too, but another one from there goes on.
+        A pass fits the cells of large torques first. It, too, may end at a kink, but a further pass often leads on.
         """
         start = self.fitter.start(Model())
         best = self.fitter.fit(Model(), cells, start)

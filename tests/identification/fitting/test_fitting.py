@@ -207,6 +207,23 @@ def test_a_unit_far_from_the_declared_one_is_found_from_large_torques_down(unkno
     assert rms(fitter.problem, passes.predicted_angle)[1] < 1.1
 
 
+def test_all_is_tried_again_beside_a_better_fit_without_effects(exact_unit, monkeypatch):
+    """From a base that was never fitted the fit of an effect leads to numbers that need no effect of their own."""
+    unit, cells = exactly_known(exact_unit), everything(exact_unit)
+    start = Fitter(unit).start(Model())
+    truth = replace(start, scales=np.where(np.arange(len(start.scales)) == 3, np.log(1.3), 0.0))
+    noise = unit.data.noise * np.random.default_rng(0).standard_normal(len(unit.data))
+    fitter = Fitter(with_angles(unit, Fitter(unit).predict(Model(), truth).angle + noise))
+    selector = Selector(fitter, cells)
+    selector.testable = {"coulomb": candidates()["coulomb"]}
+    declared = fitter.fit(Model(), cells, start, 0)
+    monkeypatch.setattr(selector, "recalibrate", lambda _: declared)
+    selection = selector.select(cells)
+    assert declared.cost > 3 * selection.base.fit.cost
+    assert selection.base.rms < 1.3
+    assert not selection.members
+
+
 def test_a_calibrated_number_stops_at_the_end_of_its_plausible_range_unless_released(exact_unit):
     """A bearing 11 times as stiff and a roller half as long were silent before."""
     exact_unit = exactly_known(exact_unit)

@@ -140,3 +140,16 @@ def test_a_pin_gives_way_by_the_factor_of_half_a_radius_where_its_contact_has_ha
     np.testing.assert_allclose(ratio[: reducer.n_pins], (radius / relative_radius) ** np.log2(1.2), rtol=1e-12)
     np.testing.assert_allclose(ratio[reducer.n_pins :], 1.0, rtol=1e-15)
     assert np.ptp(ratio) > 0.1
+
+
+def test_laws_of_another_curvature_are_alike_at_the_usual_force_of_the_pins_or_of_the_output():
+    """Of n output pins in holes on a circle R, arms |R sin|: half of the torque over their half gives pi T/(2 n R)."""
+    study = load_study("pin_in_hole", ROOT)
+    reducer, usual = assembly.reducer(study.design, 30.0), assembly.usual_forces(study.design)
+    curved = contact_laws(study.with_section("springs", curvature_factor=2.0), reducer)
+    np.testing.assert_allclose(curved.deflection(usual), contact_laws(study, reducer).deflection(usual), rtol=1e-12)
+    centres = study.design.output.holes(study.design.cycloid).centres
+    torque = 1000 * study.design.cycloid.rated_torque_Nm
+    expected = np.pi * torque / (2 * len(centres) * np.abs(centres[0]) * study.design.disk.count)
+    np.testing.assert_allclose(usual[reducer.n_pins :], expected, rtol=0.04)
+    assert np.all(usual[: reducer.n_pins] < 0.5 * expected)
