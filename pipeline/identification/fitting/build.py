@@ -89,7 +89,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     nmm = NMM_PER_NM * study.design.cycloid.rated_torque_Nm
     reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))
     stateless = Forward([course.without_states() for course in courses], nmm, reach)
-    ranges = _scale_ranges(study.design, keys)
+    ranges = _scale_ranges(study, keys)
     by_state = Forward(courses, nmm, reach)
     nominal = first_states([drives((1.0,) * ranges.shape[1], station) for station in range(len(stations.cranks))])
     errors = assembly.errors(population_errors)
@@ -124,10 +124,16 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     return trained_on(visible_cells)
 
 
-def _scale_ranges(design: Design, keys: Sequence[str]) -> Real:
-    """Logarithms (2, n_scales) between which the factors of the numbers at ``keys`` and of the laws are plausible."""
-    ranges = [plausible_range(design, key) for key in keys] + [factor.plausible for factor in LAW_FACTORS]
-    return np.array([of_scale.log for of_scale in ranges]).T
+def _scale_ranges(study: Study, keys: Sequence[str]) -> Real:
+    """Logarithms (2, n_scales) between which the factors of the numbers at ``keys`` and of the laws are plausible.
+
+    The range of a law's factor is that of the whole factor, that of the study included.
+    """
+    of_numbers = np.array([plausible_range(study.design, key).log for key in keys]).reshape(-1, 2)
+    of_laws = np.array([factor.plausible.log for factor in LAW_FACTORS])
+    further = of_laws - np.log(assembly.law_factors(study))[:, None]
+    further = np.column_stack([np.minimum(further[:, 0], 0.0), np.maximum(further[:, 1], 0.0)])  # its own is plausible
+    return np.vstack([of_numbers, further]).T
 
 
 def _influences(measurement: Measurement, curves: Sequence[Backbone]) -> tuple[Real, ...]:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+from scipy.special import chdtri, stdtrit
 
 from pipeline.arrays import Real
 from pipeline.identification.fitting.data import Data
@@ -21,23 +21,21 @@ def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: f
 
     Notes
     -----
-    A right model leaves noise, what the training cells leave open, and a structure of the size of its form. The scatter
-    between positions is not part of it: an effect of the crank angle that is missed is scatter, too. A baseline has to
-    be ahead of a right model: by more than what the training cells leave open.
+    Of a right model the cells left out add a sum of squares to the fit that is chi-square with one degree of freedom
+    for each cell; a structure of the size of the model's form may come on top. The scatter between positions is not
+    part of it: an effect of the crank angle that is missed is scatter, too. A baseline has to be ahead of a right
+    model: by more than what the training cells leave open.
     """
     if folds.in_sample:
         return "nothing is held out, so the fit cannot be tested"
-    predicted_angle, (right_squares, variance) = folds.recalibrated_curve, folds.right_recalibrated
-    if is_named:
-        predicted_angle, (right_squares, variance) = folds.best_curve, folds.right_best
-    square = ((data.angle - predicted_angle) / data.sigma)[folds.cells] ** 2
-    largest_square = right_squares + len(square) * form**2 + float(ndtri(CONFIDENCE)) * np.sqrt(variance)
-    if not np.sum(square) <= largest_square:
-        ratio = np.sqrt(np.sum(square) / right_squares)
+    n_cells = int(np.sum(folds.cells))
+    if not folds.added_squares <= float(chdtri(n_cells, 1 - CONFIDENCE)) + n_cells * form**2:
+        ratio = np.sqrt(folds.added_squares / n_cells)
         return f"unused data are missed by {ratio:.2g} times what a right model would leave"
-    open_square = right_squares / len(square) - 1
+    predicted_angle, _ = folds.curves(is_named)["after"]
+    square = ((data.angle - predicted_angle) / data.sigma)[folds.cells] ** 2
     for title, curve in baselines.items():
-        if _is_ahead(data, folds, square - open_square, curve, CONFIDENCE ** (1 / len(baselines))):
+        if _is_ahead(data, folds, square - folds.open_square, curve, CONFIDENCE ** (1 / len(baselines))):
             return f"{title} predicts unused data better"
     return ""
 

@@ -61,8 +61,10 @@ class Folds:
     open_recalibrated, open_best, open_described, open_carried : standard deviations that the training cells leave open,
         and by which they scatter from position to position.
     models : name of the model that was chosen in each fold; "" for none.
-    right_recalibrated, right_best : mean and variance (2,) of the sum of squares, in noise, that such a model leaves of
-        the cells where it is right: noise, and what the training cells leave open, not the scatter between positions.
+    added_squares : sum of squares, in noise, that the cells left out add to the fits of the model that is tested
+        (``_added_squares``): the one that is named, else the one without effects.
+    open_square : mean square, in noise, of what the training cells leave open of that model at the cells left out,
+        without the scatter between positions.
     common_share : of the variance of what the description misses, taken to be common to all positions; mean over folds;
         NaN where it is not asked for.
     in_sample : whether the fits have seen the cells, since nothing could be held out.
@@ -79,8 +81,8 @@ class Folds:
     open_described: Real
     open_carried: Real
     models: tuple[str, ...]
-    right_recalibrated: Real
-    right_best: Real
+    added_squares: float
+    open_square: float
     common_share: float
     in_sample: bool = False
 
@@ -109,23 +111,24 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
     declared_angle = fitter.predict(Model(), fitter.start(Model())).angle
     declared_curve = np.full(len(data), np.nan)
     predicted_curves, left_open = np.full((4, len(data)), np.nan), np.full((4, len(data)), np.nan)
-    models, shares, right_squares = [], [], np.zeros((2, 2))
+    models, shares, added_squares, open_squares = [], [], [], []
     splits = splits_of(data, visible)
     for training, judged_cells in splits:
         if len(splits) == 1:
-            fits = selection.base.fit, selection.answer.fit, selection.description.fit
+            fold, fits = selector, (selection.base.fit, selection.answer.fit, selection.description.fit)
         else:
             fold = selector.trained_on(training)
-            fitter = fold.fitter
             fits = _fold(fold, selection, training, judged_cells)
+        fitter = fold.fitter
         models.append(fits[1].model.name)
         declared_curve[judged_cells] = (
             declared_angle + fitter.offsets(declared_angle, training, fitter.problem.data.sigma)
         )[judged_cells]
         distinct_fits = {id(fit): fit for fit in fits}
-        open_parts = {number: _left_open(fitter, fit, training) for number, fit in distinct_fits.items()}
-        open_of_fit = {number: rows.deviations for number, rows in open_parts.items()}
-        right_squares += [open_parts[id(fit)].squares(fitter.problem.data.sigma, judged_cells) for fit in fits[:2]]
+        open_of_fit = {number: _left_open(fitter, fit, training) for number, fit in distinct_fits.items()}
+        tested = fits[1 if selection.members else 0]
+        added_squares.append(_added_squares(fold, selection, tested, training | judged_cells))
+        open_squares.append((open_of_fit[id(tested)] / fitter.problem.data.sigma)[judged_cells] ** 2)
         for number, fit in enumerate(fits):
             predicted_curves[number, judged_cells] = fit.predicted_angle[judged_cells]
             deviation = _prediction_deviation(fitter.problem.data, fit, training, open_of_fit[id(fit)])
@@ -148,8 +151,8 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
         open_described=left_open[2],
         open_carried=left_open[3],
         models=tuple(models),
-        right_recalibrated=right_squares[0],
-        right_best=right_squares[1],
+        added_squares=float(np.sum(added_squares)),
+        open_square=float(np.mean(np.concatenate(open_squares))),
         common_share=float(np.mean(shares or np.nan)),
         in_sample=splits[0][0] is splits[0][1],
     )
@@ -236,29 +239,21 @@ def _angle_with_systematic_part(fitter: Fitter, fit: Fit, training: Truth) -> tu
     return angle, expected_part.deviation, expected_part.common_share
 
 
-@dataclass(frozen=True)
-class _Open:
-    """What the training cells leave open of a fit: derivatives (n_cells, n_unknowns) [arcmin], and their covariance."""
+def _added_squares(selector: Selector, selection: Selection, fit: Fit, cells: Truth) -> float:
+    """Sum of squares, in noise, that the cells left out add to the fit of the training cells; infinite without a fit.
 
-    jacobian: Real
-    covariance: Real
-
-    @property
-    def deviations(self) -> Real:
-        """Standard deviations (n_cells,) [arcmin]."""
-        deviations: Real = np.sqrt(np.einsum("ij,jk,ik->i", self.jacobian, self.covariance, self.jacobian))
-        return deviations
-
-    def squares(self, sigma: Real, cells: Truth) -> Real:
-        """Mean and variance (2,) of the sum of squares, in noise, that a right model leaves of cells (n_cells,)."""
-        rows = self.jacobian[cells] / sigma[cells][:, None]
-        spread = self.covariance @ (rows.T @ rows)
-        n, trace = float(cells.sum()), float(np.trace(spread))
-        return np.array([n + trace, 2 * (n + 2 * trace + float(np.sum(spread * spread.T)))])
+    The model is fitted to all of the ``cells`` (n_cells,), from where it describes them; the sums of squares include
+    the priors. Where a model is linear, the increase is the square of the error of the prediction under its whole
+    covariance: noise, and what the training cells leave open. Of a right model it is chi-square with at most as many
+    degrees of freedom as cells are left out. It needs no derivative, so it also holds where contacts open and close.
+    """
+    known_fits = [trial.fit for trial in (selection.base, *selection.trials.values())]
+    start = next((known for known in known_fits if known.model.name == fit.model.name), fit)
+    return max(_from_fit_of_all(selector, start, cells, replace(fit, cost=np.inf)).cost - fit.cost, 0.0)
 
 
-def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> _Open:
-    """What of a fit's prediction the training cells leave open.
+def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> Real:
+    """Standard deviation [arcmin] (n_cells,) of what the training cells leave open of a fit's prediction.
 
     The zero of the angle is that of the training cells; a position that shares it with none of them has its own.
     """
@@ -268,7 +263,9 @@ def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> _Open:
     jacobian, _ = fitter.jacobian(
         fit.model, fit.unknowns, prediction, fitter.positions, np.where(zero, 1 / data.sigma**2, 0.0), None
     )
-    return _Open(jacobian, np.asarray(np.linalg.inv(precision_of(fitter, fit, training)), float))
+    covariance = np.linalg.inv(precision_of(fitter, fit, training))
+    deviation: Real = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
+    return deviation
 
 
 def precision_of(fitter: Fitter, fit: Fit, visible: Truth) -> Real:

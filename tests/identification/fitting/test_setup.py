@@ -1,5 +1,6 @@
 """From files to the problem: what the data offer, and how its cells are weighted."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -126,6 +127,20 @@ def test_a_study_has_the_laws_of_the_fit_that_it_is_written_from(tmp_path, conde
     for kind in (slice(None, n), slice(n, None)):
         share = laws.deflection(force)[:, kind] / declared[:, kind]
         assert np.all(share[0] > share[2] * 1.05)  # a larger curvature: more at small forces, less at large ones
+
+
+def test_a_study_with_factors_of_its_own_is_fitted_about_them(tmp_path, condensed):
+    """A corrected study may be refitted. A factor stays within what is plausible of it as a whole."""
+    unit = load_measured_unit(make_unit(tmp_path / "u", {}, Bench(), condensed), ROOT)
+    factors = dict(zip((factor.key for factor in LAW_FACTORS), (1.3, 0.8, 3.0, 1.2), strict=True))
+    study = unit.study.with_section("springs", **factors)
+    measurement = Measurement.read(replace(unit, design_study=study))
+    problem = build_problem(measurement, condensed(study, measurement.rows.cranks.tolist()))
+    drive, force = problem.nominal[0], np.full(len(problem.nominal[0].laws), 20.0)
+    expected = contact_laws(study, drive.reducer).deflection(force)
+    np.testing.assert_allclose(drive.laws.deflection(force), expected, rtol=1e-12)
+    highest = np.exp(problem.scale_range[1, len(problem.calibrated_keys) :]) * list(factors.values())
+    np.testing.assert_allclose(highest, [factor.plausible.high for factor in LAW_FACTORS], rtol=1e-12)
 
 
 def test_a_pin_gives_way_by_the_factor_of_half_a_radius_where_its_contact_has_half_of_its_own():
