@@ -68,12 +68,14 @@ class Trial:
     ----------
     rms : misfit of these cells, in their noise.
     other_solutions : further fits of the model from other starts that are at least a twentieth as probable.
+    is_by_load : whether it was fitted from large torques down.
     """
 
     fit: Fit
     evidence: Evidence
     rms: float
     other_solutions: tuple["Trial", ...] = ()
+    is_by_load: bool = False
 
 
 def most_probable(solutions: Sequence[Trial]) -> Trial:
@@ -374,6 +376,13 @@ def equivalent_models(leader: str, odds: Mapping[str, float]) -> Sequence[str]:
     least_odds = max(odds[leader] - ODDS, odds[best_of_fewer] + ODDS if best_of_fewer else -np.inf)
     close_models = [name for name in odds if odds[name] >= least_odds and _size(name) == _size(leader)]
     return sorted(close_models, key=lambda name: -odds[name])
+
+
+def odds_of_name(name: str, odds: Mapping[str, float]) -> float:
+    """Odds that a model needs to be named: against no effect, and beside others of as many effects and of fewer."""
+    size, best_of_fewer = _size(name), _leader(_up_to(_size(name) - 1, odds))
+    best = max(value for other, value in odds.items() if _size(other) == size)
+    return max(ODDS, best - ODDS, odds[best_of_fewer] + ODDS if best_of_fewer else -np.inf)
 
 
 def _up_to(size: int, odds: Mapping[str, float]) -> dict[str, float]:

@@ -209,7 +209,8 @@ class Evidence:
     def distance(self, effect: str) -> float:
         """How far the sizes of an effect of the model are from zero, over the radius of their 95 % region.
 
-        The sizes are the parameters that can be zero; beyond 1 the region excludes zero.
+        The sizes are the parameters that can be zero; beyond 1 the region excludes zero. The others, shapes, are held
+        where they are most probable: of an effect of no size they mean nothing.
 
         Raises
         ------
@@ -220,8 +221,11 @@ class Evidence:
         for member in self.fit.model.effects:
             stop = start + len(member.parameters)
             if member.name == effect:
-                sizes = [first_share + k for k in range(start, stop) if self.bounds[k][0] <= 0 <= self.bounds[k][1]]
-                square = mean[sizes] @ np.linalg.solve(covariance[np.ix_(sizes, sizes)], mean[sizes])
+                is_size = np.array([low <= 0 <= high for low, high in self.bounds[start:stop]])
+                of_effect = slice(first_share + start, first_share + stop)
+                sizes = mean[of_effect][is_size]
+                precision = np.linalg.inv(covariance[of_effect, of_effect])[np.ix_(is_size, is_size)]
+                square = sizes @ precision @ sizes
                 return float(np.sqrt(square / (2 * gammaincinv(0.5 * len(sizes), CONFIDENCE))))
             start = stop
         raise KeyError(effect)

@@ -22,6 +22,7 @@ from pipeline.identification.selection.criteria import (
     Trial,
     least_fall,
     most_probable,
+    odds_of_name,
 )
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.pairs import promising_pairs
@@ -44,6 +45,8 @@ SINGLE_GROUPS = 6
 them, so that the time grows as the rows do."""
 PASSES: ShortcutCount = 3
 """Passes from large torques down, at most."""
+MOST_BY_LOAD: ShortcutCount = 3
+"""Models of as many effects that are fitted by load, the most probable ones."""
 FALL_OF_BASE: Shortcut = 2.0
 """Fall of the sum of squares without effects, that of one nat, from which a further pass is tried, and everything anew
 beside it."""
@@ -139,8 +142,10 @@ class Selector:
         trials = {fit.model.name: self.trial(fit, cells, covariance, base) for fit in fits if np.isfinite(fit.cost)}
         selection = judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
         selection = self._with_all_solutions(selection, promises, cells, covariance, judge)
+        selection = self._fitted_by_load(selection, cells, covariance, judge)
         selection = self._with_additions(selection, cells, covariance, judge)
         selection = self._with_twins(selection, cells, covariance, judge)
+        selection = self._fitted_by_load(selection, cells, covariance, judge)
         return self._at_their_most_probable(selection, cells, covariance, judge)
 
     def _at_their_most_probable(
@@ -158,8 +163,9 @@ class Selector:
                 trial = trials[name]
                 fit = self.fitter.fit_at(trial.fit, trial.evidence.most_probable, cells)
                 if fit.sound:
-                    there = replace(self.trial(fit, cells, covariance, trial), other_solutions=trial.other_solutions)
-                    trials[name] = min(trial, there, key=lambda one: one.evidence.value)
+                    there = self.trial(fit, cells, covariance, trial)
+                    evidence = min(trial.evidence, there.evidence, key=lambda one: one.value)
+                    trials[name] = replace(trial, evidence=evidence)
             done.update(new)
             selection = judge.select(selection.base, trials, selection.promised_misfits)
         return selection
@@ -182,6 +188,23 @@ class Selector:
             solutions = [self.trial(fit, cells, covariance, base) for fit in fits if fit.sound]
             trials[name] = most_probable([trials[name], *solutions])
         return judge.select(selection.base, trials, selection.promised_misfits)
+
+    def _fitted_by_load(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
+        """The selection, models that may be named fitted by load, as the one without effects is.
+
+        Of as many effects the most probable ones, if they are within the odds of what a name takes.
+        """
+        trials, odds, base = dict(selection.trials), selection.odds, selection.base
+        for n_effects in range(1, MOST_NAMED + 1):
+            names = [name for name in odds if trials[name].fit.model.n_effects == n_effects]
+            for name in sorted(names, key=lambda name: -odds[name])[:MOST_BY_LOAD]:
+                known = trials[name]
+                if not known.is_by_load and odds[name] + ODDS >= odds_of_name(name, odds):
+                    fit = self._by_load(known.fit, cells, known.fit.unknowns)
+                    solutions = [self.trial(fit, cells, covariance, base), known, *known.other_solutions]
+                    trials[name] = replace(most_probable(solutions), is_by_load=True)
+            odds = judge.select(base, trials, selection.promised_misfits).odds
+        return judge.select(base, trials, selection.promised_misfits)
 
     def _with_twins(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
         """The selection with pairs in which an effect that looks like a member of the best pair takes its place.
@@ -254,9 +277,13 @@ class Selector:
         A pass fits the cells of large torques first. It, too, may end at a kink, but a further pass often leads on.
         """
         start = self.fitter.start(Model())
-        best = self.fitter.fit(Model(), cells, start)
+        return self._by_load(self.fitter.fit(Model(), cells, start), cells, start)
+
+    def _by_load(self, fit: Fit, cells: Truth, start: Vector) -> Fit:
+        """The best of a fit to all cells and of several passes from ``start`` with the cells of large torques first."""
+        best = fit
         for _ in range(PASSES):
-            further = self.fitter.fit_by_load(Model(), cells, start)
+            further = self.fitter.fit_by_load(fit.model, cells, start)
             is_better = further.sound and further.cost < best.cost - FALL_OF_BASE
             if not is_better and start is best.unknowns:
                 break

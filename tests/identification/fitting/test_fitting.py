@@ -207,6 +207,23 @@ def test_a_unit_far_from_the_declared_one_is_found_from_large_torques_down(unkno
     assert rms(fitter.problem, passes.predicted_angle)[1] < 1.1
 
 
+def test_a_fit_with_an_effect_comes_down_from_large_torques_too(unknown):
+    """As above, with friction, a third of the noise: a fit from the model without effects ends at twice the misfit."""
+    data, random = replace(unknown.data, sigma=0.3 * unknown.data.sigma), np.random.default_rng(2)
+    unit, cells = replace(unknown, data=data), everything(unknown)
+    friction = Fitter(unit).start(COULOMB, shares_of_values(Fitter(unit).bounds(COULOMB), (0.15,)))
+    sizes = np.concatenate([unit.scale_spread, [0.0], np.ones(unit.n_modes)])
+    drawn = friction.like(sizes * random.standard_normal(len(sizes)))
+    truth = replace(drawn, scales=np.clip(drawn.scales, *unit.scale_range), shares=friction.shares)
+    angle = Fitter(unit).predict(COULOMB, truth).angle + data.sigma * random.standard_normal(len(data))
+    selector = Selector(Fitter(with_angles(unit, angle)), cells)
+    selector.testable = {"coulomb": candidates()["coulomb"]}
+    base = selector.recalibrate(cells)
+    (from_base,) = selector.fits(base, cells, selector.screen(cells, base))
+    assert from_base.cost > 2 * len(data)
+    assert selector._by_load(from_base, cells, from_base.unknowns).cost < 1.1 * len(data)
+
+
 def test_all_is_tried_again_beside_a_better_fit_without_effects(exact_unit, monkeypatch):
     """From a base that was never fitted the fit of an effect leads to numbers that need no effect of their own."""
     unit, cells = exactly_known(exact_unit), everything(exact_unit)

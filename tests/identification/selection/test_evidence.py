@@ -1,14 +1,17 @@
 """Evidence of a linear model against the density of the multivariate normal distribution, by dense algebra."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from linear_unit import LinearFitter, linear_data, model_of
+from scipy.linalg import block_diag
 from scipy.special import gammaincinv, log_ndtr
 from scipy.stats import multivariate_normal
 
 from pipeline.identification.fitting.fitter import OPEN_SHARE
+from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection.covariance import CORRELATIONS, OFFSET, REACHES, SIZES, Covariance, Structure
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.model_selection import parts_of
@@ -102,6 +105,18 @@ def test_the_distance_of_a_size_from_zero_is_in_radii_of_its_region():
     mean, deviation = evidence.unknowns[0][1] * OPEN_SHARE, evidence.deviations[1]
     assert evidence.distance("coulomb") == pytest.approx(mean / deviation / np.sqrt(2 * gammaincinv(0.5, 0.95)))
     assert mean == pytest.approx(0.1, abs=4 * deviation)
+
+
+def test_a_shape_is_held_where_the_size_that_it_trades_with_is_compared_with_zero():
+    """A size and a shape with a correlation of 0.99: with the shape held a 7th of the deviation of the size is left."""
+    evidence = Evidence.__new__(Evidence)
+    deviations, correlation = np.array([0.2, 0.5, 0.4]), 0.99
+    of_effect = np.array([[1.0, correlation], [correlation, 1.0]])
+    covariance = np.outer(deviations, deviations) * block_diag(1.0, of_effect)
+    fit = SimpleNamespace(model=Model((candidates()["presliding"],)), unknowns=SimpleNamespace(scales=np.zeros(1)))
+    vars(evidence).update(fit=fit, bounds=[(0.0, 70.0), (0.1, 10.0)], unknowns=(np.array([0.0, 0.5, 0.2]), covariance))
+    expected = 0.5 / (0.5 * np.sqrt(1 - correlation**2)) / np.sqrt(2 * gammaincinv(0.5, 0.95))
+    assert evidence.distance("presliding") == pytest.approx(expected)
 
 
 def test_structure_is_found_where_it_is():
