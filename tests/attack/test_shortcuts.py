@@ -39,6 +39,7 @@ OFF = (
     (model_selection, "FAR_FROM_DECLARED", 0.0),
     (model_selection, "FALL_OF_BASE", 0.2),
     (model_selection, "PASSES", 10),
+    (model_selection, "MOST_BY_LOAD", 10**6),
     (pairs, "LARGEST_AMOUNT", 3.0),
     (screening, "STEPS", (1e-3, 3e-3, 1e-2, 3e-2, 1e-1)),
     (screening, "SHAPES", (0.1, 0.2, 0.35, 0.5, 0.6, 0.7, 0.85)),
