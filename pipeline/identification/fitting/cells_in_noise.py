@@ -188,7 +188,6 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
     jumps_within = height_within > smallest
     is_smooth = is_linked & (usual_slope > 0) & ~(jumps_within[:-1] | jumps_within[1:])
     height = np.append(np.where(is_smooth, (slope - usual_slope) * step, 0.0), 0.0)
-    is_end = ~(np.append(is_linked, False) & np.append(False, is_linked))
     _, width = _slopes(cells)
     errors, row_errors = np.zeros(len(cells)), np.zeros(len(cells))
 
@@ -202,16 +201,26 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
     for number in np.flatnonzero(height > smallest):
         pair, at_position = slice(number, number + 2), cells.position == cells.position[number]
         distance = np.abs(cells.torque_mean - cells.torque_mean[pair].mean())
-        is_beside = at_position & (distance <= np.where(is_end, 1.5, 0.5) * step[number])
+        row_interval = step[number] / cells.count[pair].mean()
+        is_beyond = _lies_beyond(cells, cells.torque_mean[pair].mean(), row_interval)
+        is_beside = at_position & (distance <= np.where(is_beyond, 1.5, 0.5) * step[number])
         is_beside[pair] = True
-        add(height[number], is_beside, cells.count[pair].mean() / step[number])
+        add(height[number], is_beside, 1 / row_interval)
     crossed_at, row = _torques_of_jumps(cells, width), width / cells.count
     for number in np.flatnonzero(jumps_within):
         distance = np.abs(cells.torque_mean - crossed_at[number])
-        is_beside = is_end & ~jumps_within & (distance <= 0.5 * (width + row[number]))
+        is_beside = _lies_beyond(cells, crossed_at[number], row[number]) & ~jumps_within
+        is_beside &= distance <= 0.5 * (width + row[number])
         is_beside &= cells.position == cells.position[number]
         add(height_within[number], is_beside, 1 / np.maximum(row, 1e-9))
     return errors, row_errors
+
+
+def _lies_beyond(cells: Cells, torque: float, row_interval: float) -> Truth:
+    """Whether a torque [N m] lies beyond the end of the branch at which a cell (n_cells,) stands, but for a row."""
+    is_linked, onwards = _is_linked(cells), (torque - cells.torque_mean) * cells.direction
+    is_first, is_last = ~np.append(False, is_linked), ~np.append(is_linked, False)
+    return np.asarray((is_first & (onwards < row_interval)) | (is_last & (onwards > -row_interval)))
 
 
 def _torques_of_jumps(cells: Cells, width: Real) -> Real:

@@ -95,6 +95,20 @@ def test_a_record_that_ends_where_another_branch_jumps_within_a_cell_is_as_uncer
     np.testing.assert_allclose(row_errors, errors)
 
 
+def test_the_far_ends_of_branches_of_few_rows_are_known_as_well_as_ever(tmp_path):
+    """Five cells a branch: those where the torque turns lie within 1.5 cells of the jump, and not beside it."""
+    rng, table = np.random.default_rng(5), measured(cycles=4, per_branch=19, noise=0.0)
+    torque = table["torque_Nm"].to_numpy()
+    angle = np.where(torque > -0.4, 20.0, -20.0) + torque / 5 + 0.02 * rng.standard_normal(len(torque))
+    unit = write_unit(tmp_path, {"rows.csv": table.assign(angle_arcmin=angle)})
+    measurement = Measurement.read(load_measured_unit(unit, ROOT))
+    data = data_of(measurement, np.ones(len(measurement.cells), bool))
+    is_far = np.abs(data.torque) > 0.6 * np.max(np.abs(data.torque))
+    assert np.count_nonzero(is_far) > 0.3 * len(is_far)
+    assert np.max(data.sigma[is_far]) < 2 * data.noise
+    assert np.max(data.sigma[~is_far]) > 20 * data.noise
+
+
 def misfit_of_model(measurement, data):
     """What the mean over its cells of a spring behind a play of 40 arcmin misses [arcmin]."""
     fine = np.linspace(0, 1, 401)
