@@ -303,4 +303,5 @@ def test_an_effect_is_not_named_for_a_size_at_which_the_model_bends_away(fitter_
     assert promised.best_model == "coulomb"
     selection = selector._at_their_most_probable(promised, cells, covariance, judge)
     assert bool(selection.members) == is_named
-    assert (selection.trials["coulomb"] is trials["coulomb"]) == is_named
+    assert (selection.trials["coulomb"].evidence is trials["coulomb"].evidence) == is_named
+    assert selection.trials["coulomb"].fit is near_zero
