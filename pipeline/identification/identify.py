@@ -184,7 +184,7 @@ def _tested_on_unused_data(
     folds = predicted_folds(selector, selection, is_training, verdict.verdict == UNEXPLAINED and not turns)
     if not (verdict.named_effects or verdict.verdict == ADEQUATE):
         return selection, verdict, folds
-    reason = failed_test(data, folds, baseline_curves, selection.limit, bool(verdict.named_effects))
+    reason = failed_test(data, folds, baseline_curves, selection.limit)
     if reason and verdict.named_effects:
         selection = without_names(selection, reason)
         verdict = judge(selector.fitter, selection, is_training)

@@ -11,7 +11,7 @@ from pipeline.identification.selection.held_out import Folds
 from pipeline.statistics.resampling import CONFIDENCE
 
 
-def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: float, is_named: bool = False) -> str:
+def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: float) -> str:
     """Why a refitted model is not adequate, or "": the one without effects, or the one with those that are named.
 
     Parameters
@@ -32,8 +32,7 @@ def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: f
     if not folds.added_squares <= float(chdtri(n_cells, 1 - CONFIDENCE)) + n_cells * form**2:
         ratio = np.sqrt(folds.added_squares / n_cells)
         return f"unused data are missed by {ratio:.2g} times what a right model would leave"
-    predicted_angle, _ = folds.curves(is_named)["after"]
-    square = ((data.angle - predicted_angle) / data.sigma)[folds.cells] ** 2
+    square = ((data.angle - folds.tested_curve) / data.sigma)[folds.cells] ** 2
     for title, curve in baselines.items():
         if _is_ahead(data, folds, square - folds.open_square, curve, CONFIDENCE ** (1 / len(baselines))):
             return f"{title} predicts unused data better"

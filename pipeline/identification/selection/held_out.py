@@ -61,10 +61,11 @@ class Folds:
     open_recalibrated, open_best, open_described, open_carried : standard deviations that the training cells leave open,
         and by which they scatter from position to position.
     models : name of the model that was chosen in each fold; "" for none.
-    added_squares : sum of squares, in noise, that the cells left out add to the fits of the model that is tested
-        (``_added_squares``): the one that is named, else the one without effects.
-    open_square : mean square, in noise, of what the training cells leave open of that model at the cells left out,
-        without the scatter between positions.
+    tested_curve : of the model that is tested, which is the same in all folds: the one that is named, else the one
+        without effects.
+    added_squares : sum of squares, in noise, that the cells left out add to its fits (``_added_squares``).
+    open_square : mean square, in noise, of what the training cells leave open of it at the cells left out, without the
+        scatter between positions.
     common_share : of the variance of what the description misses, taken to be common to all positions; mean over folds;
         NaN where it is not asked for.
     in_sample : whether the fits have seen the cells, since nothing could be held out.
@@ -81,6 +82,7 @@ class Folds:
     open_described: Real
     open_carried: Real
     models: tuple[str, ...]
+    tested_curve: Real
     added_squares: float
     open_square: float
     common_share: float
@@ -111,6 +113,7 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
     declared_angle = fitter.predict(Model(), fitter.start(Model())).angle
     declared_curve = np.full(len(data), np.nan)
     predicted_curves, left_open = np.full((4, len(data)), np.nan), np.full((4, len(data)), np.nan)
+    tested_curve = np.full(len(data), np.nan)
     models, shares, added_squares, open_squares = [], [], [], []
     splits = splits_of(data, visible)
     for training, judged_cells in splits:
@@ -124,9 +127,10 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
         declared_curve[judged_cells] = (
             declared_angle + fitter.offsets(declared_angle, training, fitter.problem.data.sigma)
         )[judged_cells]
-        distinct_fits = {id(fit): fit for fit in fits}
+        tested = _tested(fold, selection, training, fits)
+        distinct_fits = {id(fit): fit for fit in (*fits, tested)}
         open_of_fit = {number: _left_open(fitter, fit, training) for number, fit in distinct_fits.items()}
-        tested = fits[1 if selection.members else 0]
+        tested_curve[judged_cells] = tested.predicted_angle[judged_cells]
         added_squares.append(_added_squares(fold, selection, tested, training | judged_cells))
         open_squares.append((open_of_fit[id(tested)] / fitter.problem.data.sigma)[judged_cells] ** 2)
         for number, fit in enumerate(fits):
@@ -151,6 +155,7 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
         open_described=left_open[2],
         open_carried=left_open[3],
         models=tuple(models),
+        tested_curve=tested_curve,
         added_squares=float(np.sum(added_squares)),
         open_square=float(np.mean(np.concatenate(open_squares))),
         common_share=float(np.mean(shares or np.nan)),
@@ -237,6 +242,16 @@ def _angle_with_systematic_part(fitter: Fitter, fit: Fit, training: Truth) -> tu
     angle = fit.predicted_angle + expected_part.mean
     angle += fitter.offsets(angle, training, data.sigma)
     return angle, expected_part.deviation, expected_part.common_share
+
+
+def _tested(selector: Selector, selection: Selection, training: Truth, fits: tuple[Fit, Fit, Fit]) -> Fit:
+    """The fit of a fold whose model is tested: of what is named, whichever effects the training cells choose."""
+    base, chosen_fit, _ = fits
+    if not selection.members:
+        return base
+    if chosen_fit.model.name in selection.members:
+        return chosen_fit
+    return _refit(selector, selection.answer.fit, training, base)
 
 
 def _added_squares(selector: Selector, selection: Selection, fit: Fit, cells: Truth) -> float:

@@ -48,7 +48,7 @@ def test_of_two_solutions_that_a_fold_does_not_tell_apart_that_of_all_cells_is_t
     assert selection.members == ("crank_compliance_2",)
     assert selection.trials["crank_compliance_2"].is_by_load
     folds = predicted_folds(selector, selection, everything, carry_over=False)
-    assert failed_test(problem.data, folds, {}, selection.limit, is_named=True) == ""
+    assert failed_test(problem.data, folds, {}, selection.limit) == ""
 
 
 def test_the_best_start_of_each_sense_comes_before_the_others():
