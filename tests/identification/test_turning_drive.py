@@ -173,7 +173,7 @@ def test_an_oval_housing_is_the_nearest_effect_with_its_amplitudes(oval):
     assert (verdict["verdict"], verdict["named"]) == ("not explained by the library", [])
     selection = identification.selection
     assert selection.nearest_model == "ovality_2"
-    assert selection.reasons["ovality_2"].startswith("unused data are missed by")
+    assert selection.reasons["ovality_2"] == "replay of the training turns predicts unused data better"
     np.testing.assert_allclose(selection.answer.fit.values, (6.0, 4.0), rtol=0.15)
     before, after = selection.base.rms, selection.answer.rms
     assert after < 0.12 * before
