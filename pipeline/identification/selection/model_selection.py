@@ -48,8 +48,8 @@ PASSES: ShortcutCount = 3
 MOST_BY_LOAD: ShortcutCount = 3
 """Models of as many effects that are fitted by load, the most probable ones."""
 FALL_OF_BASE: Shortcut = 2.0
-"""Fall of the sum of squares without effects, that of one nat, from which a further pass is tried, and everything anew
-beside it."""
+"""Fall of the sum of squares, that of one nat, from which a further pass is tried; and in mean squares of a cell that
+of the model without effects, from which everything is tried anew beside it."""
 
 
 def parts_of(data: Data, cells: Truth) -> Whole:
@@ -117,7 +117,8 @@ class Selector:
         while True:
             selection = self._beside(base_fit, cells)
             rival = self._without_effects(selection, cells)
-            if not rival.sound or rival.cost > base_fit.cost - FALL_OF_BASE:
+            mean_square = max(base_fit.cost / np.count_nonzero(cells), 1.0)
+            if not rival.sound or rival.cost > base_fit.cost - FALL_OF_BASE * mean_square:
                 return selection
             base_fit = rival
 
