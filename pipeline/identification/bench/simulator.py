@@ -147,6 +147,41 @@ class Forward:
         values = [self.backbone(drive).influence @ gaps.T for drive, gaps in zip(stations, patterns, strict=True)]
         return self._at_cells(stations, position, carried_torque, values)
 
+    def mean_of_draws(
+        self, drives: Drives, position: int, carried_torque: Real, gaps: Sequence[Real], modes: Sequence[Real]
+    ) -> tuple[Real, Real]:
+        """Means over draws of gaps of the change of the angle (n_cells,) and of its influence (n_cells, n_modes).
+
+        To first order in all but the frictionless curves. Draws without an equilibrium do not count.
+
+        Parameters
+        ----------
+        carried_torque : (n_cells,) of the drives as they are [N mm].
+        gaps : by station (n_draws, n_contacts), added to the drive's [mm].
+        modes : by station (n_modes, n_contacts) [mm].
+
+        Returns
+        -------
+        Both in arcmin; NaN where no draw counts.
+        """
+        values = []
+        for drive, added_gap, patterns in zip(drives, gaps, modes, strict=True):
+            n_draws, n_states = len(added_gap), len(drive.gap)
+            states = drive.without_elements.some(np.tile(np.arange(n_states), n_draws))
+            curve = self._solve_backbone(states.with_added_gap(np.repeat(added_gap, n_states, axis=0)))
+            is_lost = np.any(curve.states.residual > LARGEST_RESIDUAL, axis=1).reshape(n_draws, n_states)
+            counts = ~np.any(is_lost, axis=1)
+            angle, influence = (
+                np.mean(of_states.reshape(n_draws, n_states, *of_states.shape[1:])[counts], axis=0)
+                if np.any(counts)
+                else np.full((n_states, *of_states.shape[1:]), np.nan)
+                for of_states in (curve.angle, curve.influence)
+            )
+            change = angle - self.backbone(drive).angle
+            values.append(np.concatenate([change[..., None], influence @ patterns.T], axis=2))
+        at_cells = self._at_cells(drives, position, carried_torque, values)
+        return at_cells[:, 0], at_cells[:, 1:]
+
     def change(
         self, drives: Drive | Drives, neighbours: Drive | Drives, position: int, carried_torque: Real
     ) -> Real | None:

@@ -94,6 +94,25 @@ class Fitter:
                 )
         return Prediction(angle, influence, carried_torque, sound)
 
+    def mean_of_draws(
+        self, model: Model, unknowns: Vector, prediction: Prediction, draws: Real, positions: Sequence[int]
+    ) -> tuple[Real, Real]:
+        """Means over draws of the modes of the change of the angle (n_cells,), and of its influence (n_cells, n_modes).
+
+        ``draws`` (n_draws, n_modes) are added to the modes at which the prediction was made. See
+        ``Forward.mean_of_draws``.
+        """
+        problem, (drives, _) = self.problem, self.drives(model, unknowns, positions)
+        change, influence = np.zeros(len(problem.data)), np.zeros((len(problem.data), problem.n_modes))
+        for position in positions:
+            of_position = problem.data.position == position
+            modes = [problem.modes[station] for station in problem.stations[position]]
+            gaps = [draws @ of_station for of_station in modes]
+            change[of_position], influence[of_position] = self.forward(model).mean_of_draws(
+                drives[position], position, prediction.carried_torque[of_position], gaps, modes
+            )
+        return change, influence
+
     def forward(self, model: Model) -> Forward:
         """What predicts a model: with every cycle in its own state where an effect asks for that."""
         return self.problem.forward_by_state if model.by_state else self.problem.forward
@@ -154,6 +173,13 @@ class Fitter:
         """
         descent = Descent(self, model, is_fitted, start, base_fit)
         descent.run(iterations)
+        return self._fit_of(descent)
+
+    def fit_averaged(self, model: Model, is_fitted: Truth, start: Vector) -> Fit:
+        """As ``fit``, after steps by derivatives that are averaged about the unknowns (``Descent.run_averaged``)."""
+        descent = Descent(self, model, is_fitted, start, None)
+        descent.run_averaged()
+        descent.run(ITERATIONS)
         return self._fit_of(descent)
 
     def fit_by_load(self, model: Model, is_fitted: Truth, start: Vector) -> Fit:

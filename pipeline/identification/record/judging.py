@@ -270,9 +270,9 @@ class RecordJudge(Rule[Trial]):
         """Size of an effect of a trial [arcmin]."""
         return float(np.linalg.norm(trial.posterior.mean[self.evidence.columns_of(trial.effects, name)]))
 
-    def objections(self, trial: Trial, base: Trial) -> Iterator[str]:
+    def objections(self, trial: Trial, base: Trial, behind: float = 0.0) -> Iterator[str]:
         """The clauses (b) to (f) that a model does not meet."""
-        yield from super().objections(trial, base)
+        yield from super().objections(trial, base, behind)
         if misfit := self._misfit_reason(trial, base):
             yield misfit
 

@@ -16,7 +16,7 @@ named if and only if
 
 A further effect is named where the model with it is more probable than the best with fewer by the same odds: of loops
 two at most, of records as many as that holds for. Named together, as a class, are the models that are at least a
-twentieth as probable as the best one.
+twentieth as probable as the best one; the odds of (a) and (e) are asked of one of them.
 """
 
 from abc import ABC, abstractmethod
@@ -68,14 +68,14 @@ class Trial:
     ----------
     rms : misfit of these cells, in their noise.
     other_solutions : further fits of the model from other starts that are at least a twentieth as probable.
-    is_by_load : whether it was fitted from large torques down.
+    is_refined : whether the fit was refined by further passes.
     """
 
     fit: Fit
     evidence: Evidence
     rms: float
     other_solutions: tuple["Trial", ...] = ()
-    is_by_load: bool = False
+    is_refined: bool = False
 
 
 def most_probable(solutions: Sequence[Trial]) -> Trial:
@@ -237,12 +237,29 @@ class Rule(ABC, Generic[T]):
         reasons: dict[str, str] = {}
         smaller_models = [best_of(_up_to(size, odds)) for size in range(_size(best_model) - 1, 0, -1)]
         for leader in dict.fromkeys([best_model, *smaller_models]):
-            close_models = equivalent_models(leader, odds) if leader else ()
-            reasons |= {name: self.why_not(trials[name], base) for name in close_models}
-            members = tuple(name for name in close_models if not reasons[name])
+            class_reasons, members = self._class_of(leader, odds, base, trials) if leader else ({}, ())
+            reasons |= class_reasons
             if members:
                 return Choice(odds, reasons, best_model, members)
         return Choice(odds, reasons, best_model, ())
+
+    def _class_of(
+        self, leader: str, odds: Mapping[str, float], base: T, trials: Mapping[str, T]
+    ) -> tuple[dict[str, str], tuple[str, ...]]:
+        """Why models near a leading one are not named, "" of those that may be, and the class that is named.
+
+        One member has the odds by itself, over no effect and over fewer ones; the others are as probable as that one
+        but for the odds within which models are named together.
+        """
+        close_models = equivalent_models(leader, odds)
+        candidates = [name for name in close_models if odds[name] >= odds_over_fewer(leader, odds)]
+        reasons = {name: next(self.objections(trials[name], base), "") for name in candidates}
+        best = next((name for name in candidates if not reasons[name]), None)
+        if best is None:
+            return reasons, ()
+        for name in close_models:
+            reasons[name] = next(self.objections(trials[name], base, max(odds[best] - odds[name], 0.0)), "")
+        return reasons, tuple(name for name in close_models if not reasons[name])
 
     def odds(self, base_value: float, values: Mapping[str, float]) -> dict[str, float]:
         """Logarithms of posterior odds of models that may be named against "no effect"."""
@@ -252,12 +269,12 @@ class Rule(ABC, Generic[T]):
             if _size(name) <= self.most_named
         }
 
-    def why_not(self, trial: T, base: T) -> str:
-        """Why a model that the data prefer to "no effect" is not named, or ""."""
-        return next(self.objections(trial, base), "")
+    def objections(self, trial: T, base: T, behind: float = 0.0) -> Iterator[str]:
+        """The clauses (b) to (e) that a model does not meet, which the data prefer to "no effect".
 
-    def objections(self, trial: T, base: T) -> Iterator[str]:
-        """The clauses (b) to (e) that a model does not meet."""
+        ``behind`` is the logarithm of the odds of the most probable model of its class against it: a class has the odds
+        of (e) by that model.
+        """
         if self.n_repeats < FEWEST_BLOCKS:
             yield f"with fewer than {FEWEST_BLOCKS} {self.repeats} no effect is named"
         gain = self.predictive(trial) - self.predictive(base)
@@ -269,7 +286,7 @@ class Rule(ABC, Generic[T]):
         yield from self.implausible(trial)
         log_evidence_up_to = self.value(trial, self.misfit(base))
         prior = prior_log_odds(len(self.effects(trial)), self.n_tried)
-        if not log_evidence_up_to - self.value(base) + prior >= ODDS:
+        if not log_evidence_up_to - self.value(base) + prior + behind >= ODDS:
             yield "a discrepancy of no known form describes the unit as well"
         if self.value(trial) - log_evidence_up_to >= ODDS:
             yield "beside it the data call for a discrepancy that is larger than the form of the model leaves"
@@ -368,21 +385,22 @@ def _leader(odds: Mapping[str, float]) -> str:
 
 
 def equivalent_models(leader: str, odds: Mapping[str, float]) -> Sequence[str]:
-    """Models of as many effects that are within the odds of a leading one, the most probable first.
-
-    Of several effects those alone that are more probable than the best of fewer by the odds.
-    """
-    best_of_fewer = _leader(_up_to(_size(leader) - 1, odds))
-    least_odds = max(odds[leader] - ODDS, odds[best_of_fewer] + ODDS if best_of_fewer else -np.inf)
-    close_models = [name for name in odds if odds[name] >= least_odds and _size(name) == _size(leader)]
+    """Models of as many effects that are within the odds of a leading one, the most probable first."""
+    close_models = [name for name in odds if odds[name] >= odds[leader] - ODDS and _size(name) == _size(leader)]
     return sorted(close_models, key=lambda name: -odds[name])
 
 
+def odds_over_fewer(name: str, odds: Mapping[str, float]) -> float:
+    """Odds from which a model beats the best of fewer effects; of a single effect any."""
+    best_of_fewer = _leader(_up_to(_size(name) - 1, odds))
+    return odds[best_of_fewer] + ODDS if best_of_fewer else -np.inf
+
+
 def odds_of_name(name: str, odds: Mapping[str, float]) -> float:
-    """Odds that a model needs to be named: against no effect, and beside others of as many effects and of fewer."""
-    size, best_of_fewer = _size(name), _leader(_up_to(_size(name) - 1, odds))
-    best = max(value for other, value in odds.items() if _size(other) == size)
-    return max(ODDS, best - ODDS, odds[best_of_fewer] + ODDS if best_of_fewer else -np.inf)
+    """Odds that a model needs to be named: with the best of as many effects, or against no effect and fewer ones."""
+    best = max(value for other, value in odds.items() if _size(other) == _size(name))
+    least = max(ODDS, odds_over_fewer(name, odds))
+    return best - ODDS if best >= least else least
 
 
 def _up_to(size: int, odds: Mapping[str, float]) -> dict[str, float]:

@@ -43,10 +43,10 @@ ADDITIONS: ShortcutCount = 4
 SINGLE_GROUPS = 6
 """Positions (or cycles) up to which each is left out by itself; more are left out in three lots, spread evenly over
 them, so that the time grows as the rows do."""
-PASSES: ShortcutCount = 3
-"""Passes from large torques down, at most."""
-MOST_BY_LOAD: ShortcutCount = 3
-"""Models of as many effects that are fitted by load, the most probable ones."""
+PASSES: ShortcutCount = 2
+"""Passes by which a fit is refined, at most."""
+MOST_REFINED: ShortcutCount = 3
+"""Models of as many effects whose fits are refined, the most probable ones."""
 FALL_OF_BASE: Shortcut = 2.0
 """Fall of the sum of squares, that of one nat, from which a further pass is tried; and in mean squares of a cell that
 of the model without effects, from which everything is tried anew beside it."""
@@ -143,10 +143,10 @@ class Selector:
         trials = {fit.model.name: self.trial(fit, cells, covariance, base) for fit in fits if np.isfinite(fit.cost)}
         selection = judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
         selection = self._with_all_solutions(selection, promises, cells, covariance, judge)
-        selection = self._fitted_by_load(selection, cells, covariance, judge)
+        selection = self._with_refined_fits(selection, cells, covariance, judge)
         selection = self._with_additions(selection, cells, covariance, judge)
         selection = self._with_twins(selection, cells, covariance, judge)
-        selection = self._fitted_by_load(selection, cells, covariance, judge)
+        selection = self._with_refined_fits(selection, cells, covariance, judge)
         return self._at_their_most_probable(selection, cells, covariance, judge)
 
     def _at_their_most_probable(
@@ -190,20 +190,22 @@ class Selector:
             trials[name] = most_probable([trials[name], *solutions])
         return judge.select(selection.base, trials, selection.promised_misfits)
 
-    def _fitted_by_load(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
-        """The selection, models that may be named fitted by load, as the one without effects is.
+    def _with_refined_fits(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
+        """The selection with the fits of models that may be named refined, as that of the model without effects is.
 
-        Of as many effects the most probable ones, if they are within the odds of what a name takes.
+        Of as many effects the most probable ones, if they are within the odds of what a name takes, or would be if they
+        missed no more than the noise.
         """
-        trials, odds, base = dict(selection.trials), selection.odds, selection.base
+        trials, odds, base, n_cells = dict(selection.trials), selection.odds, selection.base, np.count_nonzero(cells)
         for n_effects in range(1, MOST_NAMED + 1):
             names = [name for name in odds if trials[name].fit.model.n_effects == n_effects]
-            for name in sorted(names, key=lambda name: -odds[name])[:MOST_BY_LOAD]:
+            for name in sorted(names, key=lambda name: -odds[name])[:MOST_REFINED]:
                 known = trials[name]
-                if not known.is_by_load and odds[name] + ODDS >= odds_of_name(name, odds):
-                    fit = self._by_load(known.fit, cells, known.fit.unknowns)
+                largest_gain = max(ODDS, 0.5 * (known.fit.cost - n_cells))
+                if not known.is_refined and odds[name] + largest_gain >= odds_of_name(name, odds):
+                    fit = self._refine(known.fit, cells, known.fit.unknowns)
                     solutions = [self.trial(fit, cells, covariance, base), known, *known.other_solutions]
-                    trials[name] = replace(most_probable(solutions), is_by_load=True)
+                    trials[name] = replace(most_probable(solutions), is_refined=True)
             odds = judge.select(base, trials, selection.promised_misfits).odds
         return judge.select(base, trials, selection.promised_misfits)
 
@@ -273,23 +275,25 @@ class Selector:
         return judge.select(selection.base, trials, selection.promised_misfits), further
 
     def recalibrate(self, cells: Truth) -> Fit:
-        """Calibrated numbers and tolerances alone: the best of a fit to all cells at once and of several passes.
-
-        A pass fits the cells of large torques first. It, too, may end at a kink, but a further pass often leads on.
-        """
+        """Calibrated numbers and tolerances alone, from as declared: a plain fit, refined."""
         start = self.fitter.start(Model())
-        return self._by_load(self.fitter.fit(Model(), cells, start), cells, start)
+        return self._refine(self.fitter.fit(Model(), cells, start), cells, start)
 
-    def _by_load(self, fit: Fit, cells: Truth, start: Vector) -> Fit:
-        """The best of a fit to all cells and of several passes from ``start`` with the cells of large torques first."""
+    def _refine(self, fit: Fit, cells: Truth, start: Vector) -> Fit:
+        """The best of a fit and of passes, the first of them from ``start``.
+
+        A pass fits by averaged derivatives, and then the cells of large torques first. Each of them, too, may end at a
+        kink; the other often leads on.
+        """
         best = fit
         for _ in range(PASSES):
-            further = self.fitter.fit_by_load(fit.model, cells, start)
-            is_better = further.sound and further.cost < best.cost - FALL_OF_BASE
-            if not is_better and start is best.unknowns:
+            cost_before = best.cost
+            for fit_further in (self.fitter.fit_averaged, self.fitter.fit_by_load):
+                further = fit_further(fit.model, cells, start)
+                best = further if further.sound and further.cost < best.cost - FALL_OF_BASE else best
+                start = best.unknowns
+            if best.cost == cost_before:
                 break
-            best = further if is_better else best
-            start = best.unknowns
         return best
 
     def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise]) -> list[Fit]:

@@ -191,7 +191,29 @@ def evidence_of(fitter, fit):
     return Evidence(Covariance(data, cells, data.position), fitter, fit)
 
 
-def test_a_unit_far_from_the_declared_one_is_found_from_large_torques_down(unknown):
+def test_means_over_draws_of_tolerances_are_those_of_the_predictions(unknown):
+    """No draw changes nothing; of draws the mean curve is that of their predictions, but for cells within the play."""
+    fitter, size = Fitter(unknown), 0.7
+    start = fitter.start(Model())
+    prediction = fitter.predict(Model(), start, modes=True)
+    draws = size * np.random.default_rng(0).standard_normal((6, unknown.n_modes))
+    nothing, change = (
+        fitter.mean_of_draws(Model(), start, prediction, of_modes, fitter.positions) for of_modes in (0 * draws, draws)
+    )
+    np.testing.assert_allclose(nothing[0], 0.0, atol=1e-9)
+    np.testing.assert_allclose(nothing[1], prediction.influence, atol=1e-9)
+    predictions = [fitter.predict(Model(), replace(start, modes=draw), modes=True) for draw in draws]
+    expected = np.mean([one.angle for one in predictions], axis=0) - prediction.angle
+    assert np.max(np.abs(expected)) > 0.1
+    torque = np.abs(unknown.data.torque)
+    loaded = torque > 0.1 * torque.max()
+    np.testing.assert_allclose(change[0][loaded], expected[loaded], atol=0.02 * np.max(np.abs(expected)))
+    influence = np.mean([one.influence for one in predictions], axis=0)
+    assert np.max(np.abs(influence - prediction.influence)) > 0.2 * np.max(np.abs(influence))
+    np.testing.assert_allclose(change[1][loaded], influence[loaded], atol=0.02 * np.max(np.abs(influence)))
+
+
+def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unknown):
     """All numbers and tolerances drawn, a tenth of the noise: a descent to all cells ends where contacts close."""
     data, random = replace(unknown.data, sigma=0.1 * unknown.data.sigma), np.random.default_rng(4)
     unit = replace(unknown, data=data)
@@ -200,14 +222,14 @@ def test_a_unit_far_from_the_declared_one_is_found_from_large_torques_down(unkno
     truth = replace(drawn, scales=np.clip(drawn.scales, *unit.scale_range))
     angle = Fitter(unit).predict(Model(), truth).angle + data.sigma * random.standard_normal(len(data))
     fitter, cells = Fitter(with_angles(unit, angle)), everything(unit)
-    at_once, by_load = fitter.fit(Model(), cells, start), fitter.fit_by_load(Model(), cells, start)
+    plain, averaged = fitter.fit(Model(), cells, start), fitter.fit_averaged(Model(), cells, start)
     passes = Selector(fitter, cells).recalibrate(cells)
-    assert at_once.cost > 5 * by_load.cost
-    assert passes.cost < by_load.cost
+    assert plain.cost > 5 * averaged.cost
+    assert passes.cost <= averaged.cost
     assert rms(fitter.problem, passes.predicted_angle)[1] < 1.1
 
 
-def test_a_fit_with_an_effect_comes_down_from_large_torques_too(unknown):
+def test_a_fit_with_an_effect_goes_on_by_averaged_derivatives_too(unknown):
     """As above, with friction, a third of the noise: a fit from the model without effects ends at twice the misfit."""
     data, random = replace(unknown.data, sigma=0.3 * unknown.data.sigma), np.random.default_rng(2)
     unit, cells = replace(unknown, data=data), everything(unknown)
@@ -221,7 +243,7 @@ def test_a_fit_with_an_effect_comes_down_from_large_torques_too(unknown):
     base = selector.recalibrate(cells)
     (from_base,) = selector.fits(base, cells, selector.screen(cells, base))
     assert from_base.cost > 2 * len(data)
-    assert selector._by_load(from_base, cells, from_base.unknowns).cost < 1.1 * len(data)
+    assert selector._refine(from_base, cells, from_base.unknowns).cost < 1.1 * len(data)
 
 
 def test_all_is_tried_again_beside_a_better_fit_without_effects(exact_unit, monkeypatch):

@@ -138,6 +138,19 @@ def test_a_pair_is_named_where_it_beats_the_best_single_effect_by_the_odds():
         assert judged({"coulomb": single, "coulomb+preload": pair}).members == expected
 
 
+def test_a_class_has_the_odds_by_its_best_member_and_the_others_by_their_distance_from_it():
+    """One member has the odds by itself; the others are as probable but for less than the odds of a class."""
+    best, second = Known(SINGLE + ODDS + 0.1), {"value": SINGLE + ODDS - 1.0}
+    pair = 40.0 + PAIR - SINGLE + ODDS
+    for less, members in ((0.0, ("coulomb", "preload")), (1.0, ("coulomb",))):  # with no more structure than the form
+        limited = Known(**second, limited=second["value"] - less)
+        trials = {"coulomb": trial("coulomb", best), "preload": trial("preload", limited)}
+        assert judged(trials).members == members
+    pairs = {"coulomb+preload": pair + 0.1, "coulomb+rayleigh": pair - 1.0, "presliding+rayleigh": pair - ODDS}
+    trials = {name: trial(name, Known(value)) for name, value in {"coulomb": 40.0, **pairs}.items()}
+    assert judged(trials).members == ("coulomb+preload", "coulomb+rayleigh")
+
+
 def test_a_pair_of_which_one_size_may_be_zero_leaves_the_single_effect():
     pair = trial("coulomb+preload", Known(80.0, distance={"coulomb": 5.0, "preload": 0.5}))
     selection = judged({"coulomb": trial("coulomb", Known(40.0)), "coulomb+preload": pair})

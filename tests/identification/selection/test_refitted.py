@@ -46,7 +46,7 @@ def test_of_two_solutions_that_a_fold_does_not_tell_apart_that_of_all_cells_is_t
     selector.testable = {"crank_compliance_2": selector.testable["crank_compliance_2"]}
     selection = selector.select(everything)
     assert selection.members == ("crank_compliance_2",)
-    assert selection.trials["crank_compliance_2"].is_by_load
+    assert selection.trials["crank_compliance_2"].is_refined
     folds = predicted_folds(selector, selection, everything, carry_over=False)
     assert failed_test(problem.data, folds, {}, selection.limit) == ""
 
