@@ -6,7 +6,7 @@ the angle, where every position has its own; and which models were fitted over a
 the evidence of its training cells.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -133,15 +133,11 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
         tested_curve[judged_cells] = tested.predicted_angle[judged_cells]
         added_squares.append(_added_squares(fold, selection, tested, training | judged_cells))
         open_squares.append((open_of_fit[id(tested)] / fitter.problem.data.sigma)[judged_cells] ** 2)
-        for number, fit in enumerate(fits):
-            predicted_curves[number, judged_cells] = fit.predicted_angle[judged_cells]
-            deviation = _prediction_deviation(fitter.problem.data, fit, training, open_of_fit[id(fit)])
+        curves, common_share = _predictions(fitter, fits, training, open_of_fit, carry_over)
+        shares.append(common_share)
+        for number, (angle, deviation) in enumerate(curves):
+            predicted_curves[number, judged_cells] = angle[judged_cells]
             left_open[number, judged_cells] = deviation[judged_cells]
-        if carry_over:
-            angle, deviation, common_share = _angle_with_systematic_part(fitter, fits[2], training)
-            predicted_curves[3, judged_cells] = angle[judged_cells]
-            left_open[3, judged_cells] = np.hypot(open_of_fit[id(fits[2])], deviation)[judged_cells]
-            shares.append(common_share)
     cells = np.isfinite(declared_curve + predicted_curves[:3].sum(axis=0))  # errors are compared over the same cells
     return Folds(
         cells=cells,
@@ -158,9 +154,26 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
         tested_curve=tested_curve,
         added_squares=float(np.sum(added_squares)),
         open_square=float(np.mean(np.concatenate(open_squares))),
-        common_share=float(np.mean(shares or np.nan)),
+        common_share=float(np.mean(shares)),
         in_sample=splits[0][0] is splits[0][1],
     )
+
+
+def _predictions(
+    fitter: Fitter, fits: Sequence[Fit], training: Truth, open_of_fit: Mapping[int, Real], carry_over: bool
+) -> tuple[list[tuple[Real, Real]], float]:
+    """Prediction of each fit and its open standard deviation (n_cells,) [arcmin]; and the common share.
+
+    After them, where that is asked for, the last fit with what of its misfit is expected to come again.
+    """
+    data = fitter.problem.data
+    curves = [
+        (fit.predicted_angle, _prediction_deviation(data, fit, training, open_of_fit[id(fit)])) for fit in fits
+    ]
+    if not carry_over:
+        return curves, np.nan
+    angle, deviation, common_share = _angle_with_systematic_part(fitter, fits[-1], training)
+    return [*curves, (angle, np.hypot(open_of_fit[id(fits[-1])], deviation))], common_share
 
 
 def splits_of(data: Data, visible: Truth) -> list[tuple[Truth, Truth]]:

@@ -7,7 +7,7 @@ import pytest
 from measured_bench import measured, path_of, write_unit
 from synthetic_unit import ROOT, Bench, make_unit, problem_of
 
-from pipeline.identification.fitting.cells_in_noise import PLACE, STEP_SCATTER, data_of, place_errors
+from pipeline.identification.fitting.cells_in_noise import PLACE, STEP_SCATTER, _lies_beyond, data_of, place_errors
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.measured_loops import within_cells
@@ -72,12 +72,12 @@ def test_a_zero_of_the_torque_is_as_uncertain_as_the_place_of_the_jump_between_t
     assert error_in_deviations(replace(problem.data, row_error=np.zeros(len(visible)))) > 2.5
 
 
-def test_a_record_that_ends_where_another_branch_jumps_within_a_cell_is_as_uncertain():
-    """Its last cell reaches half a row beyond its last row; the scatter there, a little more than usual, is no jump."""
+def two_falling_branches():
+    """Cells of two branches on which the torque falls; within the second cell of the first one the angle jumps."""
     torque = np.array([8.0, 2.7, -5.4, 3.5, 1.4, 0.4])
     nothing = np.zeros(len(torque))
     whole = nothing.astype(np.int64)
-    cells = Cells(
+    return Cells(
         block=np.array([0, 0, 0, 1, 1, 1]),
         position=whole,
         cycle=whole,
@@ -90,6 +90,20 @@ def test_a_record_that_ends_where_another_branch_jumps_within_a_cell_is_as_uncer
         temperature_mean=nothing,
         first_row=4 * np.arange(len(torque)),
     )
+
+
+@pytest.mark.parametrize(
+    ("torque", "beyond"),
+    [(9.0, [0, 3]), (4.0, [3]), (3.1, [3]), (2.0, []), (1.0, []), (0.8, [5]), (0.0, [5]), (-5.0, [2, 5])],
+)
+def test_a_torque_lies_beyond_the_end_of_a_branch_from_within_a_row_of_it(torque, beyond):
+    is_beyond = _lies_beyond(two_falling_branches(), torque, row_interval=0.5)
+    assert np.flatnonzero(is_beyond).tolist() == beyond
+
+
+def test_a_record_that_ends_where_another_branch_jumps_within_a_cell_is_as_uncertain():
+    """Its last cell reaches half a row beyond its last row; the scatter there, a little more than usual, is no jump."""
+    cells = two_falling_branches()
     errors, row_errors = place_errors(cells, np.array([0.0, 4.0, 0.0, 0.0, 0.0, 0.01]), 0.0)
     np.testing.assert_allclose(errors, [0, 0, 0, 0, 0, 4.0 * PLACE / 4], rtol=1e-12)
     np.testing.assert_allclose(row_errors, errors)
