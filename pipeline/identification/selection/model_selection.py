@@ -139,7 +139,8 @@ class Selector:
         fits = self.fits(base.fit, cells, promises)
         fall = least_fall(MOST_NAMED, len(self.testable))
         for model, start in promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, fall):
-            fits.append(self.fitter.fit_from_best(model, cells, [start], rival_cost=_rival_cost(fits)))
+            rival_cost = min(_rival_cost(fits), base.fit.cost - fall)
+            fits.append(self.fitter.fit_from_best(model, cells, [start], rival_cost=rival_cost))
         trials = {fit.model.name: self.trial(fit, cells, covariance, base) for fit in fits if np.isfinite(fit.cost)}
         selection = judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
         selection = self._with_all_solutions(selection, promises, cells, covariance, judge)
@@ -297,11 +298,16 @@ class Selector:
         return best
 
     def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise]) -> list[Fit]:
-        """Fits of all promised additions to a base, the best promised first, each from its best start."""
+        """Fits of all promised additions to a base, the best promised first, each from its best start.
+
+        A fit ends where it will not come down as far from the base as any name takes.
+        """
         fits: list[Fit] = []
+        least_cost = base.cost - least_fall(1, len(self.testable))
         for name, promise in sorted(promises.items(), key=lambda item: item[1].misfit):
             model = Model((*base.model.effects, self.testable[name]))
-            fits.append(self.fitter.fit_from_best(model, cells, promise.starts, base, _rival_cost(fits)))
+            rival_cost = min(_rival_cost(fits), least_cost)
+            fits.append(self.fitter.fit_from_best(model, cells, promise.starts, base, rival_cost))
         return fits
 
     def refit(self, model: Model, cells: Truth, base: Fit) -> Fit:
