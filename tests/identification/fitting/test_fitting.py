@@ -18,6 +18,7 @@ from pipeline.identification.fitting.problem import LIMIT, Model, PriorModes, ca
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.covariance import Covariance
+from pipeline.identification.selection.criteria import ODDS, Judge, Selection
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.fitted_numbers import calibrated_numbers, implausible, refit_with_free_numbers
 from pipeline.identification.selection.model_selection import Selector
@@ -229,7 +230,7 @@ def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unkno
     assert rms(fitter.problem, passes.predicted_angle)[1] < 1.1
 
 
-def test_a_fit_with_an_effect_goes_on_by_averaged_derivatives_too(unknown):
+def test_a_fit_with_an_effect_is_refined_too_where_it_could_then_be_named(unknown):
     """As above, with friction, a third of the noise: a fit from the model without effects ends at twice the misfit."""
     data, random = replace(unknown.data, sigma=0.3 * unknown.data.sigma), np.random.default_rng(2)
     unit, cells = replace(unknown, data=data), everything(unknown)
@@ -244,6 +245,17 @@ def test_a_fit_with_an_effect_goes_on_by_averaged_derivatives_too(unknown):
     (from_base,) = selector.fits(base, cells, selector.screen(cells, base))
     assert from_base.cost > 2 * len(data)
     assert selector._refine(from_base, cells, from_base.unknowns).cost < 1.1 * len(data)
+
+    covariance, judge = Covariance(data, cells, data.position), Judge(selector.fitter, cells, 1)
+    base_trial, trial = (selector.trial(fit, cells, covariance) for fit in (base, from_base))
+    value = base_trial.evidence.value - 3 * ODDS
+    far_behind = SimpleNamespace(value=value, log_evidence_up_to=lambda *_: value)
+    for cost, is_refined in ((from_base.cost, True), (len(data), False)):  # of the latter noise alone is left
+        known = replace(trial, fit=replace(from_base, cost=cost), evidence=far_behind)
+        odds = judge.odds(base_trial.evidence.value, {"coulomb": value})
+        selection = Selection(base_trial, {"coulomb": known}, odds=odds)
+        refined = selector._with_refined_fits(selection, cells, covariance, judge).trials["coulomb"]
+        assert refined.is_refined == is_refined
 
 
 def test_all_is_tried_again_beside_a_better_fit_without_effects(exact_unit, monkeypatch):
