@@ -150,9 +150,10 @@ class Forward:
     def mean_of_draws(
         self, drives: Drives, position: int, carried_torque: Real, gaps: Sequence[Real], modes: Sequence[Real]
     ) -> tuple[Real, Real]:
-        """Means over draws of gaps of the change of the angle (n_cells,) and of its influence (n_cells, n_modes).
+        """Change of the angle (n_cells,) and influence of the modes (n_cells, n_modes), means over draws of the gaps.
 
-        To first order in all but the frictionless curves. Draws without an equilibrium do not count.
+        The frictionless curves are solved for each draw; what friction and the instrument make of them is taken to
+        first order. Draws without an equilibrium do not count.
 
         Parameters
         ----------
@@ -162,7 +163,7 @@ class Forward:
 
         Returns
         -------
-        Both in arcmin; NaN where no draw counts.
+        Both [arcmin]; NaN where no draw is left.
         """
         values = []
         for drive, added_gap, patterns in zip(drives, gaps, modes, strict=True):

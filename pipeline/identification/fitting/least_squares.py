@@ -2,7 +2,7 @@
 
 Where contacts open and close, the misfit has kinks. Derivatives at a point hold on one side of a kink alone, and a
 descent by them ends there, far from the least sum of squares. Derivatives that are averaged over draws of the unknowns,
-as far apart as the data leave them, see both sides (``run_averaged``).
+with the spread that the data leave them, take both sides into account (``run_averaged``).
 
 Source: posterior linearisation: Garcia-Fernandez, Svensson, Morelande and Sarkka, IEEE Trans. Signal Process. 63 (2015)
 5561; averaged derivatives of functions with kinks: Duchi, Bartlett and Wainwright, SIAM J. Optim. 22 (2012) 674.
@@ -100,10 +100,11 @@ class Descent:
                 break
 
     def run_averaged(self) -> None:
-        """Steps by derivatives averaged over draws of the modes, which come closer from step to step.
+        """Take steps by derivatives that are averaged over draws of the tolerances.
 
-        The draws are of the posterior of the modes where the other unknowns are held. A step may raise the sum of
-        squares: it lowers that of the mean over the draws. These are the same in every run.
+        The draws are from the posterior of the tolerance modes, the other unknowns held, and their spread falls from
+        step to step (``SPREADS``). A step lowers the sum of squares of the mean prediction of the draws; that at the
+        unknowns themselves may rise. The generator has a fixed seed, so that a fit can be repeated.
         """
         n_modes, generator = self.prediction.influence.shape[1], np.random.default_rng(0)
         for spread in SPREADS if np.isfinite(self.cost) and n_modes else ():
@@ -128,13 +129,13 @@ class Descent:
             self._weigh(self.sigma)
 
     def _rows(self, jacobian: Real) -> Real:
-        """Derivatives (n_fitted, n_unknowns) of the misfit, of those of the angle at all cells."""
+        """Derivatives (n_fitted, n_unknowns) of the predicted angle in sigmas, from those at all cells [arcmin]."""
         return np.asarray(
             self.fitter.centred_values(jacobian, self.weight)[self.is_fitted] * self.root[:, None]
         )
 
     def _system(self, jacobian: Real, misfit: Real) -> tuple[Real, Real]:
-        """Half of the second derivatives of the sum of squares, and of its fall by each unknown, priors included."""
+        """Gauss-Newton matrix of half the sum of squares, and its negative gradient (n_unknowns,), with the priors."""
         rows = self._rows(jacobian)
         hessian = rows.T @ rows + np.diag(self.penalty**2)
         return hessian, rows.T @ misfit - self.penalty**2 * (self.unknowns.flat - self.centre)
