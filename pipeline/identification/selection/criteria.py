@@ -54,8 +54,6 @@ NO_EFFECT_LEFT = SIZES[3]
 nearest to the most, 0.38, that 23 refitted units without an effect left of their true curves."""
 AT_BOUND = 0.01
 """Share of its bounds from an end at which a size is at the bound."""
-
-
 UNLIKELY = 1e-3
 """Share of units whose tolerances are as far from nominal as those fitted, below which they explain nothing."""
 
@@ -246,12 +244,13 @@ class Rule(ABC, Generic[T]):
     def _class_of(
         self, leader: str, odds: Mapping[str, float], base: T, trials: Mapping[str, T]
     ) -> tuple[dict[str, str], tuple[str, ...]]:
-        """Why models near a leading one are not named, "" of those that may be, and the class that is named.
+        """Reasons why models near a leading one are not named, empty for those that may be; and the named class.
 
-        One member has the odds by itself, over no effect and over fewer ones; the others are as probable as that one
-        but for the odds within which models are named together.
+        One member has the odds by itself, over no effect and over fewer effects. The others need only be within the
+        odds of a class.
         """
-        close_models = equivalent_models(leader, odds)
+        by_odds = sorted(odds, key=lambda name: -odds[name])
+        close_models = [n for n in by_odds if _size(n) == _size(leader) and odds[n] >= odds[leader] - ODDS]
         candidates = [name for name in close_models if odds[name] >= odds_over_fewer(leader, odds)]
         reasons = {name: next(self.objections(trials[name], base), "") for name in candidates}
         best = next((name for name in candidates if not reasons[name]), None)
@@ -270,10 +269,9 @@ class Rule(ABC, Generic[T]):
         }
 
     def objections(self, trial: T, base: T, behind: float = 0.0) -> Iterator[str]:
-        """The clauses (b) to (e) that a model does not meet, which the data prefer to "no effect".
+        """The clauses (b) to (e) that a model does not meet.
 
-        ``behind`` is the logarithm of the odds of the most probable model of its class against it: a class has the odds
-        of (e) by that model.
+        ``behind`` is the logarithm of the odds of the best member of its class over it: that one has the odds of (e).
         """
         if self.n_repeats < FEWEST_BLOCKS:
             yield f"with fewer than {FEWEST_BLOCKS} {self.repeats} no effect is named"
@@ -384,23 +382,10 @@ def _leader(odds: Mapping[str, float]) -> str:
     return best_model
 
 
-def equivalent_models(leader: str, odds: Mapping[str, float]) -> Sequence[str]:
-    """Models of as many effects that are within the odds of a leading one, the most probable first."""
-    close_models = [name for name in odds if odds[name] >= odds[leader] - ODDS and _size(name) == _size(leader)]
-    return sorted(close_models, key=lambda name: -odds[name])
-
-
 def odds_over_fewer(name: str, odds: Mapping[str, float]) -> float:
     """Odds from which a model beats the best of fewer effects; of a single effect any."""
     best_of_fewer = _leader(_up_to(_size(name) - 1, odds))
     return odds[best_of_fewer] + ODDS if best_of_fewer else -np.inf
-
-
-def odds_of_name(name: str, odds: Mapping[str, float]) -> float:
-    """Odds that a model needs to be named: with the best of as many effects, or against no effect and fewer ones."""
-    best = max(value for other, value in odds.items() if _size(other) == _size(name))
-    least = max(ODDS, odds_over_fewer(name, odds))
-    return best - ODDS if best >= least else least
 
 
 def _up_to(size: int, odds: Mapping[str, float]) -> dict[str, float]:

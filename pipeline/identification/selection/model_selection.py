@@ -22,7 +22,7 @@ from pipeline.identification.selection.criteria import (
     Trial,
     least_fall,
     most_probable,
-    odds_of_name,
+    odds_over_fewer,
 )
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.pairs import promising_pairs
@@ -201,9 +201,10 @@ class Selector:
         for n_effects in range(1, MOST_NAMED + 1):
             names = [name for name in odds if trials[name].fit.model.n_effects == n_effects]
             for name in sorted(names, key=lambda name: -odds[name])[:MOST_REFINED]:
-                known = trials[name]
+                known, best = trials[name], max(odds[other] for other in names)
+                least = max(ODDS, odds_over_fewer(name, odds))
                 largest_gain = max(ODDS, 0.5 * (known.fit.cost - n_cells))
-                if not known.is_refined and odds[name] + largest_gain >= odds_of_name(name, odds):
+                if not known.is_refined and odds[name] + largest_gain >= (best - ODDS if best >= least else least):
                     fit = self._refine(known.fit, cells, known.fit.unknowns)
                     solutions = [self.trial(fit, cells, covariance, base), known, *known.other_solutions]
                     trials[name] = replace(most_probable(solutions), is_refined=True)
