@@ -9,9 +9,10 @@ play was crossed, as surely as its rows and its repeats do.
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.special import log_ndtr, ndtr
 
 from pipeline.arrays import Real, Truth, Whole
-from pipeline.constant_kinds import Rounding, Unit
+from pipeline.constant_kinds import Fineness, Rounding, Unit
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
@@ -29,6 +30,8 @@ BETWEEN_ROWS: Unit = 12**-0.5
 """Rms of the distance of a place that is anywhere between two rows from their middle [rows]."""
 PLACE: Unit = 24**-0.5
 """Rms of what half a row reaches beyond a place that is anywhere between two rows [rows]."""
+PLACES: Fineness = 400
+"""Torques among which the one is sought at which the play is crossed."""
 SECTORS = 8
 """Of a turn of the crank: what the model's form misses goes with the pins that carry, a quarter of the circle."""
 LEAST_FLOOR: Rounding = 1e-4
@@ -52,7 +55,10 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
     cell_variance = floor**2 + white**2 * (1 / cells.count - usual_share)
     height = jump_heights(cells, training)
     within, row_error_within = jump_errors(cells, branch, training, height)
-    beside, row_error_beside = place_errors(cells, height, row_torque_noise)
+    if np.all(cells.count == 1):
+        beside, row_error_beside = side_errors(cells, row_torque_noise), np.zeros(len(cells))
+    else:
+        beside, row_error_beside = place_errors(cells, height, row_torque_noise)
     return Data(
         position=cells.position,
         cycle=cells.cycle,
@@ -125,7 +131,8 @@ def _larger_beside(of_links: Real) -> Real:
 
 def jump_heights(cells: Cells, training: Truth) -> Real:
     """Height [arcmin] (n_cells,) of the jump within each cell, by its scatter beyond the usual one; 0 without one."""
-    usual_spread = np.median(cells.angle_spread[training & np.isfinite(cells.angle_spread)])
+    known_spreads = cells.angle_spread[training & np.isfinite(cells.angle_spread)]
+    usual_spread = np.median(known_spreads) if known_spreads.size else 0.0
     exceeding_square = np.nan_to_num(cells.angle_spread) ** 2 - (JUMP * usual_spread) ** 2
     return np.asarray(np.sqrt(np.maximum(exceeding_square, 0.0)) / STEP_SCATTER)
 
@@ -181,13 +188,8 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
     cells reach to the middle of the two: ``PLACE`` of a row of each, and as many rows as the noise of the torque hides.
     Where a record ends or begins there, a jump of another branch tells the height, between two cells or within one.
     """
-    is_linked, step = _is_linked(cells), np.abs(np.diff(cells.torque_mean))
-    slope = np.where(is_linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
-    usual_slope = np.maximum(np.append(slope[1:], 0.0), np.append(0.0, slope[:-1]))
-    smallest = PLAY_SHARE * _ranges(cells)
-    jumps_within = height_within > smallest
-    is_smooth = is_linked & (usual_slope > 0) & ~(jumps_within[:-1] | jumps_within[1:])
-    height = np.append(np.where(is_smooth, (slope - usual_slope) * step, 0.0), 0.0)
+    height, step = jumps_between(cells, height_within), np.abs(np.diff(cells.torque_mean))
+    jumps_within = height_within > PLAY_SHARE * _ranges(cells)
     _, width = _slopes(cells)
     errors, row_errors = np.zeros(len(cells)), np.zeros(len(cells))
 
@@ -198,7 +200,7 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
         errors[is_beside] = np.maximum(errors, error)[is_beside]
         row_errors[is_beside] = np.maximum(row_errors, row_error)[is_beside]
 
-    for number in np.flatnonzero(height > smallest):
+    for number in np.flatnonzero(height):
         pair, at_position = slice(number, number + 2), cells.position == cells.position[number]
         distance = np.abs(cells.torque_mean - cells.torque_mean[pair].mean())
         row_interval = step[number] / cells.count[pair].mean()
@@ -214,6 +216,54 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
         is_beside &= cells.position == cells.position[number]
         add(height_within[number], is_beside, 1 / np.maximum(row, 1e-9))
     return errors, row_errors
+
+
+def jumps_between(cells: Cells, height_within: Real) -> Real:
+    """Height [arcmin] (n_cells - 1,) of the way through the play from each cell to the next; 0 where there is none."""
+    is_linked, step = _is_linked(cells), np.abs(np.diff(cells.torque_mean))
+    slope = np.where(is_linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
+    usual_slope = np.maximum(np.append(slope[1:], 0.0), np.append(0.0, slope[:-1]))
+    smallest = PLAY_SHARE * _ranges(cells)
+    jumps_within = height_within > smallest
+    is_smooth = is_linked & (usual_slope > 0) & ~(jumps_within[:-1] | jumps_within[1:])
+    height = np.where(is_smooth, (slope - usual_slope) * step, 0.0)
+    return np.where(height > smallest[:-1], height, 0.0)
+
+
+def side_errors(cells: Cells, torque_noise: float) -> Real:
+    """Error [arcmin] (n_cells,) of cells of one row by the side of the play on which the noise of the torque puts them.
+
+    Parameters
+    ----------
+    torque_noise : of a row [N m].
+
+    Notes
+    -----
+    A row on the wrong side errs by the whole height of the jump, so that the square of its error is that of the height
+    times the chance of it. The torque at which the play is crossed in one sense is normal noise away from the last row
+    before each jump and the first one after it; its posterior mean and standard deviation follow from all of them.
+    """
+    height, torque = jumps_between(cells, np.zeros(len(cells))), cells.torque_mean * cells.direction
+    errors = np.zeros(len(cells))
+    for sense in np.unique(cells.direction):
+        is_of_sense = cells.direction == sense
+        numbers = np.flatnonzero((height > 0) & is_of_sense[1:])
+        if not numbers.size:
+            continue
+        before, after = torque[numbers], torque[numbers + 1]
+        places = np.linspace(before.min(), after.max(), PLACES)
+        noise = max(torque_noise, (places[-1] - places[0]) / PLACES)
+        log_density = np.sum(
+            log_ndtr((places - before[:, None]) / noise) + log_ndtr((after[:, None] - places) / noise), axis=0
+        )
+        density = np.exp(log_density - log_density.max())
+        place = np.average(places, weights=density)
+        scatter = np.hypot(noise, np.sqrt(np.average((places - place) ** 2, weights=density)))
+        for position in np.unique(cells.position[numbers]):
+            chosen = is_of_sense & (cells.position == position)
+            of_position = np.median(height[numbers[cells.position[numbers] == position]])
+            errors[chosen] = of_position * np.sqrt(ndtr(-np.abs(torque[chosen] - place) / scatter))
+    return errors
 
 
 def _lies_beyond(cells: Cells, torque: float, row_interval: float) -> Truth:

@@ -16,7 +16,8 @@ PARTS: Fineness = 5
 def within_cells(measurement: Measurement, numbers: Index) -> Real:
     """Torques within cells (n, PARTS + 1) [N m], as many rows between any two.
 
-    Each row stands for its surroundings, as far as the torque went: no further than where it turned or ended.
+    Each row stands for its surroundings, as far as the torque went: no further than where it turned or ended. A cell of
+    one row is at its torque.
     """
     rows, cells, usable = measurement.rows, measurement.cells, np.flatnonzero(measurement.usable)
     turns, leg = measurement.history.torque, measurement.history.leg[cells.block[numbers]]
@@ -28,6 +29,9 @@ def within_cells(measurement: Measurement, numbers: Index) -> Real:
         first_row, cells.count[numbers], ends.min(axis=1), ends.max(axis=1), strict=True
     ):
         torque = np.sort(rows.torque[usable[start : start + count]])
+        if count == 1:
+            edges.append(np.repeat(torque, PARTS + 1))
+            continue
         torque_before, first_place = _end(torque[1] - torque[0], torque[0] - lowest)
         torque_after, final_place = _end(torque[-1] - torque[-2], highest - torque[-1])
         known_torque = np.concatenate([[torque[0] - torque_before], torque, [torque[-1] + torque_after]])

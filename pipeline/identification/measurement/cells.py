@@ -25,7 +25,8 @@ class Cells:
     block, position, cycle, direction : (n_cells,)
     torque_mean, angle_mean : (n_cells,) [N m], [arcmin].
     count : (n_cells,) rows.
-    angle_spread : (n_cells,) [arcmin] standard deviation of the angle about its line over the torque.
+    angle_spread : (n_cells,) [arcmin] standard deviation of the angle about its line over the torque; NaN of a cell of
+        one row.
     time_mean, temperature_mean : (n_cells,) [s], [deg C]; NaN where not measured.
     first_row : (n_cells,)
     """
@@ -47,7 +48,7 @@ class Cells:
 
 
 def cells(rows: Rows, usable: Truth, blocks: BranchBlocks, levels: int = CELLS_PER_SENSE) -> Cells:
-    """Usable rows of each block averaged over cells of torque, at least three rows in each.
+    """Usable rows of each block averaged over cells of torque, at least three rows in each, or each by itself.
 
     Parameters
     ----------
@@ -57,10 +58,13 @@ def cells(rows: Rows, usable: Truth, blocks: BranchBlocks, levels: int = CELLS_P
     -----
     A row belongs to the cell of its place on the monotone (isotonic least-squares) fit of the torque over the block's
     rows: cells are then runs of rows in time, and noise of the torque does not bias their mean. A block with fewer than
-    three usable rows has no cell.
+    three usable rows has no cell. Where even the longest block has fewer than three rows for each interval of torque,
+    every row is a cell: friction shows in the first rows after the torque has turned, which a mean would hide.
     """
     owners: list[int] = []
     averages: list[tuple[float, ...]] = []
+    most_rows = max((np.count_nonzero(usable[of_block]) for of_block in blocks.rows), default=0)
+    is_single = most_rows < FEWEST_COMPARED * (2 * levels - 1)
     for position in range(len(rows.cranks)):
         in_position = usable & (rows.position == position)
         top = np.max(np.abs(rows.coordinate[in_position]), initial=0.0)
@@ -70,8 +74,11 @@ def cells(rows: Rows, usable: Truth, blocks: BranchBlocks, levels: int = CELLS_P
             usable_rows = np.flatnonzero(usable[blocks.rows[block]]) + blocks.start[block]
             if usable_rows.size < FEWEST_COMPARED:
                 continue
-            bin_index = np.searchsorted(edges, monotone(rows.coordinate[usable_rows], blocks.direction[block]))
-            groups = _merged_runs(bin_index, levels - 1)
+            if is_single:
+                groups = [(row, row + 1) for row in range(usable_rows.size)]
+            else:
+                bin_index = np.searchsorted(edges, monotone(rows.coordinate[usable_rows], blocks.direction[block]))
+                groups = _merged_runs(bin_index, levels - 1)
             owners += [block] * len(groups)
             averages += [_average(rows, usable_rows[group_start:group_end]) for group_start, group_end in groups]
     block_of = np.array(owners, dtype=np.int64)
@@ -127,7 +134,7 @@ def _average(rows: Rows, row_numbers: Whole) -> tuple[float, ...]:
         torque_mean,
         angle_mean,
         row_numbers.size,
-        np.sqrt(total(line_residual**2) / max(row_numbers.size - 2, 1)),
+        np.sqrt(total(line_residual**2) / max(row_numbers.size - 2, 1)) if row_numbers.size > 1 else np.nan,
         np.nan if rows.time is None else total(rows.time[row_numbers]) / row_numbers.size,
         np.nan if rows.temperature is None else total(rows.temperature[row_numbers]) / row_numbers.size,
         row_numbers[0],

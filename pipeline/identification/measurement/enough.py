@@ -3,6 +3,8 @@
 FEWEST_COMPARED = 3
 """Values whose scatter about a mean or a line is known: rows of a cell, cells of a branch, turns, levels, positions,
 cycles or states. Of two, one that is held against the other leaves no scatter."""
+FEWEST_SCATTERED = FEWEST_COMPARED**2
+"""Rows of a branch from which its curve and its scatter are told apart."""
 FEWEST_PIECE_ROWS = 5
 """Rows in turn from which a piece of a record has a shape: a branch, a flat tail, an extreme that repeats."""
 FEWEST_OF_A_WAVE = 4

@@ -12,7 +12,7 @@ from scipy.special import fdtrc  # scipy.stats is slow to import
 from pipeline.arrays import Real, Truth
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
-from pipeline.identification.measurement.enough import FEWEST_COMPARED
+from pipeline.identification.measurement.enough import FEWEST_COMPARED, FEWEST_SCATTERED
 from pipeline.identification.measurement.estimate import (
     UNKNOWN_NOISE,
     NoiseEstimate,
@@ -283,7 +283,7 @@ def _from_neighbours(cells: Cells) -> list[Real]:
     for block in np.unique(cells.block):
         block_cells = np.flatnonzero(cells.block == block)
         torque, angle = cells.torque_mean[block_cells], cells.angle_mean[block_cells]
-        if block_cells.size < FEWEST_COMPARED:
+        if block_cells.size < FEWEST_COMPARED or cells.count[block_cells].sum() < FEWEST_SCATTERED:
             continue
         with np.errstate(divide="ignore", invalid="ignore"):
             share = (torque[1:-1] - torque[:-2]) / (torque[2:] - torque[:-2])

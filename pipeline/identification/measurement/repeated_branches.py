@@ -9,6 +9,7 @@ from pipeline.arrays import Index, Real, Truth, Whole
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.enough import FEWEST_COMPARED, SURE
+from pipeline.identification.measurement.estimate import high_frequency_scatter
 
 STEEP = 3.0
 """Slopes beyond this multiple of a branch's chord are left out of repeats: in the play and on the steps of a cogging
@@ -96,11 +97,15 @@ def _ascending(cells: Cells, block: int) -> Index:
 
 
 def _blurs(cells: Cells, chosen_cells: Index) -> tuple[float, float]:
-    """Usual standard deviation of a cell's mean angle and of its rows, by the scatter of the rows [arcmin]."""
+    """Usual standard deviation of a cell's mean angle and of its rows [arcmin], by the scatter of the rows.
+
+    Of cells of one row by the scatter of these along the branch.
+    """
     spread = cells.angle_spread[chosen_cells]
     known = np.isfinite(spread)
     if not np.any(known):
-        return 0.0, 0.0
+        scatter = high_frequency_scatter(cells.angle_mean[chosen_cells], [slice(None)])
+        return (scatter, scatter) if np.isfinite(scatter) else (0.0, 0.0)
     count = np.maximum(cells.count[chosen_cells][known], 1)
     return float(np.median(spread[known] / np.sqrt(count))), float(np.median(spread[known]))
 

@@ -20,7 +20,7 @@ REACHES = (0.15, 0.5)
 """Distances, in largest torques, over which a discrepancy is alike."""
 SIZES = (1e-3, *(0.1 * 2.0 ** np.arange(10)).tolist())
 """Standard deviations of a discrepancy that are tried, in those of the median cell's noise."""
-CORRELATIONS = (0.0, 0.3, 0.6)
+CORRELATIONS = (0.0, 0.3, 0.6, 0.85)
 """Correlations of the noise of neighbouring cells of a branch."""
 OFFSET: Rounding = 1e3
 """Prior standard deviation of the zero of an angle, in those of the median cell: equal in all models."""

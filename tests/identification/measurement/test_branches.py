@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
+from pipeline.identification.fitting.measured_loops import followed_torques
 from pipeline.identification.measurement.branches import turning_points
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
@@ -91,12 +92,27 @@ def test_cells_follow_the_curve_without_bias(tmp_path, noise):
     assert np.median(taken_cells.count[narrow]) < np.median(taken_cells.count[~narrow])
 
 
-def test_coarse_data_are_merged_but_not_across_the_play(tmp_path):
-    measurement = taken(tmp_path, path_table([-12.0, 12.0, -12.0], per_branch=31))
+def test_cells_have_three_rows_but_not_across_the_play(tmp_path):
+    measurement = taken(tmp_path, path_table([-12.0, 12.0, -12.0], per_branch=160))
     taken_cells = measurement.cells
     assert np.all(taken_cells.count >= 3)
     last_value = np.append(taken_cells.first_row[1:], len(measurement.rows)) - 1
     assert np.all(measurement.rows.torque[taken_cells.first_row] * measurement.rows.torque[last_value] > -1e-9)
+
+
+@pytest.mark.parametrize(("per_branch", "rows_of_cell"), [(31, 1), (140, 1), (141, 3)])
+def test_each_row_is_a_cell_where_a_branch_has_fewer_than_three_for_each_interval(per_branch, rows_of_cell, tmp_path):
+    """The first rows after a turn show friction. A jump through the play between two rows is no noise."""
+    table = path_table([-12.0, 12.0, -12.0, 12.0], per_branch=per_branch).iloc[1:]
+    noise = 0.02 * np.random.default_rng(3).standard_normal(len(table))
+    table["angle_arcmin"] = 0.5 * table["torque_Nm"] + 2.0 * np.sign(table["torque_Nm"] - 0.01) + noise
+    measurement = taken(tmp_path, table)
+    cells = measurement.cells
+    assert cells.count.min() == rows_of_cell
+    assert measurement.repeatability.floor.value == pytest.approx(0.02 / np.sqrt(np.median(cells.count)), rel=0.3)
+    if rows_of_cell == 1:
+        np.testing.assert_array_equal(cells.torque_mean, table["torque_Nm"])
+        np.testing.assert_array_equal(followed_torques(measurement), np.tile(cells.torque_mean[:, None], 5))
 
 
 def test_angle_spread_is_the_noise_about_the_line(tmp_path):

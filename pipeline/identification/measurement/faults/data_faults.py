@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.arrays import Index, Truth
 from pipeline.config.files.table_file import LARGEST_VALUE
-from pipeline.identification.measurement.enough import FEWEST_COMPARED
+from pipeline.identification.measurement.enough import FEWEST_SCATTERED
 from pipeline.identification.measurement.faults import shape_faults
 from pipeline.identification.measurement.faults.branch_faults import branch_faults
 from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
@@ -58,7 +58,7 @@ def _unknown_noise(measurement: MeasuredRows) -> Iterator[Fault]:
         yield Fault(
             "too few points",
             "the noise, which errors are counted in, is not known: no cycle is repeated, and no branch has the "
-            f"{FEWEST_COMPARED**2} rows that its scatter takes; "
+            f"{FEWEST_SCATTERED} rows that its scatter takes; "
             "measure more rows a branch, or each cycle twice",
             "fatal",
         )
