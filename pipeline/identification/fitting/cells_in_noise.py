@@ -56,7 +56,7 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
     height = jump_heights(cells, training)
     within, row_error_within = jump_errors(cells, branch, training, height)
     if np.all(cells.count == 1):
-        beside, row_error_beside = side_errors(cells, row_torque_noise), np.zeros(len(cells))
+        beside, row_error_beside = side_errors(cells, training, row_torque_noise), np.zeros(len(cells))
     else:
         beside, row_error_beside = place_errors(cells, height, row_torque_noise)
     return Data(
@@ -222,7 +222,7 @@ def jumps_between(cells: Cells, height_within: Real) -> Real:
     """Height [arcmin] (n_cells - 1,) of the way through the play from each cell to the next; 0 where there is none."""
     is_linked, step = _is_linked(cells), np.abs(np.diff(cells.torque_mean))
     slope = np.where(is_linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
-    usual_slope = np.maximum(np.append(slope[1:], 0.0), np.append(0.0, slope[:-1]))
+    usual_slope = np.maximum(_usual_after(slope, cells), _usual_after(slope[::-1], cells)[::-1])
     smallest = PLAY_SHARE * _ranges(cells)
     jumps_within = height_within > smallest
     is_smooth = is_linked & (usual_slope > 0) & ~(jumps_within[:-1] | jumps_within[1:])
@@ -230,11 +230,22 @@ def jumps_between(cells: Cells, height_within: Real) -> Real:
     return np.where(height > smallest[:-1], height, 0.0)
 
 
-def side_errors(cells: Cells, torque_noise: float) -> Real:
+def _usual_after(slope: Real, cells: Cells) -> Real:
+    """Slope (n_links,) of the link after each; of cells of one row the smaller of the next two, where it is larger.
+
+    A row may lie within the jump, which then takes two links.
+    """
+    after, second = np.append(slope[1:], 0.0), np.append(slope[2:], [0.0, 0.0])
+    is_within = np.all(cells.count == 1) & (second > 0)
+    return np.where(is_within, np.minimum(after, second), after)
+
+
+def side_errors(cells: Cells, training: Truth, torque_noise: float) -> Real:
     """Error [arcmin] (n_cells,) of cells of one row by the side of the play on which the noise of the torque puts them.
 
     Parameters
     ----------
+    training : (n_cells,) cells from which the torque is known at which the play is crossed.
     torque_noise : of a row [N m].
 
     Notes
@@ -247,7 +258,8 @@ def side_errors(cells: Cells, torque_noise: float) -> Real:
     errors = np.zeros(len(cells))
     for sense in np.unique(cells.direction):
         is_of_sense = cells.direction == sense
-        numbers = np.flatnonzero((height > 0) & is_of_sense[1:])
+        has_jump = np.append((height > 0) & is_of_sense[1:], False)
+        numbers = np.flatnonzero(has_jump & training)
         if not numbers.size:
             continue
         before, after = torque[numbers], torque[numbers + 1]
@@ -259,10 +271,10 @@ def side_errors(cells: Cells, torque_noise: float) -> Real:
         density = np.exp(log_density - log_density.max())
         place = np.average(places, weights=density)
         scatter = np.hypot(noise, np.sqrt(np.average((places - place) ** 2, weights=density)))
-        for position in np.unique(cells.position[numbers]):
-            chosen = is_of_sense & (cells.position == position)
-            of_position = np.median(height[numbers[cells.position[numbers] == position]])
-            errors[chosen] = of_position * np.sqrt(ndtr(-np.abs(torque[chosen] - place) / scatter))
+        for position in np.unique(cells.position[has_jump]):
+            at_position = cells.position == position
+            chosen, jump_height = is_of_sense & at_position, np.median(height[(has_jump & at_position)[:-1]])
+            errors[chosen] = jump_height * np.sqrt(ndtr(-np.abs(torque[chosen] - place) / scatter))
     return errors
 
 

@@ -47,24 +47,27 @@ class Cells:
         return len(self.block)
 
 
-def cells(rows: Rows, usable: Truth, blocks: BranchBlocks, levels: int = CELLS_PER_SENSE) -> Cells:
-    """Usable rows of each block averaged over cells of torque, at least three rows in each, or each by itself.
+def cells(
+    rows: Rows, usable: Truth, blocks: BranchBlocks, levels: int = CELLS_PER_SENSE, *, may_be_single: bool = False
+) -> Cells:
+    """Usable rows of each block averaged over cells of torque, at least three rows in each.
 
     Parameters
     ----------
     levels : cells in each sense of the torque, denser near zero; the same edges for all blocks of a position.
+    may_be_single : whether each row is a cell of its own if even the longest block has fewer than three rows for each
+        interval of torque: friction shows in the first rows after the torque has turned, which a mean would hide.
 
     Notes
     -----
     A row belongs to the cell of its place on the monotone (isotonic least-squares) fit of the torque over the block's
     rows: cells are then runs of rows in time, and noise of the torque does not bias their mean. A block with fewer than
-    three usable rows has no cell. Where even the longest block has fewer than three rows for each interval of torque,
-    every row is a cell: friction shows in the first rows after the torque has turned, which a mean would hide.
+    three usable rows has no cell.
     """
     owners: list[int] = []
     averages: list[tuple[float, ...]] = []
     most_rows = max((np.count_nonzero(usable[of_block]) for of_block in blocks.rows), default=0)
-    is_single = most_rows < FEWEST_COMPARED * (2 * levels - 1)
+    is_single = may_be_single and most_rows < FEWEST_COMPARED * (2 * levels - 1)
     for position in range(len(rows.cranks)):
         in_position = usable & (rows.position == position)
         top = np.max(np.abs(rows.coordinate[in_position]), initial=0.0)

@@ -87,8 +87,11 @@ class MeasuredRows:
 
     @cached_property
     def cells(self) -> Cells:
-        """Usable rows averaged over neighbouring torques of a branch."""
-        return cells(self.rows, self.usable, self.branches)
+        """Usable rows averaged over neighbouring torques of a branch.
+
+        The play of a drive without a design is a knee, so that rows beside its jump must not count by themselves.
+        """
+        return cells(self.rows, self.usable, self.branches, may_be_single=self.unit.design_study is not None)
 
     @cached_property
     def history(self) -> History:

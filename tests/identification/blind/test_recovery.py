@@ -26,7 +26,7 @@ CASES = {
     "ovality_3": ((4.0, 6.0), THREE, 0.05),
     "pin_circle_error": ((6.0,), THREE, 0.05),
     "pin_radius_error": ((-5.0,), THREE, 0.05),
-    "preload": ((9.0,), TWO, 0.03),
+    "preload": ((9.0,), replace(TWO, rows=150), 0.03),
     "presliding": ((0.6, 0.4), TWO, 0.1),
     "run_in": ((6.0, 1.5), replace(TWO, cycles=5), 0.1),
     "seat_compliance": ((0.01,), THREE, 0.15),

@@ -5,9 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from measured_bench import measured, path_of, write_unit
+from scipy.special import ndtr
 from synthetic_unit import ROOT, Bench, make_unit, problem_of
 
-from pipeline.identification.fitting.cells_in_noise import PLACE, STEP_SCATTER, _lies_beyond, data_of, place_errors
+from pipeline.identification.fitting.cells_in_noise import (
+    PLACE,
+    STEP_SCATTER,
+    _lies_beyond,
+    data_of,
+    jumps_between,
+    place_errors,
+    side_errors,
+)
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.measured_loops import within_cells
@@ -72,24 +81,35 @@ def test_a_zero_of_the_torque_is_as_uncertain_as_the_place_of_the_jump_between_t
     assert error_in_deviations(replace(problem.data, row_error=np.zeros(len(visible)))) > 2.5
 
 
-def two_falling_branches():
-    """Cells of two branches on which the torque falls; within the second cell of the first one the angle jumps."""
-    torque = np.array([8.0, 2.7, -5.4, 3.5, 1.4, 0.4])
+def cells_of(torque, angle, block, direction, count):
+    """Cells of one position."""
+    whole = np.zeros(len(torque), np.int64)
     nothing = np.zeros(len(torque))
-    whole = nothing.astype(np.int64)
     return Cells(
-        block=np.array([0, 0, 0, 1, 1, 1]),
+        block=block,
         position=whole,
         cycle=whole,
-        direction=whole - 1,
+        direction=whole + direction,
         torque_mean=torque,
-        angle_mean=np.where(torque > 0, 2.0, -2.0) - np.array([0, 1, 0, 0, 0, 0]),
-        count=whole + 4,
+        angle_mean=angle,
+        count=whole + count,
         angle_spread=nothing,
         time_mean=nothing,
         temperature_mean=nothing,
-        first_row=4 * np.arange(len(torque)),
+        first_row=count * np.arange(len(torque)),
     )
+
+
+def two_falling_branches():
+    """Cells of two branches on which the torque falls; within the second cell of the first one the angle jumps."""
+    torque = np.array([8.0, 2.7, -5.4, 3.5, 1.4, 0.4])
+    angle = np.where(torque > 0, 2.0, -2.0) - np.array([0, 1, 0, 0, 0, 0])
+    return cells_of(torque, angle, np.array([0, 0, 0, 1, 1, 1]), -1, 4)
+
+
+def rows_alone(torque, angle, block):
+    """Rows that are cells of their own, of branches on which the torque rises."""
+    return cells_of(torque, angle, np.asarray(block, np.int64), 1, 1)
 
 
 @pytest.mark.parametrize(
@@ -206,3 +226,34 @@ def test_the_noise_of_the_torque_that_repeats_show_is_counted_once(tmp_path):
     data = data_of(measurement, np.ones(len(measurement.cells), bool))
     assert np.median(data.sigma) == pytest.approx(data.noise, rel=0.1)
     assert np.max(data.sigma) > 3 * data.noise
+
+
+def test_rows_by_themselves_err_by_the_chance_to_lie_on_the_wrong_side_of_the_play():
+    """Rows at -1, 0 and 1 N m in ten branches: noise of 0.1 N m puts those at 0 on either side of a jump at 0."""
+    rng, n = np.random.default_rng(2), 10
+    read = np.tile(np.arange(-5.0, 6.0), n)
+    true = read + 0.1 * rng.standard_normal(read.size)
+    alone = rows_alone(read, np.where(true > 0, 2.0, -2.0) + 0.01 * read, np.repeat(np.arange(n), 11))
+    errors = side_errors(alone, np.ones(len(alone), bool), 0.1)
+    at_zero = read == 0
+    np.testing.assert_allclose(errors[at_zero], 4.0 * np.sqrt(0.5), rtol=0.15)
+    assert np.all(errors[~at_zero] < 0.01)
+
+
+def test_the_place_of_a_jump_that_no_row_narrows_is_anywhere_between_two_rows():
+    """Without noise its error is that of a place evenly distributed between the rows at 0 and 1 N m."""
+    read = np.arange(-5.0, 6.0)
+    alone = rows_alone(read, np.where(read > 0.5, 2.0, -2.0) + 0.01 * read, np.zeros(11))
+    errors = side_errors(alone, np.ones(len(alone), bool), 0.0)
+    beside = np.isin(read, (0.0, 1.0))
+    np.testing.assert_allclose(errors[beside], 4.0 * np.sqrt(ndtr(-np.sqrt(3))), rtol=0.05)
+    assert not np.any(side_errors(alone, np.zeros(len(alone), bool), 0.0))
+    assert np.all(errors[np.abs(read - 0.5) > 2] < 1e-3)
+
+
+def test_a_row_within_a_jump_makes_it_two_jumps():
+    read = np.arange(-5.0, 6.0)
+    alone = rows_alone(read, 2.0 * np.sign(read) + 0.01 * read, np.zeros(11))
+    heights = jumps_between(alone, np.zeros(len(alone)))
+    np.testing.assert_allclose(heights[heights > 0], 2.0, rtol=0.01)
+    np.testing.assert_array_equal(np.flatnonzero(heights), [4, 5])

@@ -122,9 +122,9 @@ def test_a_number_at_the_bound_of_the_fit_is_not_claimed(tmp_path):
         frame = pd.DataFrame({"Zeit": 20 * np.arange(torque.size), **columns})
         frame.to_csv(tmp_path / "bench" / f"pos{number}.csv", index=False)
     numbers = {n.term: n for n in describe(Measurement.read(load_measured_unit(tmp_path / "bench", ROOT))).numbers}
-    assert numbers["friction"].note == "at the bound of the fit"
-    assert not numbers["friction"].named
-    assert np.isnan(numbers["friction"].ci_low)
+    assert numbers["load_friction"].note == "at the bound of the fit"
+    assert not numbers["load_friction"].named
+    assert np.isnan(numbers["load_friction"].ci_low)
 
 
 def test_the_first_message_comes_before_the_libraries(tmp_path):

@@ -188,14 +188,14 @@ def test_correlation_and_size_that_stand_in_for_each_other_are_found_together():
     def value(structure):
         place = SIZES.index(structure.common), CORRELATIONS.index(structure.correlation)
         off_ridge = abs(place[0] - 2 * place[1])
-        return place[1] - 10.0 * off_ridge - (structure.reach != best.reach) - structure.own_size
+        return min(place[1], 2) - 10.0 * off_ridge - (structure.reach != best.reach) - structure.own_size
 
     for start in (Structure(SIZES[0], SIZES[0], REACHES[0], 0.0), Structure(SIZES[4], SIZES[0], REACHES[1], 0.6)):
         found = evidence.best_structure(value, start)
         assert (SIZES.index(found.common), found.correlation) == (4, CORRELATIONS[2])
 
 
-@pytest.mark.parametrize(("repeats", "possible"), [("white", CORRELATIONS[:1]), ("walk", CORRELATIONS)])
+@pytest.mark.parametrize(("repeats", "possible"), [("white", CORRELATIONS[:1]), ("walk", CORRELATIONS[:3])])
 def test_repeats_bound_the_correlation_of_the_noise_whatever_the_model_misses(repeats, possible):
     data = linear_data(positions=4, cycles=4, branches=2, cells=20, sigma=SIGMA)
     rng = np.random.default_rng(3)

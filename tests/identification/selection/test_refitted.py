@@ -22,7 +22,7 @@ from pipeline.identification.selection.screening import _by_sense
     ],
 )
 def test_a_fold_ends_where_a_fit_from_the_truth_does(name, values, position, tmp_path, condensed):
-    """Numbers and tolerances of the base take up much of the first two: from there alone fits end at 16 and 2 times."""
+    """Numbers and tolerances of the base take up much of the first two: from there alone fits end at several times."""
     unit = make_unit(tmp_path / "u", {name: values}, Bench(cranks=CRANKS, noise=0.01), condensed)
     problem = problem_of(unit, condensed)
     training, model = problem.data.position != position, Model((candidates()[name],))
@@ -30,7 +30,7 @@ def test_a_fold_ends_where_a_fit_from_the_truth_does(name, values, position, tmp
     fitter = fold.fitter
     base = fitter.fit(Model(), training, fitter.start(Model()))
     reference = fitter.fit(model, training, fitter.start(model, shares_of_values(fitter.bounds(model), values)))
-    assert base.cost > 20 * reference.cost
+    assert base.cost > 2 * reference.cost
     refit = fold.refit(model, training, base)
     assert refit.cost < 1.05 * reference.cost
     np.testing.assert_allclose(refit.values, reference.values, rtol=0.1)

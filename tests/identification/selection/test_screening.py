@@ -25,7 +25,7 @@ from pipeline.identification.selection.screening import (
 
 TWO, THREE = Bench(), Bench(cranks=CRANKS)
 UNITS = {
-    "coulomb": ((0.3,), TWO, ("preload", "seat_compliance", "torque_gain", "flank_wear")),
+    "coulomb": ((0.3,), replace(TWO, rows=150), ("preload", "seat_compliance", "torque_gain", "flank_wear")),
     "pin_radius_error": ((-5.0,), THREE, ("coulomb", "bearing_clearance")),
     "ovality_2": ((3.0, -2.0), THREE, ("coulomb", "output_torsion", "bearing_clearance")),
     "ovality_3": ((2.0, 3.0), THREE, ("coulomb", "output_torsion", "bearing_clearance")),
