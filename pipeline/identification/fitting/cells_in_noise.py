@@ -31,7 +31,7 @@ BETWEEN_ROWS: Unit = 12**-0.5
 PLACE: Unit = 24**-0.5
 """Rms of what half a row reaches beyond a place that is anywhere between two rows [rows]."""
 PLACES: Fineness = 400
-"""Torques among which the one is sought at which the play is crossed."""
+"""Torques at which the posterior of the torque is evaluated at which the play is crossed."""
 SECTORS = 8
 """Of a turn of the crank: what the model's form misses goes with the pins that carry, a quarter of the circle."""
 LEAST_FLOOR: Rounding = 1e-4
@@ -55,7 +55,7 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
     cell_variance = floor**2 + white**2 * (1 / cells.count - usual_share)
     height = jump_heights(cells, training)
     within, row_error_within = jump_errors(cells, branch, training, height)
-    if np.all(cells.count == 1):
+    if cells.are_rows:
         beside, row_error_beside = side_errors(cells, training, row_torque_noise), np.zeros(len(cells))
     else:
         beside, row_error_beside = place_errors(cells, height, row_torque_noise)
@@ -231,28 +231,28 @@ def jumps_between(cells: Cells, height_within: Real) -> Real:
 
 
 def _usual_after(slope: Real, cells: Cells) -> Real:
-    """Slope (n_links,) of the link after each; of cells of one row the smaller of the next two, where it is larger.
+    """Slope (n_links,) of the link after each. If each cell is one row, the smaller slope of the next two links.
 
     A row may lie within the jump, which then takes two links.
     """
     after, second = np.append(slope[1:], 0.0), np.append(slope[2:], [0.0, 0.0])
-    is_within = np.all(cells.count == 1) & (second > 0)
-    return np.where(is_within, np.minimum(after, second), after)
+    return np.where(cells.are_rows & (second > 0), np.minimum(after, second), after)
 
 
 def side_errors(cells: Cells, training: Truth, torque_noise: float) -> Real:
-    """Error [arcmin] (n_cells,) of cells of one row by the side of the play on which the noise of the torque puts them.
+    """Error [arcmin] (n_cells,) of cells of one row that noise of the torque may put on the wrong side of the play.
 
     Parameters
     ----------
-    training : (n_cells,) cells from which the torque is known at which the play is crossed.
+    training : (n_cells,) cells whose jumps tell the torque at which the play is crossed.
     torque_noise : of a row [N m].
 
     Notes
     -----
-    A row on the wrong side errs by the whole height of the jump, so that the square of its error is that of the height
-    times the chance of it. The torque at which the play is crossed in one sense is normal noise away from the last row
-    before each jump and the first one after it; its posterior mean and standard deviation follow from all of them.
+    A row on the wrong side errs by the whole height of the jump. Its mean square error is therefore the square of the
+    height times the probability of the wrong side. In one sense of the torque the play is crossed at one torque, above
+    the last row before each jump and below the first row after it, but for normal noise. The posterior mean and the
+    standard deviation of this torque follow from all jumps of the sense.
     """
     height, torque = jumps_between(cells, np.zeros(len(cells))), cells.torque_mean * cells.direction
     errors = np.zeros(len(cells))

@@ -46,6 +46,11 @@ class Cells:
     def __len__(self) -> int:
         return len(self.block)
 
+    @property
+    def are_rows(self) -> bool:
+        """Whether each cell is one row."""
+        return bool(np.all(self.count == 1))
+
 
 def cells(
     rows: Rows, usable: Truth, blocks: BranchBlocks, levels: int = CELLS_PER_SENSE, *, may_be_single: bool = False
