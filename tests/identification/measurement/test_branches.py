@@ -140,3 +140,13 @@ def test_rows_that_may_not_be_fitted_are_in_no_cell(tmp_path):
     assert taken_cells.count.sum() == measurement.usable.sum() < len(measurement.rows)
     assert np.abs(taken_cells.torque_mean).max() < 6
     np.testing.assert_allclose(measurement.history.torque[0][1], 12.0, atol=0.3)
+
+
+def test_noise_of_rows_that_are_cells_makes_no_branch_steep(tmp_path):
+    """Rows differ by their noise more than by the slope; such rows must still be compared with their repeats."""
+    table = pd.concat([path_table([-12.0, 12.0, -12.0], 120).assign(cycle=cycle) for cycle in range(3)])
+    noise = np.random.default_rng(7).standard_normal(len(table))
+    measurement = taken(tmp_path, table.assign(angle_arcmin=0.05 * table["torque_Nm"] + 0.3 * noise))
+    assert measurement.cells.are_rows
+    assert measurement.repeatability.repeats.n > 0.9 * 3 * 120  # the first branch of all is left out
+    assert measurement.repeatability.repeats.value == pytest.approx(0.3, rel=0.15)
