@@ -32,7 +32,6 @@ def linear_data(positions=2, cycles=2, branches=2, cells=10, sigma=0.1, count=4)
         torque=np.zeros(n),
         angle=np.zeros(n),
         count=np.broadcast_to(count, n).astype(np.int64),
-        spread=np.full(n, sigma),
         noise=sigma,
         sigma=np.broadcast_to(sigma, n).astype(float),
         row_error=np.zeros(n),

@@ -57,7 +57,7 @@ class Data:
     branch : (n_cells,) position x monotone branch: its blocks repeat each other from cycle to cycle, so that a fault of
         the model's form is alike in all of them.
     torque, angle : (n_cells,) [N m], [arcmin].
-    count, spread : rows in each cell, and scatter of their angle about its line [arcmin].
+    count : rows in each cell.
     noise : floor of the angle of a cell [arcmin].
     sigma : (n_cells,) [arcmin]: the floor, and the noise of the torque where the measured curve is steep.
     row_error : (n_cells,) [arcmin]: of the mean angle beside a way through the play, whose place between two rows is
@@ -72,7 +72,6 @@ class Data:
     torque: Real
     angle: Real
     count: Whole
-    spread: Real
     noise: float
     sigma: Real
     row_error: Real

@@ -166,20 +166,22 @@ def test_error_of_a_jump_is_what_its_repeats_scatter_by(tmp_path):
     """Beside it half a row; as a torque, that of the draws."""
     errors = []
     for scatter in (0.0, 0.05):
-        _, data = jumping(tmp_path / str(scatter), scatter)
-        steep = np.flatnonzero(data.spread > 2.0)
+        measurement, data = jumping(tmp_path / str(scatter), scatter)
+        spread = measurement.cells.angle_spread
+        steep = np.flatnonzero(spread > 2.0)
         assert steep.size >= 6
-        half_a_row = 0.5 * data.spread[steep] / STEP_SCATTER / data.count[steep]
+        half_a_row = 0.5 * spread[steep] / STEP_SCATTER / data.count[steep]
         assert np.all(data.sigma[steep] > 0.9 * half_a_row)
-        errors.append(np.median(data.sigma[steep] / data.spread[steep]))
+        errors.append(np.median(data.sigma[steep] / spread[steep]))
     assert errors[0] < 0.6
     assert errors[1] > 1.1 * errors[0]
 
 
 def test_a_jump_that_nothing_repeats_is_as_uncertain_as_its_rows_scatter(tmp_path):
-    _, data = jumping(tmp_path, 0.0, cycles=1)
-    steep = data.spread > 2.0
-    assert np.all(data.sigma[steep] > 0.9 * data.spread[steep])
+    measurement, data = jumping(tmp_path, 0.0, cycles=1)
+    spread = measurement.cells.angle_spread
+    steep = spread > 2.0
+    assert np.all(data.sigma[steep] > 0.9 * spread[steep])
 
 
 @pytest.mark.parametrize("torque_noise", [0.0, 0.02])

@@ -42,7 +42,6 @@ class LinearFitter:
                 torque=torque,
                 angle=angle,
                 count=count,
-                spread=np.full(n, noise),
                 noise=noise,
                 sigma=np.full(n, noise),
                 row_error=np.zeros(n),
