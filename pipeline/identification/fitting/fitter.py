@@ -28,7 +28,7 @@ ITERATIONS: ShortcutCount = 15
 LOADS: ShortcutGrid = (0.6, 0.4, 0.2, 0.1)
 """Shares of the largest torque above which cells are fitted, one after the other."""
 FIRST_ITERATIONS: ShortcutCount = 3
-"""Steps of a fit from each of several starts before the best of them goes on."""
+"""Steps of a fit from each of several starts before the best of them goes on, and before cells are added."""
 OPEN_SHARE = 0.3
 """Prior standard deviation of an effect's parameter, in shares of its bounds, about no effect (or the middle of the
 bounds of a parameter without a zero). It decides where the data leave a valley, and is weak beside what they tell."""
@@ -186,12 +186,13 @@ class Fitter:
         """As ``fit``, to the cells of large torques first, then to those of smaller ones, too.
 
         Where the torque is large, many contacts share it, and the misfit is smooth in the unknowns. Close to the play
-        one contact or two carry it; which of them is a kink, at which a descent from far away ends.
+        one contact or two carry it; which of them is a kink, at which a descent from far away ends. A few steps lead
+        to where the next cells are added: a fit that has settled without them is no better a start.
         """
         torque = np.abs(self.problem.data.torque)
         for share in LOADS:
             is_loaded = is_fitted & (torque > share * np.max(torque[is_fitted], initial=0.0))
-            start = self.fit(model, is_loaded, start).unknowns if np.any(is_loaded) else start
+            start = self.fit(model, is_loaded, start, FIRST_ITERATIONS).unknowns if np.any(is_loaded) else start
         return self.fit(model, is_fitted, start)
 
     def fit_from_best(

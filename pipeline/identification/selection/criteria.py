@@ -77,11 +77,11 @@ class Trial:
 
 
 def most_probable(solutions: Sequence[Trial]) -> Trial:
-    """The most probable of several solutions of one model, with those that are nearly as probable."""
-    best = max(solutions, key=lambda trial: trial.evidence.value)
-    others = (trial for trial in solutions if trial is not best)
-    near = tuple(trial for trial in others if trial.evidence.value >= best.evidence.value - ODDS)
-    return replace(best, other_solutions=near)
+    """The most probable of several solutions of one model, with those that are nearly as probable, each at its fit."""
+    values = [trial.evidence.without_promise().value for trial in solutions]
+    best = values.index(max(values))
+    near = (k for k, value in enumerate(values) if k != best and value >= values[best] - ODDS)
+    return replace(solutions[best], other_solutions=tuple(solutions[k] for k in near))
 
 
 @dataclass(frozen=True)

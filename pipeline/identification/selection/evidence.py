@@ -10,6 +10,7 @@ largest marginal likelihood: Harville, J. Am. Stat. Assoc. 72 (1977) 320.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from itertools import product
@@ -45,6 +46,8 @@ class Evidence:
         deviation = (fit.unknowns.flat - self.centre) / self.spread
         self.jacobian = jacobian[cells]
         self.misfit = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
+        self.of_fit = deviation
+        self.counts_promise = True
         self._products: dict[tuple[float, float], Real] = {}
         self._known_values: dict[Structure, float] = {}
         self._systems: dict[Structure, tuple[Real, Real]] = {}
@@ -159,9 +162,29 @@ class Evidence:
     @cached_property
     def unknowns(self) -> tuple[Real, Real]:
         """Mean and covariance of the unknowns about the centre of their priors, in their standard deviations."""
-        (spread, factor, right_side, _), k = self._solved(self.structure, self._everything), self.jacobian.shape[1]
+        return self._unknowns_beside(self.structure)
+
+    def _unknowns_beside(self, structure: Structure) -> tuple[Real, Real]:
+        (spread, factor, right_side, _), k = self._solved(structure, self._everything), self.jacobian.shape[1]
         covariance = cho_solve((factor, True), np.eye(len(spread), k))[:k]
         return cho_solve((factor, True), right_side)[:k], covariance
+
+    def without_promise(self) -> "Evidence":
+        """The evidence at the unknowns of the fit: without what derivatives promise away from them.
+
+        The logarithm of Laplace's integral about the fit. Where the fit is not the most probable place of its linear
+        problem it is smaller than ``value``, by half the square of the distance between the two under the posterior.
+        """
+        at_fit = copy(self)
+        at_fit.counts_promise = False
+        at_fit.value = self.value - self._promise(self.structure) * self.counts_promise
+        return at_fit
+
+    def _promise(self, structure: Structure) -> float:
+        """Logarithm of the evidence that the linear problem gains between the fit and its most probable unknowns."""
+        mean, covariance = self._unknowns_beside(structure)
+        distance = self.of_fit - mean
+        return 0.5 * float(distance @ np.linalg.solve(covariance, distance))
 
     @property
     def most_probable(self) -> Real:
@@ -183,7 +206,9 @@ class Evidence:
         """
         if self.structure.size <= largest_size and self.structure.cycle_size <= largest_between_cycles:
             return self.value
-        return self._value(self._most_likely(self.structure, largest_size, largest_between_cycles)) + self._positive
+        structure = self._most_likely(self.structure, largest_size, largest_between_cycles)
+        promise = 0.0 if self.counts_promise else self._promise(structure)
+        return self._value(structure) + self._positive - promise
 
     @cached_property
     def training(self) -> Mapping[int, float]:

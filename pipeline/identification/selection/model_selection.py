@@ -43,7 +43,7 @@ ADDITIONS: ShortcutCount = 4
 SINGLE_GROUPS = 6
 """Positions (or cycles) up to which each is left out by itself; more are left out in three lots, spread evenly over
 them, so that the time grows as the rows do."""
-PASSES: ShortcutCount = 2
+PASSES: ShortcutCount = 4
 """Passes by which a fit is refined, at most."""
 MOST_REFINED: ShortcutCount = 3
 """Models of as many effects whose fits are refined, the most probable ones."""
@@ -153,21 +153,23 @@ class Selector:
     def _at_their_most_probable(
         self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge
     ) -> Selection:
-        """The selection, its models that may be named linearised again about their most probable unknowns.
+        """The selection, its models that may be named with the evidence of places at which they were predicted.
 
         A fit minimises the misfit in the noise alone, while the evidence also has the structure beside the model. The
-        most probable unknowns may therefore lie away from the fit, where its derivatives no longer hold. The less
-        probable of the two linearisations counts.
+        most probable unknowns may therefore lie away from the fit, where its derivatives no longer hold. So the model
+        is predicted there, too, and the more probable of the two places counts, each without what its derivatives
+        promise elsewhere.
         """
         trials, done = dict(selection.trials), set[str]()
         while new := [name for name in selection.reasons if name not in done]:
             for name in new:
                 trial = trials[name]
                 fit = self.fitter.fit_at(trial.fit, trial.evidence.most_probable, cells)
+                predicted = [trial.evidence.without_promise()]
                 if fit.sound:
-                    there = self.trial(fit, cells, covariance, trial)
-                    evidence = min(trial.evidence, there.evidence, key=lambda one: one.value)
-                    trials[name] = replace(trial, evidence=evidence)
+                    predicted.append(self.trial(fit, cells, covariance, trial).evidence.without_promise())
+                evidence = max(predicted, key=lambda one: one.value)
+                trials[name] = replace(trial, evidence=evidence)
             done.update(new)
             selection = judge.select(selection.base, trials, selection.promised_misfits)
         return selection

@@ -74,6 +74,25 @@ def test_value_is_the_density_of_the_cells_under_one_covariance(structure):
     assert evidence._value(structure) == pytest.approx(expected, abs=1e-5)
 
 
+def test_without_promise_it_is_laplaces_integral_about_the_unknowns_of_the_fit():
+    """By dense algebra: density of cells and unknowns there, times the volume of the posterior."""
+    design, angle = drawn()
+    fitter, fit = fitted(angle, design)
+    there = fitter.fit_at(fit, fit.unknowns.flat + [0.05, -0.02], EVERYTHING)
+    evidence = Evidence(COVARIANCE, fitter, there)
+    prior, values = np.array([SPREAD, OPEN_SHARE]), there.unknowns.flat
+    of_cells = dense(evidence.structure, design) - (design * prior) @ (design * prior).T
+    posterior = np.linalg.inv(np.diag(prior**-2) + design.T @ np.linalg.solve(of_cells, design))
+    expected = multivariate_normal.logpdf(angle, design @ values, of_cells)
+    expected += multivariate_normal.logpdf(values, np.zeros(2), np.diag(prior**2))
+    expected += 0.5 * np.linalg.slogdet(2 * np.pi * posterior)[1]
+    at_fit = evidence.without_promise()
+    assert at_fit.value - at_fit._positive == pytest.approx(expected, abs=1e-4)
+    assert evidence.value - at_fit.value > 1.0
+    assert at_fit.without_promise().value == at_fit.value
+    assert at_fit.log_evidence_up_to(np.inf, np.inf) == at_fit.value
+
+
 def test_unused_cells_are_scored_by_their_density_given_all_others():
     design, angle = drawn()
     fitter, fit = fitted(angle, design)
