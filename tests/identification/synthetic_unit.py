@@ -26,6 +26,8 @@ ROOT = Path(__file__).parents[2]
 LARGEST = 12.0  # [N m]
 CRANKS = (0.0, 40.0, 95.0)
 """Angles at which the disk is condensed."""
+EXAMPLE, TRIED = "friction_example", ("coulomb", "load_friction", "preload", "thermal_growth")
+"""The measured unit with friction that comes with the project, and the effects that most tests try on it."""
 TEMPERATURE = 20.0
 UNIT = """
 title = "A unit of the tests"

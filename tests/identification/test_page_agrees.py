@@ -1,6 +1,6 @@
 """Sentence, cards, tables and figures of a unit's page say the same, and come from the table of residuals.
 
-``ALL_UNITS=1`` draws twenty units in place of two.
+Of the example with friction and of a drawn unit without an effect; ``ALL_UNITS=1`` draws twenty units in place of one.
 """
 
 import json
@@ -10,7 +10,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from synthetic_unit import ROOT, Bench, make_unit
+from synthetic_unit import EXAMPLE, ROOT, Bench, make_unit
 
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.identify import identify
@@ -21,7 +21,7 @@ from pipeline.report.unit.page import STAGE_TITLES, write_page
 
 CRANKS = (0.0, 40.0, 95.0)
 OFFERED = ("coulomb", "angle_drift", "output_torsion", "preload")
-UNITS = 20 if os.environ.get("ALL_UNITS") else 2
+UNITS = 20 if os.environ.get("ALL_UNITS") else 1
 
 
 def drawn(number):
@@ -34,9 +34,11 @@ def drawn(number):
     return {name: [rng.uniform(0.05, 1) * values[name]] for name in rng.choice(OFFERED, rng.integers(0, 3), False)}
 
 
-@pytest.fixture(scope="module", params=range(UNITS))
-def answer(request, tmp_path_factory, condensed):
+@pytest.fixture(scope="module", params=[EXAMPLE, *range(UNITS)])
+def answer(request, tmp_path_factory, condensed, friction_example):
     """Verdict, page and residuals of a unit as the command leaves them."""
+    if request.param == EXAMPLE:
+        return left_in(friction_example)
     home = tmp_path_factory.mktemp("unit")
     bench = Bench(cranks=CRANKS, cycles=3, rows=30, known=request.param % 2 == 0, seconds=5.0, seed=request.param)
     folder = make_unit(home / "u", drawn(request.param), bench, condensed)
@@ -45,8 +47,12 @@ def answer(request, tmp_path_factory, condensed):
         findings_of_unit = findings(identify(load_measured_unit(folder, ROOT), condensed))
     written = write(findings_of_unit, home)
     write_page(findings_of_unit, *written, home, home)
-    verdict = json.loads((home / "verdict.json").read_text())
-    return verdict, (home / "report.html").read_text(), pd.read_parquet(home / "residual.parquet")
+    return left_in(home)
+
+
+def left_in(folder):
+    verdict = json.loads((folder / "verdict.json").read_text())
+    return verdict, (folder / "report.html").read_text(), pd.read_parquet(folder / "residual.parquet")
 
 
 def rms(cells, stage):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import MagicMock
@@ -14,6 +14,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from measured_bench import measured, write_unit
+from synthetic_unit import EXAMPLE, TRIED
 
 from pipeline import cli, settings
 from pipeline.config import load_study
@@ -33,7 +34,6 @@ from pipeline.identification.results.residual_signatures import (
     judged_signature,
     trend,
 )
-from pipeline.identification.selection import model_selection
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import Verdict
@@ -159,8 +159,6 @@ def test_settings_are_read_back_as_they_were_written() -> None:
 
 CRANKS = (0.0, 40.0, 95.0)
 FRICTION = 0.5
-EXAMPLE = "friction_example"
-OFFERED = ("coulomb", "load_friction", "preload", "thermal_growth")
 """What is mistaken for it most easily, and an effect that is not testable; ``test_recovery`` has every effect."""
 
 
@@ -179,21 +177,16 @@ def test_a_study_of_angles_evenly_over_the_turn_is_written_with_those_of_the_uni
     assert "loaded_angles" not in written["cycle"]
 
 
-@pytest.fixture(scope="module", params=[OFFERED, pytest.param(tuple(candidates()), marks=pytest.mark.attack)])
+@pytest.fixture(scope="module", params=[TRIED, pytest.param(tuple(candidates()), marks=pytest.mark.attack)])
 def offered(request: pytest.FixtureRequest) -> tuple[str, ...]:
     """Effects that are tried."""
     return request.param
 
 
 @pytest.fixture(scope="module")
-def folder(offered: tuple[str, ...], new_runs: Callable[[], Path]) -> Path:
+def folder(offered: tuple[str, ...], identified_example: Callable[[Sequence[str]], Path]) -> Path:
     """Results of the README's command on the example with friction, of some effects or all; runs lie beside them."""
-    runs = new_runs()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(settings, "RUNS", runs)
-        patch.setattr(model_selection, "candidates", lambda: {name: candidates()[name] for name in offered})
-        assert cli.main(["identify", "--unit", EXAMPLE, "--jobs", "1"]) == 0
-    return runs / "identify" / EXAMPLE
+    return identified_example(offered)
 
 
 def test_the_friction_that_was_put_in_is_named_with_its_size_and_written_into_the_design(folder: Path) -> None:
