@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.arrays import Real, Whole
-from pipeline.constant_kinds import Fineness, Rounding, Shortcut
+from pipeline.constant_kinds import Grid, Rounding, Shortcut
 from pipeline.identification.bench.course import Course, slid_torque
 from pipeline.model.elements import merged_path, polyline
 from pipeline.model.load_history.backbone import NO_LOAD, Backbone
@@ -19,10 +19,9 @@ from pipeline.model.units import NMM_PER_NM
 Torques = tuple[Real, Real]
 """Torques at the turns (n_turns,) and within the cells (n_cells, n_edges) [N mm]."""
 
-LEVELS: Fineness = 22
-"""Nodes of the backbone in each sense of the torque."""
-PATH_LEVELS: Fineness = 11
-"""The same where friction at the contacts is followed step by step, which costs a hundred times as much."""
+AFTER_TURNS: Grid = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 14.0)
+"""Where friction at the contacts is followed after a turn of the torque, in what it resists there: beside the nodes,
+which are far apart at large torques, while the contacts let go one by one soon after the turn."""
 REPEATED_SHARE: Shortcut = 0.01
 """Share of the range of torque within which two turns are the same: friction then repeats its last loop."""
 LARGEST_RESIDUAL: Rounding = 1e-3
@@ -126,7 +125,8 @@ def _along(
     if drive.sliders.at_contacts:
         repeated_torque = _repeats(torque)
         loads = np.sign(nodes) * np.maximum(np.abs(nodes), NO_LOAD * drive.rated_torque)  # ends of play carry none
-        steps, turns = _steps(torque[: repeated_torque.max() + 2], loads[:: LEVELS // PATH_LEVELS])
+        followed_torque = torque[: repeated_torque.max() + 2]
+        steps, turns = _steps(followed_torque, loads, drive.sliders.resisted(followed_torque))
     for state in course.states:
         stiffer = drive.stiffening(state)
         if drive.sliders.at_contacts:
@@ -196,11 +196,16 @@ def _slid(drive: Drive, course: Course, curve: Backbone, torque: Real, edges: Re
     return LoadPath(angle, slope, carried_torque, torque)
 
 
-def _steps(torque: Real, nodes: Real) -> tuple[Real, Whole]:
-    """Torques from turn to turn over the nodes, and the step at which each turn stands."""
+def _steps(torque: Real, nodes: Real, resisted_torque: Real) -> tuple[Real, Whole]:
+    """Torques from turn to turn over the nodes, and the step at which each turn stands.
+
+    After a turn a few more at multiples of the torque (n_turns,) that friction resists there.
+    """
     parts, starts, count = [torque[:1]], [0], 1
-    for start, end in zip(torque[:-1], torque[1:], strict=True):
-        interval = nodes[(nodes > min(start, end)) & (nodes < max(start, end))]
+    for start, end, resisted in zip(torque[:-1], torque[1:], resisted_torque[:-1], strict=True):
+        after_turn = start + np.sign(end - start) * resisted * np.array(AFTER_TURNS)
+        known_torques = np.union1d(nodes, after_turn)
+        interval = known_torques[(known_torques > min(start, end)) & (known_torques < max(start, end))]
         parts.append(np.append(interval if end > start else interval[::-1], end))
         count += len(parts[-1])
         starts.append(count - 1)

@@ -15,7 +15,6 @@ from pipeline.constant_kinds import Fineness, Shortcut
 from pipeline.identification.bench.course import Course
 from pipeline.identification.bench.load_path import (
     LARGEST_RESIDUAL,
-    LEVELS,
     Elastic,
     Instrument,
     load_path,
@@ -28,6 +27,8 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
 
+LEVELS: Fineness = 22
+"""Nodes of the backbone in each sense of the torque."""
 BEYOND: Shortcut = 1.05
 """Reach of the backbone over the largest torque measured: friction may keep more in the reducer than is read."""
 BEYOND_TURNING: Shortcut = 1.3

@@ -60,6 +60,15 @@ class Sliders:
         able = (self.limit > 0) | (self.coefficient > 0)
         return self if able.all() else Sliders(*(getattr(self, f.name)[able] for f in fields(Sliders)))
 
+    def resisted(self, torque: Real) -> Real:
+        """About the torque that friction resists under output torques, each of any shape [N mm].
+
+        A contact resists about its coefficient times the torque; equal sliders at contacts share it.
+        """
+        at_contact = self.contact >= 0
+        share = np.max(self.coefficient[at_contact], initial=0.0) + np.sum(self.coefficient[~at_contact])
+        return np.asarray(np.sum(self.limit[~at_contact]) + share * np.abs(torque))
+
     def of_scaled_load(self, factor: float) -> "Sliders":
         """The sliders where the load that presses on them is written ``factor`` times as large."""
         return self if factor == 1.0 else replace(self, coefficient=self.coefficient / factor)

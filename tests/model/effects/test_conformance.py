@@ -78,8 +78,6 @@ def loops(name, beside):
     course = Course(1e-3 * TURNS, LEG[response.branch], np.zeros(3, np.int64), points, np.zeros(len(torque)), 1.0, 0.0)
     with pytest.MonkeyPatch.context() as finer:
         finer.setattr(simulator, "LEVELS", 110)
-        finer.setattr(load_path, "LEVELS", 110)
-        finer.setattr(load_path, "PATH_LEVELS", 22)
         reading = simulator.Forward([course], RATED).read(drive, 0, simulator.Instrument())
     assert reading.sound
     return response, reading.angle / ARCMIN
@@ -96,6 +94,33 @@ def test_a_study_and_a_fit_go_along_the_same_loop(name, beside):
     compared = (response.torque != 0) | (not np.any(sliders.coefficient))  # friction by load is none there
     scale = np.ptp(response.angle) if sliders.at_contacts else change  # its path depends on its steps
     np.testing.assert_allclose(fitted[compared], response.angle[0, compared], atol=CLOSE * scale)
+
+
+@pytest.mark.parametrize("coefficient", [0.005, 0.02])
+def test_friction_at_contacts_is_followed_closely_after_a_turn(coefficient, monkeypatch):
+    """Pins let go one by one within a few hundredths of the torque, and two nodes of the ladder are a seventh apart.
+
+    A chord from the turn to the next node misses by half of what friction changes, and more.
+    """
+    drive = put(small_drive(), "contact_friction", coefficient)
+    torque = np.concatenate([side * np.linspace(1.0, 0.6, 81)[1:] for side in (1.0, -1.0)])
+    points = 1e-3 * RATED * np.repeat(torque[:, None], 2, axis=1)
+    course = Course(1e-3 * TURNS, np.repeat([1, 2], 80), np.zeros(3, np.int64), points, np.zeros(160), 1.0, 0.0)
+
+    def change():
+        """Of the angle by friction; the chords of the ladder miss both loops alike."""
+        loops = (simulator.Forward([course], RATED).read(d, 0, simulator.Instrument()) for d in (drive, small_drive()))
+        with_friction, without = (reading.angle for reading in loops)
+        return with_friction - without
+
+    followed = change()
+    monkeypatch.setattr(load_path, "AFTER_TURNS", (1e9,))
+    by_nodes = change()
+    monkeypatch.setattr(simulator, "LEVELS", 880)
+    finely = change()
+    missed = [np.max(np.abs(one - finely)) / np.max(np.abs(finely)) for one in (followed, by_nodes)]
+    assert missed[0] < 0.1
+    assert missed[1] > 0.4
 
 
 @pytest.mark.parametrize("beside", BESIDE)
