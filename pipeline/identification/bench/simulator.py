@@ -13,13 +13,7 @@ import numpy as np
 from pipeline.arrays import Real
 from pipeline.constant_kinds import Fineness, Shortcut
 from pipeline.identification.bench.course import Course
-from pipeline.identification.bench.load_path import (
-    LARGEST_RESIDUAL,
-    Elastic,
-    Instrument,
-    load_path,
-    memory_twist,
-)
+from pipeline.identification.bench.load_path import LARGEST_RESIDUAL, Elastic, Instrument, load_path, memory_twist
 from pipeline.identification.bench.locked_output import interpolation_error, locked_path
 from pipeline.model.elements import Spring, same
 from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
