@@ -116,7 +116,7 @@ def test_filters_limits_and_courses_of_training_rows_know_nothing_of_the_others(
     np.testing.assert_array_equal(variant.usable[variant.is_fitted], measured.usable[measured.is_fitted])
     seen_again = variant.training_cells
     repeat = build_problem(variant, condensed(variant.unit.study, CRANKS), seen_again)
-    for name in ("torque", "angle", "count", "spread", "sigma", "branch"):
+    for name in ("torque", "angle", "count", "sigma", "row_error", "branch"):
         np.testing.assert_array_equal(
             getattr(repeat.data, name)[seen_again], getattr(problem.data, name)[visible], name
         )
