@@ -91,6 +91,8 @@ def test_without_promise_it_is_laplaces_integral_about_the_unknowns_of_the_fit()
     assert evidence.value - at_fit.value > 1.0
     assert at_fit.without_promise().value == at_fit.value
     assert at_fit.log_evidence_up_to(np.inf, np.inf) == at_fit.value
+    evidence.structure = at_fit.structure = replace(evidence.structure, common=SIZES[-1])  # larger than is allowed
+    assert evidence.log_evidence_up_to(1.0, np.inf) - at_fit.log_evidence_up_to(1.0, np.inf) > 1.0
 
 
 def test_unused_cells_are_scored_by_their_density_given_all_others():

@@ -123,6 +123,11 @@ def test_friction_at_contacts_is_followed_closely_after_a_turn(coefficient, monk
     assert missed[1] > 0.4
 
 
+def test_friction_resists_constant_torques_and_shares_of_the_load():
+    drive = put(put(put(small_drive(), "contact_friction", 0.02), "load_friction", 0.1), "coulomb", 0.5)
+    np.testing.assert_allclose(drive.sliders.resisted(np.array([0.0, -RATED])), [500.0, 500.0 + 0.12 * RATED])
+
+
 @pytest.mark.parametrize("beside", BESIDE)
 @pytest.mark.parametrize("name", TIMELESS)
 def test_a_closed_loop_takes_energy_or_none(name, beside):
