@@ -20,8 +20,8 @@ Torques = tuple[Real, Real]
 """Torques at the turns (n_turns,) and within the cells (n_cells, n_edges) [N mm]."""
 
 AFTER_TURNS: Grid = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 14.0)
-"""Where friction at the contacts is followed after a turn of the torque, in what it resists there: beside the nodes,
-which are far apart at large torques, while the contacts let go one by one soon after the turn."""
+"""Further steps of the path after a turn of the torque, as multiples of the torque that friction resists there. The
+contacts slip one by one soon after the turn, and the nodes are far apart at large torques."""
 REPEATED_SHARE: Shortcut = 0.01
 """Share of the range of torque within which two turns are the same: friction then repeats its last loop."""
 LARGEST_RESIDUAL: Rounding = 1e-3

@@ -170,10 +170,10 @@ class Evidence:
         return cho_solve((factor, True), right_side)[:k], covariance
 
     def without_promise(self) -> "Evidence":
-        """The evidence at the unknowns of the fit: without what derivatives promise away from them.
+        """The evidence by Laplace's method at the unknowns of the fit.
 
-        The logarithm of Laplace's integral about the fit. Where the fit is not the most probable place of its linear
-        problem it is smaller than ``value``, by half the square of the distance between the two under the posterior.
+        It lacks the gain that the linear problem predicts between the fit and its most probable unknowns: half the
+        square of their distance in standard deviations of the posterior.
         """
         at_fit = copy(self)
         at_fit.counts_promise = False
@@ -181,7 +181,7 @@ class Evidence:
         return at_fit
 
     def _promise(self, structure: Structure) -> float:
-        """Logarithm of the evidence that the linear problem gains between the fit and its most probable unknowns."""
+        """Gain of the logarithm of the evidence that the linear problem predicts away from the fit."""
         mean, covariance = self._unknowns_beside(structure)
         distance = self.of_fit - mean
         return 0.5 * float(distance @ np.linalg.solve(covariance, distance))

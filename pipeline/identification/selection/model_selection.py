@@ -157,8 +157,8 @@ class Selector:
 
         A fit minimises the misfit in the noise alone, while the evidence also has the structure beside the model. The
         most probable unknowns may therefore lie away from the fit, where its derivatives no longer hold. So the model
-        is predicted there, too, and the more probable of the two places counts, each without what its derivatives
-        promise elsewhere.
+        is predicted there, too, and the more probable of the two places counts, without the gain that a linear
+        problem predicts elsewhere.
         """
         trials, done = dict(selection.trials), set[str]()
         while new := [name for name in selection.reasons if name not in done]:

@@ -61,9 +61,9 @@ class Sliders:
         return self if able.all() else Sliders(*(getattr(self, f.name)[able] for f in fields(Sliders)))
 
     def resisted(self, torque: Real) -> Real:
-        """About the torque that friction resists under output torques, each of any shape [N mm].
+        """Approximate torque [N mm] that friction resists at output torques [N mm] of any shape.
 
-        A contact resists about its coefficient times the torque; equal sliders at contacts share it.
+        Sliders at contacts share the load, and together resist about their coefficient times the torque.
         """
         at_contact = self.contact >= 0
         share = np.max(self.coefficient[at_contact], initial=0.0) + np.sum(self.coefficient[~at_contact])
