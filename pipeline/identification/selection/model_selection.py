@@ -110,8 +110,9 @@ class Selector:
     def select(self, cells: Truth) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most.
 
-        A fit with an effect may lead to numbers and tolerances that fit better without the effect, too. Then all is
-        tried anew beside these, since an effect must not win by a start that the model without it did not have.
+        A fit with an effect may lead to numbers and tolerances that fit better without the effect, too. Where what is
+        named is not as probable beside these, all is tried anew from there, since an effect must not win by a start
+        that the model without it did not have.
         """
         base_fit = self.recalibrate(cells)
         while True:
@@ -120,15 +121,29 @@ class Selector:
             mean_square = max(base_fit.cost / np.count_nonzero(cells), 1.0)
             if not rival.sound or rival.cost > base_fit.cost - FALL_OF_BASE * mean_square:
                 return selection
+            challenged = self._against(selection, rival, cells)
+            if selection.members and challenged.members == selection.members:
+                return challenged
             base_fit = rival
 
     def _without_effects(self, selection: Selection, cells: Truth) -> Fit:
-        """The fit without effects, started at the numbers and tolerances of the most probable model with effects."""
+        """The fit without effects, started at the numbers and tolerances of the most probable model with effects.
+
+        Refined where something is named: a plain fit ends at the kinks that taking the effect away leads to.
+        """
         if not selection.odds:
             return selection.base.fit
         unknowns = selection.trials[max(selection.odds, key=lambda name: selection.odds[name])].fit.unknowns
         start = replace(self.fitter.start(Model()), scales=unknowns.scales, modes=unknowns.modes)
-        return self.fitter.fit(Model(), cells, start)
+        fit = self.fitter.fit(Model(), cells, start)
+        return self._refine(fit, cells, fit.unknowns) if selection.members else fit
+
+    def _against(self, selection: Selection, base_fit: Fit, cells: Truth) -> Selection:
+        """The selection with another fit without effects, which the odds are then over."""
+        judge = Judge(self.fitter, cells, len(self.testable))
+        covariance = Covariance(self.problem.data, cells, parts_of(self.problem.data, cells))
+        base = self.trial(base_fit, cells, covariance)
+        return judge.select(base, selection.trials, selection.promised_misfits)
 
     def _beside(self, base_fit: Fit, cells: Truth) -> Selection:
         """The selection beside a fit without effects."""

@@ -277,6 +277,27 @@ def test_all_is_tried_again_beside_a_better_fit_without_effects(exact_unit, monk
     assert not selection.members
 
 
+@pytest.mark.parametrize(("friction_Nm", "names", "searches"), [(0.02, ("coulomb",), 1), (0.0, (), 2)])
+def test_what_is_named_is_still_so_beside_a_better_fit_without_effects(
+    exact_unit, monkeypatch, friction_Nm, names, searches
+):
+    """A name stays beside the better fit, without a second search; else everything is tried anew beside it."""
+    unit, cells = exactly_known(exact_unit), everything(exact_unit)
+    fitter, start = Fitter(unit), Fitter(unit).start(Model())
+    share = friction_Nm / unit.bounds(COULOMB.effects[0])[0][1]
+    truth = replace(start, scales=np.where(np.arange(len(start.scales)) == 3, np.log(1.3), 0.0), shares=[share])
+    noise = unit.data.noise * np.random.default_rng(0).standard_normal(len(unit.data))
+    selector = Selector(Fitter(with_angles(unit, fitter.predict(COULOMB, truth).angle + noise)), cells)
+    selector.testable = {"coulomb": candidates()["coulomb"]}
+    declared, beside, bases = selector.fitter.fit(Model(), cells, start, 0), selector._beside, []
+    monkeypatch.setattr(selector, "recalibrate", lambda _: declared)
+    monkeypatch.setattr(selector, "_beside", lambda base, cells: bases.append(base) or beside(base, cells))
+    selection = selector.select(cells)
+    assert selection.members == names
+    assert len(bases) == searches
+    assert selection.base.fit.cost < 0.9 * declared.cost
+
+
 def test_a_calibrated_number_stops_at_the_end_of_its_plausible_range_unless_released(exact_unit):
     """A bearing 11 times as stiff and a roller half as long were silent before."""
     exact_unit = exactly_known(exact_unit)
