@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.constant_kinds import Fineness
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.model.effects import Parameter
-from pipeline.model.effects.effect import CRANKS, LOOPS, TIME, TORQUES, EffectDescription
+from pipeline.model.effects.effect import CRANKS, LOOPS, RATE, TIME, TORQUES, EffectDescription
 from pipeline.model.load_history.friction.output_path import Ripple
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import NMM_PER_NM
@@ -76,6 +76,23 @@ EFFECTS = (
         bounds=lambda rated_torque, span, hours, waves: ((-0.3, 0.5),),
         apply=lambda instrument, values: replace(instrument, torque_gain=values[0]),
         needs=frozenset({TORQUES}),
+    ),
+    InstrumentEffect(
+        name="torque_creep",
+        title="creep of the torque sensor",
+        physics="the sensor's reading of a constant torque runs on: a share of it comes with a delay",
+        source="creep of load cells, OIML R 60 (2017); first-order delay, as the standard linear solid has",
+        parameters=(
+            Parameter("share", "1", "part of the torque that is read with the delay"),
+            Parameter("time_s", "s", "time in which 63 % of it is reached", record=TIME),
+        ),
+        changes="torque read",
+        signature="loops open with slow loading, most where the curve is steep",
+        confused_with=("creep",),
+        told_apart_by="the torque sensor under a known weight, read for as long as a loop takes",
+        bounds=lambda rated_torque, span, hours, waves: ((-0.1, 0.1), (0.05, 1e4)),
+        apply=lambda instrument, values: replace(instrument, torque_creep=(values[0], values[1])),
+        needs=frozenset({TIME, RATE, LOOPS, TORQUES}),
     ),
     InstrumentEffect(
         name="angle_drift",

@@ -8,6 +8,7 @@ import numpy as np
 from pipeline.arrays import Real, Whole
 from pipeline.constant_kinds import Grid, Rounding, Shortcut
 from pipeline.identification.bench.course import Course, slid_torque
+from pipeline.model.effects.creep import KelvinVoigt
 from pipeline.model.elements import merged_path, polyline
 from pipeline.model.load_history.backbone import NO_LOAD, Backbone
 from pipeline.model.load_history.cell_means import means, means_along
@@ -30,12 +31,13 @@ LARGEST_RESIDUAL: Rounding = 1e-3
 
 @dataclass(frozen=True)
 class Instrument:
-    """The bench as it reads: torque (1 + gain) T + zero, angle with drift and the eccentricity of its encoder.
+    """The bench as it reads: torque (1 + gain) (T + creep) + zero, angle with drift and its encoder's eccentricity.
 
     Attributes
     ----------
     torque_zero : [N m]
     torque_gain : [-]
+    torque_creep : (share, time constant [s]) of the torque that the sensor reads with a first-order delay besides.
     drift : [arcmin/h]
     encoder : amplitudes (cosine, sine) of the encoder's eccentricity [arcmin].
     ripple : torque of the motor, locked to its angle.
@@ -43,13 +45,34 @@ class Instrument:
 
     torque_zero: float = 0.0
     torque_gain: float = 0.0
+    torque_creep: tuple[float, float] = (0.0, 1.0)
     drift: float = 0.0
     encoder: tuple[float, float] = (0.0, 0.0)
     ripple: Ripple = field(default_factory=Ripple)
 
     def true_torque(self, read: Real) -> Real:
-        """Torque [N mm] that is read as ``read`` [N m]."""
+        """Torque [N mm] that is read as ``read`` [N m], a creep of the sensor included."""
         return NMM_PER_NM * (read - self.torque_zero) / (1 + self.torque_gain)
+
+    @property
+    def delayed_reading(self) -> KelvinVoigt:
+        """What a creep of the sensor adds to the torque, by the torque with it: as a twist follows a torque.
+
+        Of r = T + c y and the delay y' = (T - y) / tau, c y = r - T follows r with the share c / (1 + c) and the time
+        constant tau / (1 + c).
+        """
+        share, time_constant = self.torque_creep
+        return KelvinVoigt(share / (1 + share), time_constant / (1 + share))
+
+    def torques(self, course: Course) -> Torques:
+        """Torques in the drive along a course [N mm]."""
+        turns, edges = self.true_torque(course.torque), self.true_torque(course.cell_torques)
+        if not self.torque_creep[0]:
+            return turns, edges
+        of_cells = mean_torque(edges)
+        path, of_cell = merged_path((turns, turns), (of_cells, of_cells), course.leg, course.time, np.zeros_like)
+        crept = self.delayed_reading.twist(path)
+        return turns - np.delete(crept, of_cell), edges - crept[of_cell, None]
 
 
 @dataclass(frozen=True)

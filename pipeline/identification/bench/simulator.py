@@ -113,7 +113,7 @@ class Forward:
             np.count_nonzero(curve.states.residual > LARGEST_RESIDUAL) <= UNSOUND_SHARE * curve.states.residual.size
             for curve in curves
         )
-        torques = instrument.true_torque(course.torque), instrument.true_torque(course.cell_torques)
+        torques = instrument.torques(course)
         if course.crank is not None:
             path, angle, place, is_followed = locked_path(stations, course, curves, instrument.ripple, torques)
         else:

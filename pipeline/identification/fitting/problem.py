@@ -140,9 +140,11 @@ class Problem:
         return {}
 
     def _bounds_of(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
-        if isinstance(candidate, InstrumentEffect):
-            return candidate.bounds(self.rated_torque, self.span, self.hours, self.resolved_waves)
-        bounds = candidate.bounds(self.nominal[0])
+        bounds = (
+            candidate.bounds(self.rated_torque, self.span, self.hours, self.resolved_waves)
+            if isinstance(candidate, InstrumentEffect)
+            else candidate.bounds(self.nominal[0])
+        )
         return tuple(
             self._time_constant_bounds(parameter.record, *ends) if parameter.record else ends
             for parameter, ends in zip(candidate.parameters, bounds, strict=True)

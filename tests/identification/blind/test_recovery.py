@@ -34,6 +34,7 @@ CASES = {
     "thermal_growth": ((12.0,), replace(TWO, cycles=3, warming=10.0), 0.05),
     "torque_zero": ((0.4,), TWO, 0.03),
     "torque_gain": ((0.1,), THREE, 0.2),
+    "torque_creep": ((0.03, 40.0), replace(TWO, rows=100), 0.1),
     "angle_drift": ((3.0,), replace(TWO, seconds=5.0), 0.03),
     "encoder_eccentricity": ((0.8, -0.6), replace(THREE, locked="output", common=True), 0.03),
     "directional_load_friction": ((0.15, 0.05), replace(TWO, cycles=1), 0.15),

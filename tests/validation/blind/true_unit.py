@@ -148,6 +148,10 @@ def _fine(drive: Drive, top: float) -> Backbone:
 def _solved(drive: Drive, ramp: Ramp, instrument: Instrument) -> Real:
     """Angle [rad] at the rows of a ramp."""
     turns, true_torque = instrument.true_torque(ramp.turns), instrument.true_torque(ramp.torque)
+    if instrument.torque_creep[0]:
+        delayed = _crept(instrument.delayed_reading, true_torque, ramp.time)
+        last_rows = np.searchsorted(ramp.leg, np.arange(len(turns))) - 1  # before each turn; -1 for the first
+        turns, true_torque = turns - np.where(last_rows < 0, 0.0, delayed[last_rows]), true_torque - delayed
     curve = _fine(drive, float(np.max(np.abs(turns))) / NMM_PER_NM)
     angle, carried_torque = np.empty(len(true_torque)), np.empty(len(true_torque))
     for state in range(len(curve.angle)):
