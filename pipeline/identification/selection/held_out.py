@@ -217,9 +217,9 @@ def _refit(selector: Selector, fit_of_all: Fit, training: Truth, base: Fit) -> F
     From what the training cells show alone; and from the fit of all cells, which is taken where the training cells do
     not tell the two solutions apart by the odds of a class: two positions hold two phases of a second harmonic, say.
     """
-    refit = selector.refit(fit_of_all.model, training, base)
-    second_fit = _from_fit_of_all(selector, fit_of_all, training, refit)
-    return second_fit if second_fit.cost <= refit.cost + 2 * ODDS else refit
+    from_all = _from_fit_of_all(selector, fit_of_all, training, base)
+    refit = selector.refit(fit_of_all.model, training, base, rival_cost=from_all.cost - 2 * ODDS)
+    return from_all if from_all.cost <= refit.cost + 2 * ODDS else refit
 
 
 def _from_fit_of_all(selector: Selector, fit_of_all: Fit, training: Truth, other: Fit) -> Fit:

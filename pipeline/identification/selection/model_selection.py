@@ -328,22 +328,27 @@ class Selector:
             fits.append(self.fitter.fit_from_best(model, cells, promise.starts, base, rival_cost))
         return fits
 
-    def refit(self, model: Model, cells: Truth, base: Fit) -> Fit:
+    def refit(self, model: Model, cells: Truth, base: Fit, rival_cost: float = np.inf) -> Fit:
         """A model fitted to some cells from what they alone show, effect by effect on top of a base.
 
         From every start, those beside the declared numbers too: of a base that lacks its effect they stand in for it,
         and a fit from there alone may end where they do. Once more from numbers and tolerances as declared for the same
-        reason. An effect that lowers nothing stays out.
+        reason. An effect that lowers nothing stays out. Fits that will not come down to ``rival_cost`` end early.
         """
         fit = base
         for effect in model.effects:
             promise = self.screen(cells, fit, (effect.name,)).get(effect.name)
             extended_model = Model((*fit.model.effects, effect))
             starts = [*(promise.starts if promise else ()), self._from_declared(extended_model, cells, fit.unknowns)]
-            extended_fit = self.fitter.fit_from_best(extended_model, cells, starts)
+            is_whole = extended_model.n_effects == model.n_effects
+            extended_fit = self.fitter.fit_from_best(
+                extended_model, cells, starts, rival_cost=rival_cost if is_whole else np.inf
+            )
             fit = extended_fit if extended_fit.sound and extended_fit.cost < fit.cost else fit
+        if not fit.model.effects:
+            return fit
         declared_unknowns = self.fitter.start(fit.model, fit.unknowns.shares)
-        refit = self.fitter.fit(fit.model, cells, declared_unknowns) if fit.model.effects else fit
+        refit = self.fitter.fit_from_best(fit.model, cells, [declared_unknowns], rival_cost=rival_cost)
         return refit if refit.sound and refit.cost < fit.cost else fit
 
     def _from_declared(self, model: Model, cells: Truth, base: Vector) -> Vector:
