@@ -225,10 +225,16 @@ def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unkno
     angle = Fitter(unit).predict(Model(), truth).angle + data.sigma * random.standard_normal(len(data))
     fitter, cells = Fitter(with_angles(unit, angle)), everything(unit)
     plain, averaged = fitter.fit(Model(), cells, start), fitter.fit_averaged(Model(), cells, start)
-    passes = Selector(fitter, cells).recalibrate(cells)
+    selector = Selector(fitter, cells)
+    passes = selector.recalibrate(cells)
     assert plain.cost > 5 * averaged.cost
     assert passes.cost <= averaged.cost
     assert rms(fitter.problem, passes.predicted_angle)[1] < 1.4
+
+    known = SimpleNamespace(fit=plain)
+    selection = Selection(known, {"coulomb": known}, odds={"coulomb": 9.0}, members=("coulomb",))
+    assert selector._without_effects(selection, cells).cost < 0.2 * plain.cost
+    assert selector._without_effects(replace(selection, members=()), cells).cost > 0.5 * plain.cost
 
 
 def test_a_fit_with_an_effect_is_refined_too_where_it_could_then_be_named(unknown):

@@ -143,7 +143,7 @@ def test_creep_read_at_few_cells_is_that_of_the_whole_course(drive, per_leg, tim
 @pytest.mark.parametrize(("share", "time_constant"), [(0.05, 8.0), (-0.03, 40.0)])
 def test_torque_that_a_creeping_sensor_reads_is_that_of_the_drive(drive, share, time_constant):
     """Read is the torque and a share of it with a first-order delay, here by fine trapezoids."""
-    period, per_leg = 60.0, 25
+    period, per_leg = 60.0, 60
     turn_times = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(TURNS)) / 12.0)]) * period
     fine = np.linspace(0.0, turn_times[-1], 40001)
     torque = np.interp(fine, turn_times, TURNS)
@@ -161,8 +161,8 @@ def test_torque_that_a_creeping_sensor_reads_is_that_of_the_drive(drive, share, 
     )
     turns, edges = Instrument(torque_creep=(share, time_constant)).torques(course)
     crept = np.ptp(torque_read - torque)
-    np.testing.assert_allclose(edges[:, 0] / 1e3, np.interp(time, fine, torque), atol=0.02 * crept)
-    np.testing.assert_allclose(turns[:-1] / 1e3, TURNS[:-1], atol=0.1 * crept)
+    np.testing.assert_allclose(edges[:, 0] / 1e3, np.interp(time, fine, torque), atol=0.005 * crept)
+    np.testing.assert_allclose(turns[:-1] / 1e3, TURNS[:-1], atol=0.03 * crept)
 
 
 def test_friction_at_the_contacts_shifts_the_branches_apart_with_the_load(drive):
