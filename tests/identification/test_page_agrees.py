@@ -145,6 +145,6 @@ def test_the_study_that_is_written_leaves_what_its_fit_leaves(answer):
     if written is None:
         assert "the design as declared" in verdict["not_corrected"]
         return
-    assert written["rms_arcmin"] == pytest.approx(written["fit_rms_arcmin"], rel=0.02)
+    assert written["rms_arcmin"] == pytest.approx(written["fit_rms_arcmin"], rel=1e-3)
     assert written["rms_arcmin"] <= written["declared_rms_arcmin"]
     assert written["study"] in page

@@ -14,14 +14,17 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from measured_bench import measured, write_unit
-from synthetic_unit import EXAMPLE, TRIED
+from synthetic_unit import EXAMPLE, TRIED, Condensed, problem_of
 
 from pipeline import cli, settings
 from pipeline.config import load_study
 from pipeline.config.changing import toml_of
 from pipeline.config.studies.study import LAW_FACTORS
 from pipeline.engine.store import Output
-from pipeline.identification.fitting.problem import candidates
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.results import corrected_design, tables
 from pipeline.identification.results.residual_signatures import (
     SignatureCells,
@@ -187,6 +190,26 @@ def offered(request: pytest.FixtureRequest) -> tuple[str, ...]:
 def folder(offered: tuple[str, ...], identified_example: Callable[[Sequence[str]], Path]) -> Path:
     """Results of the README's command on the example with friction, of some effects or all; runs lie beside them."""
     return identified_example(offered)
+
+
+def test_a_written_study_has_the_zeros_of_the_angle_of_its_fit(friction_example: Path, condensed: Condensed) -> None:
+    """A fit that misses weighs its cells otherwise than by their noise."""
+    unit_folder = ROOT / "data/measured" / EXAMPLE
+    problem = problem_of(unit_folder, condensed)
+    fitter, data = Fitter(problem), problem.data
+    weighted = data.sigma * (1 + (data.torque > 0.5 * data.torque.max()) * 9)
+    fit = fitter.fit(Model(), np.ones(len(data), bool), fitter.start(Model()), 0)
+    measurement = Measurement.read(load_measured_unit(unit_folder, ROOT))
+    identification = SimpleNamespace(problem=problem, measurement=measurement)
+    path = friction_example / f"corrected-{EXAMPLE}.toml"
+    angles = [
+        corrected_design.written_study(identification, path, SimpleNamespace(**{**vars(fit), "sigma": sigma})).angle
+        for sigma in (data.sigma, weighted)
+    ]
+    for angle, sigma in zip(angles, (data.sigma, weighted), strict=True):
+        left = (data.angle - angle) / sigma**2
+        assert max(abs(np.sum(left[group])) for group in data.spans) < 1e-6 * np.sum(np.abs(left))
+    assert np.max(np.abs(angles[1] - angles[0])) > 1e-4
 
 
 def test_the_friction_that_was_put_in_is_named_with_its_size_and_written_into_the_design(folder: Path) -> None:

@@ -98,9 +98,10 @@ def written_study(identification: Identification, path: Path, fit: Fit) -> Writt
         angle[problem.data.position == position] = problem.forward.read(drives, position, bench).angle
     fitter = Fitter(problem)
     declared_angle = fitter.predict(Model(), fitter.start(Model())).angle
-    curves = [
-        curve + fitter.offsets(curve, np.ones(len(angle), bool), problem.data.sigma)
-        for curve in (angle, declared_angle)
+    every = np.ones(len(angle), bool)
+    curves = [  # zeros of the angle as the fit weighs its cells
+        curve + fitter.offsets(curve, every, sigma)
+        for curve, sigma in ((angle, fit.sigma), (declared_angle, problem.data.sigma))
     ]
     errors = [_rms(problem.data, curve) for curve in (curves[0], fit.predicted_angle, curves[1])]
     return WrittenStudy(path.name, curves[0], *errors)
