@@ -80,7 +80,7 @@ EFFECTS = (
     InstrumentEffect(
         name="torque_creep",
         title="creep of the torque sensor",
-        physics="the sensor's reading of a constant torque runs on: a share of it comes with a delay",
+        physics="under constant torque the reading of the sensor still changes: a share of it comes with a delay",
         source="creep of load cells, OIML R 60 (2017); first-order delay, as the standard linear solid has",
         parameters=(
             Parameter("share", "1", "part of the torque that is read with the delay"),

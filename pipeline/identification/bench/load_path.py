@@ -37,7 +37,7 @@ class Instrument:
     ----------
     torque_zero : [N m]
     torque_gain : [-]
-    torque_creep : (share, time constant [s]) of the torque that the sensor reads with a first-order delay besides.
+    torque_creep : share of the torque that is read again with a first-order delay, and its time constant [s].
     drift : [arcmin/h]
     encoder : amplitudes (cosine, sine) of the encoder's eccentricity [arcmin].
     ripple : torque of the motor, locked to its angle.
@@ -51,15 +51,15 @@ class Instrument:
     ripple: Ripple = field(default_factory=Ripple)
 
     def true_torque(self, read: Real) -> Real:
-        """Torque [N mm] that is read as ``read`` [N m], a creep of the sensor included."""
+        """Torque [N mm] that is read as ``read`` [N m]; what a creep of the sensor adds is not yet subtracted."""
         return NMM_PER_NM * (read - self.torque_zero) / (1 + self.torque_gain)
 
     @property
     def delayed_reading(self) -> KelvinVoigt:
-        """What a creep of the sensor adds to the torque, by the torque with it: as a twist follows a torque.
+        """What a creep of the sensor adds to its reading, as a function of the reading: an element with a delay.
 
-        Of r = T + c y and the delay y' = (T - y) / tau, c y = r - T follows r with the share c / (1 + c) and the time
-        constant tau / (1 + c).
+        The sensor reads r = T + c y of the torque T, with the share c and the delay y' = (T - y) / tau. So c y follows
+        r as a delayed twist follows a torque, with the share c / (1 + c) and the time constant tau / (1 + c).
         """
         share, time_constant = self.torque_creep
         return KelvinVoigt(share / (1 + share), time_constant / (1 + share))

@@ -110,8 +110,8 @@ class Selector:
     def select(self, cells: Truth) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most.
 
-        A fit with an effect may lead to numbers and tolerances that fit better without the effect, too. Where what is
-        named is not as probable beside these, all is tried anew from there, since an effect must not win by a start
+        A fit with an effect may lead to numbers and tolerances that fit better without the effect, too. If the name
+        does not hold against that fit, everything is tried anew beside it, since an effect must not win by a start
         that the model without it did not have.
         """
         base_fit = self.recalibrate(cells)
@@ -139,7 +139,7 @@ class Selector:
         return self._refine(fit, cells, fit.unknowns) if selection.members else fit
 
     def _against(self, selection: Selection, base_fit: Fit, cells: Truth) -> Selection:
-        """The selection with another fit without effects, which the odds are then over."""
+        """The selection with its odds over another fit without effects."""
         judge = Judge(self.fitter, cells, len(self.testable))
         covariance = Covariance(self.problem.data, cells, parts_of(self.problem.data, cells))
         base = self.trial(base_fit, cells, covariance)
