@@ -205,6 +205,13 @@ def test_effects_of_the_library_change_the_curves(smallest):
     twisted = np.concatenate(unit.unit.angles([torsion], [0.01]))
     torque = np.concatenate([ramp.torque for ramp in unit.unit.bench.ramps])
     assert twisted - reference == pytest.approx(0.01 * torque, abs=1e-9)
+    creep, gain = (
+        np.concatenate(unit.unit.angles([candidates()[name]], values))
+        for name, values in (("torque_creep", [0.05, 1e-6]), ("torque_gain", [0.05]))
+    )
+    later = np.concatenate([np.arange(len(ramp.torque)) > 0 for ramp in unit.unit.bench.ramps])
+    assert creep[later] == pytest.approx(gain[later], abs=1e-4)  # after the first row a delay of no length is a gain
+    assert np.max(np.abs(gain - reference)) > 0.01
 
 
 @pytest.mark.parametrize(("passes", "findings_of_unit"), [(60, 60), (57, 60), (1, 10), (199, 200)])
