@@ -47,9 +47,10 @@ PASSES: ShortcutCount = 4
 """Passes by which a fit is refined, at most."""
 MOST_REFINED: ShortcutCount = 3
 """Models of as many effects whose fits are refined, the most probable ones."""
-FALL_OF_BASE: Shortcut = 2.0
-"""Fall of the sum of squares, that of one nat, from which a further pass is tried; and in mean squares of a cell that
-of the model without effects, from which everything is tried anew beside it."""
+FALL_OF_PASS: Shortcut = 2.0
+"""Fall of the sum of squares, that of one nat, from which a further pass is tried."""
+GAIN_OF_BASE: Shortcut = 1.0
+"""Gain of the logarithm of the evidence of the model without effects from which everything is tried anew beside it."""
 
 
 def parts_of(data: Data, cells: Truth) -> Whole:
@@ -110,40 +111,41 @@ class Selector:
     def select(self, cells: Truth) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most.
 
-        A fit with an effect may lead to numbers and tolerances that fit better without the effect, too. If the name
-        does not hold against that fit, everything is tried anew beside it, since an effect must not win by a start
+        A fit with an effect may lead to numbers and tolerances that are more probable without the effect, too. If the
+        name does not hold against them, everything is tried anew beside them, since an effect must not win by a start
         that the model without it did not have.
         """
         base_fit = self.recalibrate(cells)
         while True:
             selection = self._beside(base_fit, cells)
-            rival = self._without_effects(selection, cells)
-            mean_square = max(base_fit.cost / np.count_nonzero(cells), 1.0)
-            if not rival.sound or rival.cost > base_fit.cost - FALL_OF_BASE * mean_square:
+            base = self._without_effects(selection, cells)
+            if base is selection.base:
                 return selection
-            challenged = self._against(selection, rival, cells)
+            judge = Judge(self.fitter, cells, len(self.testable))
+            challenged = judge.select(base, selection.trials, selection.promised_misfits)
             if selection.members and challenged.members == selection.members:
                 return challenged
-            base_fit = rival
+            base_fit = base.fit
 
-    def _without_effects(self, selection: Selection, cells: Truth) -> Fit:
-        """The fit without effects, started at the numbers and tolerances of the most probable model with effects.
+    def _without_effects(self, selection: Selection, cells: Truth) -> Trial:
+        """The most probable model without effects, of the base and of fits from what fits with effects led to.
 
-        Refined where something is named: a plain fit ends at the kinks that taking the effect away leads to.
+        They start at the numbers and tolerances of the most probable model; where something is named, of all models
+        about as probable, and are refined, since a plain fit ends at the kinks that taking the effect away leads to.
+        Two fits that miss as much may differ by many nats: contacts that close narrow what the numbers may be.
         """
-        if not selection.odds:
-            return selection.base.fit
-        unknowns = selection.trials[max(selection.odds, key=lambda name: selection.odds[name])].fit.unknowns
-        start = replace(self.fitter.start(Model()), scales=unknowns.scales, modes=unknowns.modes)
-        fit = self.fitter.fit(Model(), cells, start)
-        return self._refine(fit, cells, fit.unknowns) if selection.members else fit
-
-    def _against(self, selection: Selection, base_fit: Fit, cells: Truth) -> Selection:
-        """The selection with its odds over another fit without effects."""
-        judge = Judge(self.fitter, cells, len(self.testable))
+        odds, fits = selection.odds, []
+        names = [name for name in odds if odds[name] >= max(odds.values()) - ODDS]
+        for name in sorted(names, key=lambda name: -odds[name])[: MOST_REFINED if selection.members else 1]:
+            unknowns = selection.trials[name].fit.unknowns
+            start = replace(self.fitter.start(Model()), scales=unknowns.scales, modes=unknowns.modes)
+            fit = self.fitter.fit(Model(), cells, start)
+            fits.append(self._refine(fit, cells, fit.unknowns) if selection.members else fit)
         covariance = Covariance(self.problem.data, cells, parts_of(self.problem.data, cells))
-        base = self.trial(base_fit, cells, covariance)
-        return judge.select(base, selection.trials, selection.promised_misfits)
+        rivals = [self.trial(fit, cells, covariance, selection.base) for fit in fits if fit.sound]
+        best = most_probable([selection.base, *rivals])
+        gain = best.evidence.without_promise().value - selection.base.evidence.without_promise().value
+        return best if gain > GAIN_OF_BASE else selection.base
 
     def _beside(self, base_fit: Fit, cells: Truth) -> Selection:
         """The selection beside a fit without effects."""
@@ -309,7 +311,7 @@ class Selector:
             cost_before = best.cost
             for fit_further in (self.fitter.fit_averaged, self.fitter.fit_by_load):
                 further = fit_further(fit.model, cells, start)
-                best = further if further.sound and further.cost < best.cost - FALL_OF_BASE else best
+                best = further if further.sound and further.cost < best.cost - FALL_OF_PASS else best
                 start = best.unknowns
             if best.cost == cost_before:
                 break

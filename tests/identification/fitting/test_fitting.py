@@ -231,10 +231,10 @@ def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unkno
     assert passes.cost <= averaged.cost
     assert rms(fitter.problem, passes.predicted_angle)[1] < 1.4
 
-    known = SimpleNamespace(fit=plain)
+    known = selector.trial(plain, cells, Covariance(data, cells, data.position))
     selection = Selection(known, {"coulomb": known}, odds={"coulomb": 9.0}, members=("coulomb",))
-    assert selector._without_effects(selection, cells).cost < 0.2 * plain.cost
-    assert selector._without_effects(replace(selection, members=()), cells).cost > 0.5 * plain.cost
+    assert selector._without_effects(selection, cells).fit.cost < 0.2 * plain.cost
+    assert selector._without_effects(replace(selection, members=()), cells).fit.cost > 0.5 * plain.cost
 
 
 def test_a_fit_with_an_effect_is_refined_too_where_it_could_then_be_named(unknown):
@@ -296,12 +296,28 @@ def test_what_is_named_is_still_so_beside_a_better_fit_without_effects(
     selector = Selector(Fitter(with_angles(unit, fitter.predict(COULOMB, truth).angle + noise)), cells)
     selector.testable = {"coulomb": candidates()["coulomb"]}
     declared, beside, bases = selector.fitter.fit(Model(), cells, start, 0), selector._beside, []
+    better = selector.trial(selector.recalibrate(cells), cells, Covariance(unit.data, cells, unit.data.position))
     monkeypatch.setattr(selector, "recalibrate", lambda _: declared)
     monkeypatch.setattr(selector, "_beside", lambda base, cells: bases.append(base) or beside(base, cells))
+    monkeypatch.setattr(selector, "_without_effects", lambda selection, _: selection.base if bases[1:] else better)
     selection = selector.select(cells)
     assert selection.members == names
     assert len(bases) == searches
-    assert selection.base.fit.cost < 0.9 * declared.cost
+    assert selection.base.fit.cost == better.fit.cost < 0.9 * declared.cost
+
+
+def test_of_fits_without_effects_that_miss_as_much_the_most_probable_counts(unknown):
+    """One where contacts hold the numbers more closely is less probable by what they may then be."""
+    selector, cells = Selector(Fitter(unknown), everything(unknown)), everything(unknown)
+    fit = selector.recalibrate(cells)
+    narrow = replace(fit, jacobian=20 * fit.jacobian)
+    covariance = Covariance(unknown.data, cells, unknown.data.position)
+    base, wide = (selector.trial(one, cells, covariance) for one in (narrow, fit))
+    assert wide.evidence.without_promise().value > base.evidence.without_promise().value + 5
+    selection = Selection(base, {"coulomb": wide}, odds={"coulomb": 9.0}, members=())
+    assert selector._without_effects(selection, cells).evidence.value > base.evidence.value + 5
+    selection = replace(selection, base=wide)
+    assert selector._without_effects(selection, cells) is wide
 
 
 def test_a_calibrated_number_stops_at_the_end_of_its_plausible_range_unless_released(exact_unit):
