@@ -17,7 +17,7 @@ from itertools import product
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
-from scipy.special import gammaincinv, log_ndtr
+from scipy.special import gammaincinv, log_ndtr, logsumexp
 
 from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.fitter import Fitter
@@ -25,6 +25,10 @@ from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.selection.covariance import CORRELATIONS, REACHES, SIZES, Covariance, Structure
 from pipeline.statistics.resampling import CONFIDENCE
 
+PRIOR_WIDTHS = (1.0, 1 / 4, 1 / 16, 1 / 64, 1 / 256)
+"""Standard deviations of the prior of a size that are equally probable, in that by which its range is filled.
+
+A range says what is possible. Usual sizes are a hundred to two thousand times less."""
 FIRST = Structure(SIZES[2], SIZES[2], REACHES[0], CORRELATIONS[0])
 """From where the structure of the largest evidence is sought."""
 
@@ -35,6 +39,8 @@ class Evidence:
     Attributes
     ----------
     structure : beside the model, of the largest evidence.
+    widths : (n_unknowns,) of the priors, in their widest ones; sizes have the most probable of several.
+    cost_of_widths : logarithm of how much less the average of all widths is than the most probable ones.
     value : logarithm of the evidence; sizes that cannot be negative by a truncated integral.
     """
 
@@ -51,8 +57,31 @@ class Evidence:
         self._products: dict[tuple[float, float], Real] = {}
         self._known_values: dict[Structure, float] = {}
         self._systems: dict[Structure, tuple[Real, Real]] = {}
+        self.widths, self.cost_of_widths = np.ones(jacobian.shape[1]), 0.0
         self.structure = self._most_likely(start_structure or FIRST)
+        self._narrow_priors()
+        self._positive = self._log_share_above_zero()
         self.value = self._value(self.structure) + self._positive
+
+    def _narrow_priors(self) -> None:
+        """Give the sizes of each effect the most probable width of their prior, effect by effect.
+
+        The evidence is that of all widths together: what it is more than that of the most probable one is kept.
+        """
+        for sizes in self._sizes_by_effect():
+            values = []
+            for width in PRIOR_WIDTHS:
+                self.widths[sizes] = width
+                values.append(self._log_evidence(self.structure, self._everything) + self._log_share_above_zero())
+            self.widths[sizes] = PRIOR_WIDTHS[int(np.argmax(values))]
+            self.cost_of_widths += float(np.log(len(PRIOR_WIDTHS)) + max(values) - logsumexp(values))
+        self._known_values.clear()
+
+    def _sizes_by_effect(self) -> list[list[int]]:
+        """Columns of the sizes of each effect, the parameters that can be zero."""
+        columns = iter(enumerate(self.bounds, len(self.fit.unknowns.scales)))
+        of_effects = [[next(columns) for _ in effect.parameters] for effect in self.fit.model.effects]
+        return [[column for column, (low, high) in one if low <= 0 <= high] for one in of_effects]
 
     @cached_property
     def _everything(self) -> Truth:
@@ -86,7 +115,7 @@ class Evidence:
         """
         k, gram = self.jacobian.shape[1], self._gram(structure, is_chosen)
         other_columns = np.delete(np.arange(len(gram)), k)
-        spread = np.append(np.ones(k), self.covariance.spreads(structure))
+        spread = np.append(self.widths, self.covariance.spreads(structure))
         scaled_gram = spread[:, None] * gram[np.ix_(other_columns, other_columns)] * spread
         factor = cholesky(np.eye(len(spread)) + scaled_gram, lower=True)
         return spread, factor, spread * gram[other_columns, k], float(gram[k, k])
@@ -96,9 +125,8 @@ class Evidence:
         _, factor, right_side, square = self._solved(structure, is_chosen)
         explained_square = np.sum(solve_triangular(factor, right_side, lower=True) ** 2)
         size = float(np.sum(np.log(np.diag(factor)))) + 0.5 * float(is_chosen.sum()) * np.log(2 * np.pi)
-        return float(
-            -0.5 * (square - explained_square) - size + self.covariance.log_scale(structure.correlation, is_chosen)
-        )
+        scale = self.covariance.log_scale(structure.correlation, is_chosen)
+        return float(-0.5 * (square - explained_square) - size + scale - self.cost_of_widths)
 
     def _value(self, structure: Structure) -> float:
         if structure not in self._known_values:
@@ -161,13 +189,14 @@ class Evidence:
 
     @cached_property
     def unknowns(self) -> tuple[Real, Real]:
-        """Mean and covariance of the unknowns about the centre of their priors, in their standard deviations."""
+        """Mean and covariance of the unknowns about the centre of their priors, in the widest prior deviations."""
         return self._unknowns_beside(self.structure)
 
     def _unknowns_beside(self, structure: Structure) -> tuple[Real, Real]:
         (spread, factor, right_side, _), k = self._solved(structure, self._everything), self.jacobian.shape[1]
         covariance = cho_solve((factor, True), np.eye(len(spread), k))[:k]
-        return cho_solve((factor, True), right_side)[:k], covariance
+        mean = cho_solve((factor, True), right_side)[:k]
+        return self.widths * mean, self.widths[:, None] * covariance * self.widths
 
     def without_promise(self) -> "Evidence":
         """The evidence by Laplace's method at the unknowns of the fit.
@@ -191,10 +220,9 @@ class Evidence:
         """The most probable unknowns (n_unknowns,) in their units."""
         return np.asarray(self.centre + self.spread * self.unknowns[0])
 
-    @cached_property
-    def _positive(self) -> float:
+    def _log_share_above_zero(self) -> float:
         """Logarithm of the share of the posterior of sizes that cannot be negative, over that of their prior."""
-        mean, covariance = self.unknowns
+        mean, covariance = self._unknowns_beside(self.structure)
         first_share = len(self.fit.unknowns.scales)
         columns = [first_share + k for k, (low, _) in enumerate(self.bounds) if low == 0]
         return float(sum(log_ndtr(mean[k] / np.sqrt(covariance[k, k])) + np.log(2) for k in columns))

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from linear_unit import LinearFitter, linear_data, model_of
 from scipy.linalg import block_diag
-from scipy.special import gammaincinv, log_ndtr
+from scipy.special import gammaincinv, log_ndtr, logsumexp, ndtr
 from scipy.stats import multivariate_normal
 
 from pipeline.identification.fitting.fitter import OPEN_SHARE
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection.covariance import CORRELATIONS, OFFSET, REACHES, SIZES, Covariance, Structure
-from pipeline.identification.selection.evidence import Evidence
+from pipeline.identification.selection.evidence import PRIOR_WIDTHS, Evidence
 from pipeline.identification.selection.model_selection import parts_of
 
 SIGMA = 0.1
@@ -47,10 +47,10 @@ def alike_over(reach):
     return (bumps @ bumps.T) * (DATA.senses[:, None] == DATA.senses)
 
 
-def dense(structure, design, columns=2):
-    """Covariance of the cells: priors, zeros, structure and correlated noise."""
+def dense(structure, design, columns=2, width=1.0):
+    """Covariance of the cells: priors, that of the size narrowed, zeros, structure and correlated noise."""
     unit = np.median(DATA.sigma)
-    prior = np.array([SPREAD, OPEN_SHARE])[:columns]
+    prior = np.array([SPREAD, width * OPEN_SHARE])[:columns]
     zero = OFFSET * unit * (DATA.position[:, None] == np.unique(DATA.position))
     alike = alike_over(structure.reach)
     same, same_cycle = (number[:, None] == number for number in (DATA.position, DATA.cycle))
@@ -70,8 +70,42 @@ def test_value_is_the_density_of_the_cells_under_one_covariance(structure):
     design, angle = drawn()
     fitter, fit = fitted(angle, design)
     evidence = Evidence(COVARIANCE, fitter, fit)
-    expected = multivariate_normal.logpdf(angle, cov=dense(structure, design))
+    expected = multivariate_normal.logpdf(angle, cov=dense(structure, design)) - evidence.cost_of_widths
     assert evidence._value(structure) == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("size", "narrowest", "widest"), [(0.4, 1 / 4, 1.0), (0.05, 1 / 64, 1 / 4), (0.0, 0.0, 1 / 64)]
+)
+def test_the_prior_of_a_size_has_several_widths_that_are_equally_probable(size, narrowest, widest):
+    """By dense algebra: the mean of the densities of the cells, each over the sizes above zero."""
+    design, angle = drawn(size=size)
+    evidence, values = Evidence(COVARIANCE, *fitted(angle, design)), []
+    for width in PRIOR_WIDTHS:
+        prior, covariance = np.array([SPREAD, width * OPEN_SHARE]), dense(evidence.structure, design, 2, width)
+        of_cells = covariance - (design * prior) @ (design * prior).T
+        posterior = np.linalg.inv(np.diag(prior**-2) + design.T @ np.linalg.solve(of_cells, design))
+        mean = posterior @ design.T @ np.linalg.solve(of_cells, angle)
+        above_zero = 2 * ndtr(mean[1] / np.sqrt(posterior[1, 1]))
+        values.append(multivariate_normal.logpdf(angle, cov=covariance) + np.log(above_zero))
+        if width == evidence.widths[1]:
+            np.testing.assert_allclose(evidence.most_probable, mean, atol=1e-5)
+            np.testing.assert_allclose(evidence.deviations**2, np.diag(posterior), rtol=1e-3)
+    assert evidence.value == pytest.approx(logsumexp(values) - np.log(len(values)), abs=1e-4)
+    assert evidence.widths[1] == PRIOR_WIDTHS[np.argmax(values)]
+    assert narrowest <= evidence.widths[1] <= widest
+    assert evidence.widths[0] == 1.0
+
+
+@pytest.mark.parametrize("size", [0.1, 0.02])
+def test_a_range_that_is_wider_or_narrower_costs_an_effect_next_to_nothing(size):
+    """Without the choice of widths four times the range costs log 4."""
+    design, angle = drawn(size=size)
+    values = []
+    for share in (0.5, 1.0, 2.0):
+        fitter, fit = fitted(angle, design * [1.0, share])
+        values.append(Evidence(COVARIANCE, fitter, fit).value)
+    assert np.ptp(values) < 0.4 < np.log(4)
 
 
 def test_without_promise_it_is_laplaces_integral_about_the_unknowns_of_the_fit():
@@ -87,7 +121,7 @@ def test_without_promise_it_is_laplaces_integral_about_the_unknowns_of_the_fit()
     expected += multivariate_normal.logpdf(values, np.zeros(2), np.diag(prior**2))
     expected += 0.5 * np.linalg.slogdet(2 * np.pi * posterior)[1]
     at_fit = evidence.without_promise()
-    assert at_fit.value - at_fit._positive == pytest.approx(expected, abs=1e-4)
+    assert at_fit.value - at_fit._positive == pytest.approx(expected - evidence.cost_of_widths, abs=1e-4)
     assert evidence.value - at_fit.value > 1.0
     assert at_fit.without_promise().value == at_fit.value
     assert at_fit.log_evidence_up_to(np.inf, np.inf) == at_fit.value

@@ -4,15 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri  # scipy.stats is slow to import
+from scipy.special import logsumexp, ndtri  # scipy.stats is slow to import
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.constant_kinds import Fineness, Shown
 from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.covariance import Structure
 from pipeline.identification.selection.criteria import LARGEST_CLASS, ODDS, Trial, prior_log_odds
+from pipeline.identification.selection.evidence import PRIOR_WIDTHS
 from pipeline.statistics.resampling import CONFIDENCE
 
 START: Shown = 0.01
@@ -122,7 +123,7 @@ class _Sought:
             self.pattern = change
             information = float(evidence.information(change[:, None])[0, 0])
             scores = evidence.scores(change[:, None])[:, 0]
-            self.cost = self._cost_of_parameters(change[:, None] * self.prior)
+            self.cost = self._cost_of_parameters(change[:, None] * self.prior, np.array([True]))
             self.scatter = float(np.sqrt(max(1.0, np.sum(scores**2) / max(information, 1e-300))))
             self.structure = evidence.best_structure(self._needed_share, self.structure)
             ratio = self._needed_share(self.structure)
@@ -147,11 +148,19 @@ class _Sought:
             return 0.0
         return float((np.sqrt(2 * odds) + ndtri(CONFIDENCE) * self.scatter) / np.sqrt(max(information, 1e-12)))
 
-    def _cost_of_parameters(self, changes: Real) -> float:
-        """Fall of the evidence by parameters whose prior deviations make ``changes`` (n_cells, n_parameters)."""
-        information = np.eye(changes.shape[1]) + self.base.evidence.information(changes)
+    def _cost_of_parameters(self, changes: Real, is_size: Truth) -> float:
+        """Fall of the evidence by parameters whose widest priors make ``changes`` (n_cells, n_parameters).
+
+        At the amplitude, over all widths of the prior of the sizes.
+        """
+        information = self.base.evidence.information(changes)
+        costs = []
+        for width in PRIOR_WIDTHS:
+            widths = np.where(is_size, width, 1.0)
+            precision = np.eye(len(widths)) + widths[:, None] * information * widths
+            costs.append(0.5 * np.linalg.slogdet(precision)[1] + 0.5 / (width * self.prior) ** 2)
         halves = sum(low == 0 for low, _ in self.bounds)
-        return float(0.5 * np.linalg.slogdet(information)[1] - halves * np.log(2))
+        return float(np.log(len(PRIOR_WIDTHS)) - logsumexp(-np.array(costs)) - halves * np.log(2))
 
     def _cost_of_all(self) -> float:
         """As ``_cost_of_parameters``, of all parameters at the size that was found: phases and times are fitted too."""
@@ -163,7 +172,8 @@ class _Sought:
         weight = 1 / fitter.problem.data.sigma**2
         first = len(unknowns.scales)
         jacobian, _ = fitter.jacobian(model, unknowns, prediction, fitter.positions, weight, known_derivatives)
-        return self._cost_of_parameters(OPEN_SHARE * jacobian[:, first : first + len(self.bounds)])
+        is_size = np.array([low <= 0 <= high for low, high in self.bounds])
+        return self._cost_of_parameters(OPEN_SHARE * jacobian[:, first : first + len(self.bounds)], is_size)
 
     def limit(self, rivals: Sequence[tuple[float, float]]) -> DetectionLimit:
         """Both sizes.
