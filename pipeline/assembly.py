@@ -154,7 +154,7 @@ def contact_laws(study: Study, reducer: Reducer) -> ContactLaws:
         As ``pin_laws``.
     """
     laws = concatenated_laws([pin_laws(study, reducer), output_laws(study)])
-    return with_factors(laws, study.design, reducer, law_factors(study))
+    return with_factors(laws, study.design, reducer, law_factors(study), usual_forces(study.design))
 
 
 def pin_laws(study: Study, reducer: Reducer) -> ContactLaws:
@@ -185,8 +185,10 @@ def law_factors(study: Study) -> tuple[float, ...]:
     return tuple(getattr(study.springs, factor.key) for factor in LAW_FACTORS)
 
 
-def with_factors(laws: ContactLaws, design: Design, reducer: Reducer, factors: Sequence[float]) -> ContactLaws:
-    """Laws of every contact of a reducer with factors in the order of ``LAW_FACTORS``.
+def with_factors(
+    laws: ContactLaws, design: Design, reducer: Reducer, factors: Sequence[float], forces: Real
+) -> ContactLaws:
+    """Laws of every contact of a reducer with factors in the order of ``LAW_FACTORS``, at its ``usual_forces``.
 
     The deflection of a pin whose relative radius of curvature with the flank is R', of its own radius r, is multiplied
     by the factor of half a radius to the power log2(r/R'): 1 on a flat flank, the factor where R' = r/2.
@@ -196,7 +198,7 @@ def with_factors(laws: ContactLaws, design: Design, reducer: Reducer, factors: S
     deflection = np.where(np.arange(len(laws)) < n_pins, of_pins, of_output)
     radius_ratio = 1 + design.cycloid.pin_radius_mm * reducer.pins.flank_curvature
     deflection[:n_pins] *= of_half_radius ** np.log2(radius_ratio)
-    return scaled_laws(curved_laws(laws, curvature, usual_forces(design)), deflection)
+    return scaled_laws(curved_laws(laws, curvature, forces), deflection)
 
 
 def usual_forces(design: Design) -> Real:

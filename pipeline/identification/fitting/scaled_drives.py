@@ -138,6 +138,7 @@ def drives_of(
     reducers = _Part(*of_numbers, lambda scaled, crank: assembly.reducer(scaled.design, crank), _places, angles)
     pins = _Part(*of_numbers, _laws_of_pins, _content, angles)
     output = _Part(*of_numbers, lambda scaled, _: assembly.output_laws(scaled), _content, angles[:1])
+    forces = _Part(*of_numbers, lambda scaled, _: assembly.usual_forces(scaled.design), np.ndarray.tobytes, angles[:1])
 
     @lru_cache(maxsize=kept_drives)
     def compliance(factor: float, position: int) -> Real:
@@ -161,7 +162,8 @@ def drives_of(
     def drive(scales: Scales, position: int) -> Drive:
         numbers, factors = scales[: len(keys)], own_factors * scales[len(keys) :]
         declared = with_numbers(numbers, position)
-        laws = assembly.with_factors(declared.laws, scaled_study(numbers).design, declared.reducer, factors.tolist())
+        design, usual_forces = scaled_study(numbers).design, forces.part_at(numbers, angles[0])
+        laws = assembly.with_factors(declared.laws, design, declared.reducer, factors.tolist(), usual_forces)
         return replace(declared, laws=laws, known_gap=declared.gap_of_errors)
 
     return drive
