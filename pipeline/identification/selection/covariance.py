@@ -14,6 +14,7 @@ from scipy.special import ndtri
 from pipeline.arrays import Real, Truth, Whole
 from pipeline.constant_kinds import Rounding
 from pipeline.identification.fitting.data import Data, TurningData
+from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.statistics.resampling import CONFIDENCE
 
 REACHES = (0.15, 0.5)
@@ -22,8 +23,19 @@ SIZES = (1e-3, *(0.1 * 2.0 ** np.arange(10)).tolist())
 """Standard deviations of a discrepancy that are tried, in those of the median cell's noise."""
 CORRELATIONS = (0.0, 0.3, 0.6, 0.85)
 """Correlations of the noise of neighbouring cells of a branch."""
+SINGLE_GROUPS = 6
+"""Positions (or cycles) up to which each is left out by itself; more are left out in three lots, spread evenly over
+them, so that the time grows as the rows do."""
 OFFSET: Rounding = 1e3
 """Prior standard deviation of the zero of an angle, in those of the median cell: equal in all models."""
+
+
+def parts_of(data: Data, cells: Truth) -> Whole:
+    """Number of what each cell (n_cells,) is left out with: a position, a cycle of a single one, or a lot of them."""
+    group = data.held_out_parts(cells)
+    numbers = np.unique(group[cells])
+    rank = np.searchsorted(numbers, group)
+    return rank if len(numbers) <= SINGLE_GROUPS else rank % FEWEST_COMPARED
 
 
 @dataclass(frozen=True)

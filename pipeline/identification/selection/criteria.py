@@ -15,7 +15,8 @@ named if and only if
 (f) with it, unused data are predicted as a right model would (``adequacy``).
 
 A further effect is named where the model with it is more probable than the best with fewer by the same odds: of loops
-two at most, of records as many as that holds for. Named together, as a class, are the models that are at least a
+two at most, of which the second explains more than the form of the model may leave of the misfit; of records as many
+as that holds for. Named together, as a class, are the models that are at least a
 twentieth as probable as the best one; the odds of (a) and (e) are asked of one of them.
 """
 
@@ -26,7 +27,7 @@ from math import comb
 from typing import Generic, TypeVar
 
 import numpy as np
-from scipy.special import chdtrc, logsumexp  # scipy.stats is slow to import
+from scipy.special import logsumexp  # scipy.stats is slow to import
 
 from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.fitter import Fitter
@@ -34,7 +35,7 @@ from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import REMAINING_SHARE
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.selection.covariance import SIZES
-from pipeline.identification.selection.evidence import Evidence
+from pipeline.identification.selection.evidence import Evidence, tolerance_share
 from pipeline.statistics.resampling import LEVEL
 
 T = TypeVar("T")
@@ -305,12 +306,19 @@ class Judge(Rule[Trial]):
 
     def select(self, base: Trial, trials: Mapping[str, Trial], promised_misfits: Mapping[str, float]) -> Selection:
         """What may be named of some trials."""
-        choice = self.choice(base, trials)
+        choice = self.choice(base, {name: t for name, t in trials.items() if self._is_beyond_form(t, base, trials)})
         return Selection(base, trials, promised_misfits, choice.odds, choice.reasons, choice.best_model, choice.members)
+
+    @staticmethod
+    def _is_beyond_form(trial: Trial, base: Trial, trials: Mapping[str, Trial]) -> bool:
+        """Whether all effects of a trial explain more than the form of the model may leave beside one of them alone."""
+        singles = [trials[effect.name].rms for effect in trial.fit.model.effects if effect.name in trials]
+        is_single = trial.fit.model.n_effects == 1
+        return is_single or min(singles, default=np.inf) ** 2 - trial.rms**2 > (FORM * base.rms) ** 2
 
     def chosen_without(self, selection: Selection, part: int) -> str:
         """Name of the model that the same odds choose from all cells but those of a part; "" for none."""
-        values = {name: trial.evidence.training[part] for name, trial in selection.trials.items()}
+        values = {name: selection.trials[name].evidence.training[part] for name in selection.odds}
         return best_of(self.odds(selection.base.evidence.training[part], values))
 
     def value(self, trial: Trial, misfit: float = np.inf) -> float:
@@ -349,19 +357,6 @@ class Judge(Rule[Trial]):
         share = tolerance_share(fit, trial.evidence)
         if share < UNLIKELY:
             yield f"it needs tolerances that {share:.1g} of the study's units have"
-
-
-def tolerance_share(fit: Fit, evidence: Evidence) -> float:
-    """Share of the study's units whose tolerances lie as far from the usual unit as those fitted; 1 without any.
-
-    Modes of the tolerances have unit variance, so their sum of squares is chi-square with as many degrees of freedom.
-    Their posterior mean is taken: what the structure beside the model takes up is no tolerance.
-    """
-    n_modes = len(fit.unknowns.modes)
-    if not n_modes:
-        return 1.0
-    modes = evidence.unknowns[0][-n_modes:]
-    return float(chdtrc(n_modes, modes @ modes))
 
 
 def best_of(odds: Mapping[str, float]) -> str:

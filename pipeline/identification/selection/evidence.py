@@ -17,7 +17,7 @@ from itertools import product
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
-from scipy.special import gammaincinv, log_ndtr, logsumexp
+from scipy.special import chdtrc, gammaincinv, log_ndtr, logsumexp
 
 from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.fitter import Fitter
@@ -342,3 +342,16 @@ class Evidence:
         if structure not in self._systems:
             self._systems[structure] = self._solved(structure, self._everything)[:2]
         return self._systems[structure]
+
+
+def tolerance_share(fit: Fit, evidence: Evidence) -> float:
+    """Share of the study's units whose tolerances lie as far from the usual unit as those fitted; 1 without any.
+
+    Modes of the tolerances have unit variance, so their sum of squares is chi-square with as many degrees of freedom.
+    Their posterior mean is taken: what the structure beside the model takes up is no tolerance.
+    """
+    n_modes = len(fit.unknowns.modes)
+    if not n_modes:
+        return 1.0
+    modes = evidence.unknowns[0][-n_modes:]
+    return float(chdtrc(n_modes, modes @ modes))

@@ -17,8 +17,9 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Model
 from pipeline.identification.selection.carried_over import expected_misfit
+from pipeline.identification.selection.covariance import parts_of
 from pipeline.identification.selection.criteria import ODDS, Judge, Selection
-from pipeline.identification.selection.model_selection import Selector, parts_of
+from pipeline.identification.selection.model_selection import Selector
 from pipeline.identification.selection.statements.remainder import position_scatter
 
 STAGES = ("declared", "recalibrated", "after")

@@ -2,36 +2,32 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import permutations, product
+from itertools import permutations
+from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.arrays import Truth, Whole
+from pipeline.arrays import Truth
 from pipeline.constant_kinds import Shortcut, ShortcutCount, ShownCount
-from pipeline.identification.fitting.data import Data
-from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, Fitter
+from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
-from pipeline.identification.measurement.enough import FEWEST_COMPARED
-from pipeline.identification.selection.covariance import Covariance
+from pipeline.identification.selection.covariance import Covariance, parts_of
 from pipeline.identification.selection.criteria import (
     MOST_NAMED,
     ODDS,
     Judge,
     Selection,
     Trial,
+    best_of,
     least_fall,
     most_probable,
     odds_over_fewer,
 )
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.pairs import promising_pairs
-from pipeline.identification.selection.screening import RIVAL, Promise, Screening, screen_effects
+from pipeline.identification.selection.screening import RIVAL, Promise, Screening, screen_effects, start_from_declared
 
-FIRST_SHARE: Shortcut = 0.1
-"""Share of its bounds by which a parameter starts off no effect in either sense."""
-EDGE: Shortcut = 0.01
-"""Share of its bounds from an end at which it starts at least."""
 FAR_FROM_DECLARED: Shortcut = 0.3
 """Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
 MOST_EFFECTS: ShownCount = 4
@@ -40,9 +36,6 @@ PAIRS: ShortcutCount = 10
 """Pairs of effects that are fitted, those that promise most beside the model without effects."""
 ADDITIONS: ShortcutCount = 4
 """Effects that are tried on top of the best, those that explain most of what it leaves."""
-SINGLE_GROUPS = 6
-"""Positions (or cycles) up to which each is left out by itself; more are left out in three lots, spread evenly over
-them, so that the time grows as the rows do."""
 PASSES: ShortcutCount = 4
 """Passes by which a fit is refined, at most."""
 MOST_REFINED: ShortcutCount = 3
@@ -53,12 +46,12 @@ GAIN_OF_BASE: Shortcut = 1.0
 """Gain of the logarithm of the evidence of the model without effects from which everything is tried anew beside it."""
 
 
-def parts_of(data: Data, cells: Truth) -> Whole:
-    """Number of what each cell (n_cells,) is left out with: a position, a cycle of a single one, or a lot of them."""
-    group = data.held_out_parts(cells)
-    numbers = np.unique(group[cells])
-    rank = np.searchsorted(numbers, group)
-    return rank if len(numbers) <= SINGLE_GROUPS else rank % FEWEST_COMPARED
+class Tries(NamedTuple):
+    """Cells (n_cells,) to which models are fitted, their covariance, and the rule on what is tried."""
+
+    cells: Truth
+    covariance: Covariance
+    judge: Judge
 
 
 class Selector:
@@ -100,6 +93,10 @@ class Selector:
         effects = [effect for name, effect in self.testable.items() if name in wanted_names - included_names]
         return screen_effects(self.fitter, cells, bases, effects)
 
+    def _tries(self, cells: Truth) -> Tries:
+        data, judge = self.problem.data, Judge(self.fitter, cells, len(self.testable))
+        return Tries(cells, Covariance(data, cells, parts_of(data, cells)), judge)
+
     def trial(self, fit: Fit, cells: Truth, covariance: Covariance, base: Trial | None = None) -> Trial:
         """A fitted model with its evidence."""
         data = self.problem.data
@@ -121,8 +118,7 @@ class Selector:
             base = self._without_effects(selection, cells)
             if base is selection.base:
                 return selection
-            judge = Judge(self.fitter, cells, len(self.testable))
-            challenged = judge.select(base, selection.trials, selection.promised_misfits)
+            challenged = self._tries(cells).judge.select(base, selection.trials, selection.promised_misfits)
             if selection.members and challenged.members == selection.members:
                 return challenged
             base_fit = base.fit
@@ -141,36 +137,35 @@ class Selector:
             start = replace(self.fitter.start(Model()), scales=unknowns.scales, modes=unknowns.modes)
             fit = self.fitter.fit(Model(), cells, start)
             fits.append(self._refine(fit, cells, fit.unknowns) if selection.members else fit)
-        covariance = Covariance(self.problem.data, cells, parts_of(self.problem.data, cells))
-        rivals = [self.trial(fit, cells, covariance, selection.base) for fit in fits if fit.sound]
+        tries = self._tries(cells)
+        rivals = [self.trial(fit, cells, tries.covariance, selection.base) for fit in fits if fit.sound]
         best = most_probable([selection.base, *rivals])
         gain = best.evidence.without_promise().value - selection.base.evidence.without_promise().value
-        return best if gain > GAIN_OF_BASE else selection.base
+        return self._at_most_probable(best, tries) if gain > GAIN_OF_BASE else selection.base
 
     def _beside(self, base_fit: Fit, cells: Truth) -> Selection:
         """The selection beside a fit without effects."""
-        data, judge = self.problem.data, Judge(self.fitter, cells, len(self.testable))
-        covariance = Covariance(data, cells, parts_of(data, cells))
-        base = self.trial(base_fit, cells, covariance)
+        tries = self._tries(cells)
+        base = self.trial(base_fit, cells, tries.covariance)
         promises = self.screen(cells, base.fit)
         fits = self.fits(base.fit, cells, promises)
         fall = least_fall(MOST_NAMED, len(self.testable))
         for model, start in promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, fall):
             rival_cost = min(_rival_cost(fits), base.fit.cost - fall)
             fits.append(self.fitter.fit_from_best(model, cells, [start], rival_cost=rival_cost))
-        trials = {fit.model.name: self.trial(fit, cells, covariance, base) for fit in fits if np.isfinite(fit.cost)}
-        selection = judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
-        selection = self._with_all_solutions(selection, promises, cells, covariance, judge)
-        selection = self._with_refined_fits(selection, cells, covariance, judge)
-        selection = self._with_additions(selection, cells, covariance, judge)
-        selection = self._with_twins(selection, cells, covariance, judge)
-        selection = self._with_refined_fits(selection, cells, covariance, judge)
-        return self._at_their_most_probable(selection, cells, covariance, judge)
+        fits = [fit for fit in fits if np.isfinite(fit.cost)]
+        trials = {fit.model.name: self.trial(fit, cells, tries.covariance, base) for fit in fits}
+        selection = tries.judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
+        selection = self._with_all_solutions(selection, promises, tries)
+        selection = self._with_refined_fits(selection, tries)
+        selection = self._with_additions(selection, tries)
+        selection = self._with_reductions(selection, tries)
+        selection = self._with_twins(selection, tries)
+        selection = self._with_refined_fits(selection, tries)
+        return self._at_their_most_probable(selection, tries)
 
-    def _at_their_most_probable(
-        self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge
-    ) -> Selection:
-        """The selection, its models that may be named with the evidence of places at which they were predicted.
+    def _at_their_most_probable(self, selection: Selection, tries: Tries) -> Selection:
+        """The selection with the evidence of places at which the models were predicted that may be named, and the base.
 
         A fit minimises the misfit in the noise alone, while the evidence also has the structure beside the model. The
         most probable unknowns may therefore lie away from the fit, where its derivatives no longer hold. So the model
@@ -178,59 +173,74 @@ class Selector:
         problem predicts elsewhere.
         """
         trials, done = dict(selection.trials), set[str]()
+        base = self._at_most_probable(selection.base, tries)
+        selection = tries.judge.select(base, trials, selection.promised_misfits)
         while new := [name for name in selection.reasons if name not in done]:
-            for name in new:
-                trial = trials[name]
-                fit = self.fitter.fit_at(trial.fit, trial.evidence.most_probable, cells)
-                predicted = [trial.evidence.without_promise()]
-                if fit.sound:
-                    predicted.append(self.trial(fit, cells, covariance, trial).evidence.without_promise())
-                evidence = max(predicted, key=lambda one: one.value)
-                trials[name] = replace(trial, evidence=evidence)
+            trials |= {name: self._at_most_probable(trials[name], tries) for name in new}
             done.update(new)
-            selection = judge.select(selection.base, trials, selection.promised_misfits)
+            selection = tries.judge.select(base, trials, selection.promised_misfits)
         return selection
 
-    def _with_all_solutions(
-        self, selection: Selection, promises: Mapping[str, Promise], cells: Truth, covariance: Covariance, judge: Judge
-    ) -> Selection:
+    def _at_most_probable(self, trial: Trial, tries: Tries) -> Trial:
+        """A trial with the evidence of its fit, or of its most probable unknowns, whichever is more probable."""
+        fit = self.fitter.fit_at(trial.fit, trial.evidence.most_probable, tries.cells)
+        predicted = [trial.evidence.without_promise()]
+        if fit.sound:
+            predicted.append(self.trial(fit, tries.cells, tries.covariance, trial).evidence.without_promise())
+        return replace(trial, evidence=max(predicted, key=lambda one: one.value))
+
+    def _known_odds(self, selection: Selection, tries: Tries) -> dict[str, float]:
+        """Odds of models with no more beside them than the form of the model leaves; the others are named for nothing.
+
+        Of an effect whose fit has ended early a discrepancy takes up what is left, so that another may lead by it.
+        """
+        judge, misfit = tries.judge, tries.judge.misfit(selection.base)
+        values = {name: judge.value(selection.trials[name], misfit) for name in selection.odds}
+        return judge.odds(judge.value(selection.base), values)
+
+    def _with_all_solutions(self, selection: Selection, promises: Mapping[str, Promise], tries: Tries) -> Selection:
         """The selection with single effects, as probable as what may be named, fitted from all of their starts.
 
         Where contacts open and close, and where calibrated numbers may stand in for an effect, a fit has several
         solutions. The most probable one counts; the others widen the intervals of its parameters.
         """
-        if not selection.best_model:
-            return selection
-        trials, least_odds = dict(selection.trials), selection.odds[selection.best_model] - 2 * ODDS
-        for name in [name for name, odds in selection.odds.items() if odds >= least_odds and name in promises]:
+        trials, leaders = dict(selection.trials), set[str]()
+        for odds in (selection.odds, self._known_odds(selection, tries)):
+            best_model = best_of(odds)
+            leaders |= {name for name in odds if best_model and odds[name] >= odds[best_model] - 2 * ODDS}
+        for name in [name for name in selection.odds if name in leaders and name in promises]:
             model, base = trials[name].fit.model, selection.base
-            fits = [self.fitter.fit(model, cells, start, base_fit=base.fit) for start in promises[name].starts]
-            fits.append(self.fitter.fit(model, cells, self._from_declared(model, cells, base.fit.unknowns)))
-            solutions = [self.trial(fit, cells, covariance, base) for fit in fits if fit.sound]
+            fits = [self.fitter.fit(model, tries.cells, start, base_fit=base.fit) for start in promises[name].starts]
+            start = start_from_declared(self.fitter, model, tries.cells, base.fit.unknowns)
+            fits.append(self.fitter.fit(model, tries.cells, start))
+            solutions = [self.trial(fit, tries.cells, tries.covariance, base) for fit in fits if fit.sound]
             trials[name] = most_probable([trials[name], *solutions])
-        return judge.select(selection.base, trials, selection.promised_misfits)
+        return tries.judge.select(selection.base, trials, selection.promised_misfits)
 
-    def _with_refined_fits(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
+    def _with_refined_fits(self, selection: Selection, tries: Tries) -> Selection:
         """The selection with the fits of models that may be named refined, as that of the model without effects is.
 
         Of as many effects the most probable ones, if they are within the odds of what a name takes, or would be if they
         missed no more than the noise.
         """
-        trials, odds, base, n_cells = dict(selection.trials), selection.odds, selection.base, np.count_nonzero(cells)
+        trials, odds, base = dict(selection.trials), selection.odds, selection.base
+        known_leader = best_of(self._known_odds(selection, tries))
         for n_effects in range(1, MOST_NAMED + 1):
             names = [name for name in odds if trials[name].fit.model.n_effects == n_effects]
-            for name in sorted(names, key=lambda name: -odds[name])[:MOST_REFINED]:
+            leading_names = sorted(names, key=lambda name: -odds[name])[:MOST_REFINED]
+            for name in dict.fromkeys([*leading_names, *(name for name in names if name == known_leader)]):
                 known, best = trials[name], max(odds[other] for other in names)
                 least = max(ODDS, odds_over_fewer(name, odds))
-                largest_gain = max(ODDS, 0.5 * (known.fit.cost - n_cells))
-                if not known.is_refined and odds[name] + largest_gain >= (best - ODDS if best >= least else least):
-                    fit = self._refine(known.fit, cells, known.fit.unknowns)
-                    solutions = [self.trial(fit, cells, covariance, base), known, *known.other_solutions]
+                largest_gain = max(ODDS, 0.5 * (known.fit.cost - np.count_nonzero(tries.cells)))
+                leads = name == known_leader or odds[name] + largest_gain >= (best - ODDS if best >= least else least)
+                if leads and not known.is_refined:
+                    fit = self._refine(known.fit, tries.cells, known.fit.unknowns)
+                    solutions = [self.trial(fit, tries.cells, tries.covariance, base), known, *known.other_solutions]
                     trials[name] = replace(most_probable(solutions), is_refined=True)
-            odds = judge.select(base, trials, selection.promised_misfits).odds
-        return judge.select(base, trials, selection.promised_misfits)
+            odds = tries.judge.select(base, trials, selection.promised_misfits).odds
+        return tries.judge.select(base, trials, selection.promised_misfits)
 
-    def _with_twins(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
+    def _with_twins(self, selection: Selection, tries: Tries) -> Selection:
         """The selection with pairs in which an effect that looks like a member of the best pair takes its place.
 
         Where one of them stands for the other, both belong to the class; which was fitted first is chance.
@@ -244,23 +254,43 @@ class Selector:
             ]
             if new_twins and other.name in selection.trials:
                 single = selection.trials[other.name]
-                selection, _ = self._extended(selection, single, cells, covariance, judge, new_twins)
+                selection, _ = self._extended(selection, single, tries, new_twins)
         return selection
 
-    def _with_additions(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
+    def _with_reductions(self, selection: Selection, tries: Tries) -> Selection:
+        """The selection with single effects fitted from where the best pairs led to.
+
+        A fit from the model without effects may end at a kink that a second effect leads past, though it has no share
+        in what is found behind it.
+        """
+        trials, base, misfit = dict(selection.trials), selection.base, tries.judge.misfit(selection.base)
+        pairs = [name for name in selection.odds if trials[name].fit.model.n_effects == MOST_NAMED]
+        for name in sorted(pairs, key=lambda name: -tries.judge.value(trials[name], misfit))[:MOST_REFINED]:
+            pair, first = trials[name].fit, 0
+            for effect in pair.model.effects:
+                shares = pair.unknowns.shares[first : first + len(effect.parameters)]
+                first += len(effect.parameters)
+                known = [trials[effect.name], *trials[effect.name].other_solutions] if effect.name in trials else []
+                if not known or known[0].fit.cost > pair.cost + FALL_OF_PASS:
+                    fit = self.fitter.fit(Model((effect,)), tries.cells, replace(pair.unknowns, shares=shares))
+                    solutions = [self.trial(fit, tries.cells, tries.covariance, base)] if fit.sound else []
+                    trials |= {effect.name: most_probable([*known, *solutions])} if solutions else {}
+        return tries.judge.select(base, trials, selection.promised_misfits)
+
+    def _with_additions(self, selection: Selection, tries: Tries) -> Selection:
         """The selection with further effects beside its most probable single one, and beside its most probable model.
 
         A second one where any could give a pair the odds over the single effect; further ones, which only describe,
         while structure is left that is not the form of the model.
         """
         single = selection.best_single
-        if single is not None and self._could_be_a_pair(single.fit, cells):
-            selection, _ = self._extended(selection, single, cells, covariance, judge)
+        if single is not None and self._could_be_a_pair(single.fit, tries.cells):
+            selection, _ = self._extended(selection, single, tries)
         current = selection.description
         while MOST_NAMED <= current.fit.model.n_effects < self.most_effects:
             if current.evidence.structure.size <= selection.limit:
                 break
-            selection, further = self._extended(selection, current, cells, covariance, judge)
+            selection, further = self._extended(selection, current, tries)
             if further.evidence.value <= current.evidence.value:
                 break
             current = further
@@ -274,31 +304,29 @@ class Selector:
         return any(screening.could_lower(effect, least) for effect in others)
 
     def _extended(
-        self,
-        selection: Selection,
-        current: Trial,
-        cells: Truth,
-        covariance: Covariance,
-        judge: Judge,
-        offered_names: Sequence[str] = (),
+        self, selection: Selection, current: Trial, tries: Tries, offered_names: Sequence[str] = ()
     ) -> tuple[Selection, Trial]:
         """The selection with effects added to one of its trials, and the most probable of these, or the trial.
 
         All ``offered_names``, where any are given, else those that explain most.
         """
-        promises = self.screen(cells, current.fit, offered_names)
+        promises = self.screen(tries.cells, current.fit, offered_names)
         if not offered_names:
             promises = dict(sorted(promises.items(), key=lambda item: item[1].misfit)[:ADDITIONS])
-        fits = [fit for fit in self.fits(current.fit, cells, promises) if np.isfinite(fit.cost)]
-        added_trials = {fit.model.name: self.trial(fit, cells, covariance, current) for fit in fits}
+        fits = [fit for fit in self.fits(current.fit, tries.cells, promises) if np.isfinite(fit.cost)]
+        added_trials = {fit.model.name: self.trial(fit, tries.cells, tries.covariance, current) for fit in fits}
         trials = {**selection.trials, **added_trials}
         further = max(added_trials.values(), key=lambda trial: trial.evidence.value, default=current)
-        return judge.select(selection.base, trials, selection.promised_misfits), further
+        return tries.judge.select(selection.base, trials, selection.promised_misfits), further
 
     def recalibrate(self, cells: Truth) -> Fit:
-        """Calibrated numbers and tolerances alone, from as declared: a plain fit, refined."""
+        """Calibrated numbers and tolerances alone: a fit to the large torques first, refined from two starts.
+
+        From as declared, and from where the first fit ends: of spent units each of them led farther on some.
+        """
         start = self.fitter.start(Model())
-        return self._refine(self.fitter.fit(Model(), cells, start), cells, start)
+        fit = self.fitter.fit_by_load(Model(), cells, start)
+        return min((self._refine(fit, cells, one) for one in (start, fit.unknowns)), key=lambda fit: fit.cost)
 
     def _refine(self, fit: Fit, cells: Truth, start: Vector) -> Fit:
         """The best of a fit and of passes, the first of them from ``start``.
@@ -341,7 +369,8 @@ class Selector:
         for effect in model.effects:
             promise = self.screen(cells, fit, (effect.name,)).get(effect.name)
             extended_model = Model((*fit.model.effects, effect))
-            starts = [*(promise.starts if promise else ()), self._from_declared(extended_model, cells, fit.unknowns)]
+            declared = start_from_declared(self.fitter, extended_model, cells, fit.unknowns)
+            starts = [*(promise.starts if promise else ()), declared]
             is_whole = extended_model.n_effects == model.n_effects
             extended_fit = self.fitter.fit_from_best(
                 extended_model, cells, starts, rival_cost=rival_cost if is_whole else np.inf
@@ -352,22 +381,6 @@ class Selector:
         declared_unknowns = self.fitter.start(fit.model, fit.unknowns.shares)
         refit = self.fitter.fit_from_best(fit.model, cells, [declared_unknowns], rival_cost=rival_cost)
         return refit if refit.sound and refit.cost < fit.cost else fit
-
-    def _from_declared(self, model: Model, cells: Truth, base: Vector) -> Vector:
-        """Where a fit leads that holds calibrated numbers as declared: of all senses of the last effect the best.
-
-        The numbers are near there by their plausible ranges, while those of a base may be at the ends of them.
-        """
-        bounds = self.problem.bounds(model.effects[-1])
-        declared_unknowns = self.fitter.start(model, np.concatenate([base.shares, np.full(len(bounds), 0.5)]))
-        zero = self.fitter.centre(model, declared_unknowns)[len(declared_unknowns.scales) :][: model.n_parameters]
-        held = replace(declared_unknowns, reach=np.zeros_like(declared_unknowns.reach))
-        fits = []
-        for senses in product((-1.0, 1.0), repeat=len(bounds)):
-            shares = np.clip(zero[-len(bounds) :] + FIRST_SHARE * np.array(senses), EDGE, 1 - EDGE)
-            start = replace(held, shares=np.concatenate([base.shares, shares]))
-            fits.append(self.fitter.fit(model, cells, start, FIRST_ITERATIONS))
-        return replace(min(fits, key=lambda fit: fit.cost).unknowns, reach=declared_unknowns.reach)
 
 
 def _pair_name(name: str, second_name: str) -> str:

@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear
 from pipeline.arrays import Real, Truth
 from pipeline.constant_kinds import Shortcut, ShortcutCount, ShortcutGrid
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
-from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, Fitter
 from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Fit, Vector, values_at_shares
 from pipeline.identification.fitting.problem import Candidate, Model
@@ -48,6 +48,12 @@ FAINT: Shortcut = 15.0
 full: of noise alone the best of 75 periods exceeds it in a tenth of the units, and no claim could rest on it."""
 PERIODS: ShortcutCount = 6
 """The best periods, which are fitted on."""
+
+
+FIRST_SHARE: Shortcut = 0.1
+"""Share of its bounds by which a parameter starts off no effect in either sense."""
+EDGE: Shortcut = 0.01
+"""Share of its bounds from an end at which it starts at least."""
 
 
 @dataclass(frozen=True)
@@ -356,3 +362,20 @@ def _by_sense(ranked_starts: Sequence[Vector], bounds: Sequence[tuple[float, flo
     ]
     first_senses = [senses.index(sense) for sense in dict.fromkeys(senses)]
     return [ranked_starts[k] for k in dict.fromkeys([*first_senses, *range(len(ranked_starts))])]
+
+
+def start_from_declared(fitter: Fitter, model: Model, cells: Truth, base: Vector) -> Vector:
+    """Where a fit leads that holds calibrated numbers as declared: of all senses of the last effect the best.
+
+    The numbers are near there by their plausible ranges, while those of a base may be at the ends of them.
+    """
+    bounds = fitter.problem.bounds(model.effects[-1])
+    declared_unknowns = fitter.start(model, np.concatenate([base.shares, np.full(len(bounds), 0.5)]))
+    zero = fitter.centre(model, declared_unknowns)[len(declared_unknowns.scales) :][: model.n_parameters]
+    held = replace(declared_unknowns, reach=np.zeros_like(declared_unknowns.reach))
+    fits = []
+    for senses in product((-1.0, 1.0), repeat=len(bounds)):
+        shares = np.clip(zero[-len(bounds) :] + FIRST_SHARE * np.array(senses), EDGE, 1 - EDGE)
+        start = replace(held, shares=np.concatenate([base.shares, shares]))
+        fits.append(fitter.fit(model, cells, start, FIRST_ITERATIONS))
+    return replace(min(fits, key=lambda fit: fit.cost).unknowns, reach=declared_unknowns.reach)

@@ -23,8 +23,8 @@ from pipeline.identification.generic.generic_drive import LoopModel
 from pipeline.identification.generic.shared_fit import fitted_together
 from pipeline.identification.measurement.enough import FEWEST_COMPARED, FEWEST_OF_A_WAVE
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
+from pipeline.identification.selection.covariance import SINGLE_GROUPS
 from pipeline.identification.selection.criteria import MOST_NAMED
-from pipeline.identification.selection.model_selection import SINGLE_GROUPS
 from pipeline.identification.series.folds import Folds, StateFolds, held_numbers, reversed_numbers, state_folds
 from pipeline.identification.series.states import Series
 from pipeline.statistics.resampling import LEVEL, max_t

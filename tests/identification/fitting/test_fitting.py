@@ -21,7 +21,7 @@ from pipeline.identification.selection.covariance import Covariance
 from pipeline.identification.selection.criteria import ODDS, Judge, Selection
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.fitted_numbers import calibrated_numbers, implausible, refit_with_free_numbers
-from pipeline.identification.selection.model_selection import Selector
+from pipeline.identification.selection.model_selection import Selector, Tries
 from pipeline.model.effects import Conditions
 from pipeline.model.load_history.load_cycle import ARCMIN
 
@@ -238,7 +238,7 @@ def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unkno
 
 
 def test_a_fit_with_an_effect_is_refined_too_where_it_could_then_be_named(unknown):
-    """As above, with friction, a fifth of the noise: a fit from the base ends at 1.7 times the misfit."""
+    """As above, with friction, a fifth of the noise: a fit from the base ends at 1.4 times the misfit."""
     data, random = replace(unknown.data, sigma=0.2 * unknown.data.sigma), np.random.default_rng(4)
     unit, cells = replace(unknown, data=data), everything(unknown)
     friction = Fitter(unit).start(COULOMB, shares_of_values(Fitter(unit).bounds(COULOMB), (0.15,)))
@@ -250,8 +250,8 @@ def test_a_fit_with_an_effect_is_refined_too_where_it_could_then_be_named(unknow
     selector.testable = {"coulomb": candidates()["coulomb"]}
     base = selector.recalibrate(cells)
     (from_base,) = selector.fits(base, cells, selector.screen(cells, base))
-    assert from_base.cost > 1.6 * len(data)
-    assert selector._refine(from_base, cells, from_base.unknowns).cost < 1.15 * len(data)
+    assert from_base.cost > 1.3 * len(data)
+    assert selector._refine(from_base, cells, from_base.unknowns).cost < 1.2 * len(data)
 
     covariance, judge = Covariance(data, cells, data.position), Judge(selector.fitter, cells, 1)
     base_trial, trial = (selector.trial(fit, cells, covariance) for fit in (base, from_base))
@@ -262,7 +262,7 @@ def test_a_fit_with_an_effect_is_refined_too_where_it_could_then_be_named(unknow
         known = replace(trial, fit=replace(from_base, cost=cost), evidence=far_behind)
         odds = judge.odds(base_trial.evidence.value, {"coulomb": value})
         selection = Selection(base_trial, {"coulomb": known}, odds=odds)
-        refined = selector._with_refined_fits(selection, cells, covariance, judge).trials["coulomb"]
+        refined = selector._with_refined_fits(selection, Tries(cells, covariance, judge)).trials["coulomb"]
         assert refined.is_refined == is_refined
 
 
@@ -315,9 +315,30 @@ def test_of_fits_without_effects_that_miss_as_much_the_most_probable_counts(unkn
     base, wide = (selector.trial(one, cells, covariance) for one in (narrow, fit))
     assert wide.evidence.without_promise().value > base.evidence.without_promise().value + 5
     selection = Selection(base, {"coulomb": wide}, odds={"coulomb": 9.0}, members=())
-    assert selector._without_effects(selection, cells).evidence.value > base.evidence.value + 5
-    selection = replace(selection, base=wide)
-    assert selector._without_effects(selection, cells) is wide
+    found = selector._without_effects(selection, cells)
+    assert found.evidence.value > base.evidence.value + 5
+    assert selector._without_effects(replace(selection, base=found, trials={"coulomb": found}), cells) is found
+
+
+def test_a_single_effect_is_fitted_from_where_a_pair_led(exact_unit):
+    """A fit that has ended far off goes on from the pair; numbers of a pair that is no better lead to nothing."""
+    unit, cells = exactly_known(exact_unit), everything(exact_unit)
+    share = 0.2 / unit.bounds(COULOMB.effects[0])[0][1]
+    angle = Fitter(unit).predict(COULOMB, Fitter(unit).start(COULOMB, np.array([share]))).angle
+    noise = unit.data.noise * np.random.default_rng(0).standard_normal(len(unit.data))
+    selector = Selector(Fitter(with_angles(unit, angle + noise)), cells)
+    tries = selector._tries(cells)
+    pair_model = Model((COULOMB.effects[0], candidates()["torque_zero"]))
+    shares = {COULOMB: [4 * share], pair_model: [share, 0.5]}
+    fits = [selector.fitter.fit(m, cells, selector.fitter.start(m, np.array(v)), 0) for m, v in shares.items()]
+    far_single, pair = (selector.trial(fit, cells, tries.covariance) for fit in fits)
+    declared = selector.fitter.fit(Model(), cells, selector.fitter.start(Model()), 0)
+    base = selector.trial(declared, cells, tries.covariance)
+    for trials, is_better in (((far_single, pair), True), ((far_single, replace(pair, fit=far_single.fit)), False)):
+        known = dict(zip(("coulomb", pair_model.name), trials, strict=True))
+        selection = tries.judge.select(base, known, {})
+        single = selector._with_reductions(selection, tries).trials["coulomb"]
+        assert (single.fit.cost < 1.2 * len(cells)) == is_better
 
 
 def test_a_calibrated_number_stops_at_the_end_of_its_plausible_range_unless_released(exact_unit):

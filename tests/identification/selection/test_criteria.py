@@ -9,10 +9,11 @@ from linear_unit import LinearFitter, linear_data, model_of, stood
 
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates
-from pipeline.identification.selection.covariance import SIZES, Covariance, Structure
+from pipeline.identification.selection.covariance import SIZES, Covariance, Structure, parts_of
 from pipeline.identification.selection.criteria import (
     AT_BOUND,
     FEWEST_BLOCKS,
+    FORM,
     ODDS,
     Judge,
     Trial,
@@ -23,7 +24,7 @@ from pipeline.identification.selection.criteria import (
     without_names,
 )
 from pipeline.identification.selection.evidence import Evidence
-from pipeline.identification.selection.model_selection import Selector, parts_of
+from pipeline.identification.selection.model_selection import Selector, Tries
 
 TRIED = 20
 SINGLE, PAIR = -prior_log_odds(1, TRIED), -prior_log_odds(2, TRIED)
@@ -137,7 +138,7 @@ def test_too_few_branches_name_nothing():
 def test_a_pair_is_named_where_it_beats_the_best_single_effect_by_the_odds():
     single = trial("coulomb", Known(40.0))
     for excess, expected in ((-0.01, ("coulomb",)), (0.01, ("coulomb+preload",))):
-        pair = trial("coulomb+preload", Known(40.0 + PAIR - SINGLE + ODDS + excess))
+        pair = trial("coulomb+preload", Known(40.0 + PAIR - SINGLE + ODDS + excess), rms=0.9)
         assert judged({"coulomb": single, "coulomb+preload": pair}).members == expected
 
 
@@ -150,12 +151,20 @@ def test_a_class_has_the_odds_by_its_best_member_and_the_others_by_their_distanc
         trials = {"coulomb": trial("coulomb", best), "preload": trial("preload", limited)}
         assert judged(trials).members == members
     pairs = {"coulomb+preload": pair + 0.1, "coulomb+rayleigh": pair - 1.0, "presliding+rayleigh": pair - ODDS}
-    trials = {name: trial(name, Known(value)) for name, value in {"coulomb": 40.0, **pairs}.items()}
+    trials = {name: trial(name, Known(value), rms=0.9) for name, value in pairs.items()}
+    trials["coulomb"] = trial("coulomb", Known(40.0))
     assert judged(trials).members == ("coulomb+preload", "coulomb+rayleigh")
 
 
+def test_a_second_effect_explains_more_than_the_form_of_the_model_may_leave():
+    """Of a misfit of ten noises the form may leave half a noise beside the first effect."""
+    for rms, best in ((0.80, "coulomb+preload"), (0.88, "coulomb")):  # 0.6 and 0.47 are explained
+        pair, single = trial("coulomb+preload", Known(80.0), rms=rms), trial("coulomb", Known(40.0))
+        assert judged({"coulomb": single, "coulomb+preload": pair}, base_rms=0.5 / FORM).best_model == best
+
+
 def test_a_pair_of_which_one_size_may_be_zero_leaves_the_single_effect():
-    pair = trial("coulomb+preload", Known(80.0, distance={"coulomb": 5.0, "preload": 0.5}))
+    pair = trial("coulomb+preload", Known(80.0, distance={"coulomb": 5.0, "preload": 0.5}), rms=0.9)
     selection = judged({"coulomb": trial("coulomb", Known(40.0)), "coulomb+preload": pair})
     assert selection.best_model == "coulomb+preload"
     assert selection.members == ("coulomb",)
@@ -319,7 +328,7 @@ def test_an_effect_is_not_named_for_a_size_at_which_the_model_bends_away(fitter_
     judge = Judge(fitter, cells, 1)
     promised = judge.select(base, trials, {})
     assert promised.best_model == "coulomb"
-    selection = selector._at_their_most_probable(promised, cells, covariance, judge)
+    selection = selector._at_their_most_probable(promised, Tries(cells, covariance, judge))
     assert bool(selection.members) == is_named
     promise = trials["coulomb"].evidence.value - selection.trials["coulomb"].evidence.value
     assert (promise < 0.1) == is_named

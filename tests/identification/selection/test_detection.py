@@ -7,10 +7,9 @@ import pytest
 from linear_unit import LinearFitter, linear_data, model_of
 
 from pipeline.identification.fitting.problem import Model, candidates
-from pipeline.identification.selection.covariance import Covariance
+from pipeline.identification.selection.covariance import Covariance, parts_of
 from pipeline.identification.selection.criteria import Judge, Trial
 from pipeline.identification.selection.evidence import Evidence
-from pipeline.identification.selection.model_selection import parts_of
 from pipeline.identification.selection.statements.detection import detection_limits
 
 DATA = linear_data(positions=3, cycles=3, branches=2, cells=20, sigma=0.1)

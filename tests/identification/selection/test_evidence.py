@@ -12,9 +12,16 @@ from scipy.stats import multivariate_normal
 
 from pipeline.identification.fitting.fitter import OPEN_SHARE
 from pipeline.identification.fitting.problem import Model, candidates
-from pipeline.identification.selection.covariance import CORRELATIONS, OFFSET, REACHES, SIZES, Covariance, Structure
+from pipeline.identification.selection.covariance import (
+    CORRELATIONS,
+    OFFSET,
+    REACHES,
+    SIZES,
+    Covariance,
+    Structure,
+    parts_of,
+)
 from pipeline.identification.selection.evidence import PRIOR_WIDTHS, Evidence
-from pipeline.identification.selection.model_selection import parts_of
 
 SIGMA = 0.1
 DATA = replace(

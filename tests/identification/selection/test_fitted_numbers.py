@@ -10,7 +10,8 @@ from scipy.stats import chi2, norm
 
 from pipeline.identification.fitting.parameters import Vector
 from pipeline.identification.fitting.problem import Model, candidates
-from pipeline.identification.selection.criteria import FORM, Trial, tolerance_share
+from pipeline.identification.selection.criteria import FORM, Trial
+from pipeline.identification.selection.evidence import tolerance_share
 from pipeline.identification.selection.fitted_numbers import calibrated_numbers, intervals, refit_with_free_numbers
 
 COULOMB = Model((candidates()["coulomb"],))

@@ -7,7 +7,8 @@ import numpy as np
 from pipeline.arrays import Truth
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
-from pipeline.identification.selection.criteria import UNLIKELY, Selection, tolerance_share
+from pipeline.identification.selection.criteria import UNLIKELY, Selection
+from pipeline.identification.selection.evidence import tolerance_share
 from pipeline.identification.selection.fitted_numbers import (
     CalibratedNumber,
     FittedParameter,
