@@ -9,6 +9,7 @@ from linear_unit import LinearFitter, linear_data, model_of, stood
 
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.selection import model_selection
 from pipeline.identification.selection.covariance import SIZES, Covariance, Structure, parts_of
 from pipeline.identification.selection.criteria import (
     AT_BOUND,
@@ -300,6 +301,23 @@ def test_of_several_solutions_the_most_probable_counts_and_those_within_the_odds
 def test_a_pair_whose_fall_is_the_least_has_just_the_odds_over_a_single_effect():
     half = 0.5 * least_fall(2, TRIED, 1)
     assert half + prior_log_odds(2, TRIED) - prior_log_odds(1, TRIED) == pytest.approx(ODDS)
+
+
+def test_what_leads_with_no_more_beside_it_than_the_form_leaves_is_fitted_from_all_starts(monkeypatch):
+    """A discrepancy takes up what a fit that ended early leaves, so that another effect may lead by it."""
+    known = {"coulomb": Known(90.0, limited=-50.0), "presliding": Known(70.0), "preload": Known(10.0)}
+    trials = {name: trial(name, evidence) for name, evidence in known.items()}
+    selection, fitted, selector = judged(trials), [], Selector.__new__(Selector)
+    unsound = SimpleNamespace(sound=False)
+    selector.fitter = SimpleNamespace(fit=lambda model, *_, **__: fitted.append(model.name) or unsound)
+    monkeypatch.setattr(model_selection, "start_from_declared", lambda *_: None)
+    cells = np.ones(24, bool)
+    problem = SimpleNamespace(data=SimpleNamespace(block=np.arange(24)), record={"time": 9.0, "cycles": 9.0})
+    fitter = SimpleNamespace(problem=problem, bounds=lambda model: [(-2.0, 8.0)] * model.n_parameters)
+    tries = Tries(cells, None, Judge(fitter, cells, TRIED))
+    promises = {name: SimpleNamespace(starts=(None,)) for name in known}
+    selector._with_all_solutions(selection, promises, tries)
+    assert set(fitted) == {"coulomb", "presliding"}
 
 
 class Bending(LinearFitter):
