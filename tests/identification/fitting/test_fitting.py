@@ -320,6 +320,19 @@ def test_of_fits_without_effects_that_miss_as_much_the_most_probable_counts(unkn
     assert selector._without_effects(replace(selection, base=found, trials={"coulomb": found}), cells) is found
 
 
+def test_a_fit_without_effects_is_refined_from_two_starts_and_singles_from_pairs(exact_unit, monkeypatch):
+    unit, cells, starts, reduced = exactly_known(exact_unit), everything(exact_unit), [], []
+    selector = Selector(Fitter(unit), cells)
+    selector.testable = {"coulomb": candidates()["coulomb"]}
+    monkeypatch.setattr(selector, "_with_reductions", lambda selection, _: reduced.append(selection) or selection)
+    selector._beside(selector.fitter.fit(Model(), cells, selector.fitter.start(Model()), 0), cells)
+    assert len(reduced) == 1
+    monkeypatch.setattr(selector, "_refine", lambda fit, _, start: starts.append(start) or fit)
+    fit = selector.recalibrate(cells)
+    assert not np.any(starts[0].flat)
+    assert starts[1] is fit.unknowns
+
+
 def test_a_single_effect_is_fitted_from_where_a_pair_led(exact_unit):
     """A fit that has ended far off goes on from the pair; numbers of a pair that is no better lead to nothing."""
     unit, cells = exactly_known(exact_unit), everything(exact_unit)

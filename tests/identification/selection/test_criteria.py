@@ -161,7 +161,10 @@ def test_a_second_effect_explains_more_than_the_form_of_the_model_may_leave():
     """Of a misfit of ten noises the form may leave half a noise beside the first effect."""
     for rms, best in ((0.80, "coulomb+preload"), (0.88, "coulomb")):  # 0.6 and 0.47 are explained
         pair, single = trial("coulomb+preload", Known(80.0), rms=rms), trial("coulomb", Known(40.0))
-        assert judged({"coulomb": single, "coulomb+preload": pair}, base_rms=0.5 / FORM).best_model == best
+        selection = judged({"coulomb": single, "coulomb+preload": pair}, base_rms=0.5 / FORM)
+        assert selection.best_model == best
+        fitter = SimpleNamespace(problem=SimpleNamespace(data=SimpleNamespace(block=np.arange(24))))
+        assert Judge(fitter, np.ones(24, bool), TRIED).chosen_without(selection, 0) == best
 
 
 def test_a_pair_of_which_one_size_may_be_zero_leaves_the_single_effect():
@@ -318,6 +321,11 @@ def test_what_leads_with_no_more_beside_it_than_the_form_leaves_is_fitted_from_a
     promises = {name: SimpleNamespace(starts=(None,)) for name in known}
     selector._with_all_solutions(selection, promises, tries)
     assert set(fitted) == {"coulomb", "presliding"}
+    refined: list[str] = []
+    selector._refine = lambda fit, *_: refined.append(fit.model.name) or fit
+    selector.trial = lambda fit, *_: trials[fit.model.name]
+    selector._with_refined_fits(selection, tries)
+    assert set(refined) == {"coulomb", "presliding"}
 
 
 class Bending(LinearFitter):
@@ -351,3 +359,4 @@ def test_an_effect_is_not_named_for_a_size_at_which_the_model_bends_away(fitter_
     promise = trials["coulomb"].evidence.value - selection.trials["coulomb"].evidence.value
     assert (promise < 0.1) == is_named
     assert selection.trials["coulomb"].fit is near_zero
+    assert not selection.base.evidence.counts_promise

@@ -10,6 +10,7 @@ from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection.covariance import Covariance, parts_of
 from pipeline.identification.selection.criteria import Judge, Trial
 from pipeline.identification.selection.evidence import Evidence
+from pipeline.identification.selection.statements import detection
 from pipeline.identification.selection.statements.detection import detection_limits
 
 DATA = linear_data(positions=3, cycles=3, branches=2, cells=20, sigma=0.1)
@@ -80,3 +81,12 @@ def test_an_effect_that_no_bound_would_show_has_no_limit():
     limit = detection_limits(fitter, base, {name: candidates()[name] for name in NAMES})[0]
     assert np.isnan(limit.noticed)
     assert np.isnan(limit.named)
+
+
+def test_a_usual_size_is_noticed_earlier_by_a_prior_that_is_not_as_wide_as_its_range(monkeypatch):
+    columns, rng = draws_of(0.0)
+    fitter, base, _ = unit(0.1 * rng.standard_normal(len(DATA)), columns)
+    effects = {name: candidates()[name] for name in NAMES}
+    with_all = detection_limits(fitter, base, effects)[0].noticed
+    monkeypatch.setattr(detection, "PRIOR_WIDTHS", (1.0,))
+    assert with_all < 0.98 * detection_limits(fitter, base, effects)[0].noticed

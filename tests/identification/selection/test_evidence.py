@@ -179,6 +179,7 @@ def test_a_shape_is_held_where_the_size_that_it_trades_with_is_compared_with_zer
     vars(evidence).update(fit=fit, bounds=[(0.0, 70.0), (0.1, 10.0)], unknowns=(np.array([0.0, 0.5, 0.2]), covariance))
     expected = 0.5 / (0.5 * np.sqrt(1 - correlation**2)) / np.sqrt(2 * gammaincinv(0.5, 0.95))
     assert evidence.distance("presliding") == pytest.approx(expected)
+    assert evidence._sizes_by_effect() == [[1]]  # a shape has the prior of its range
 
 
 def test_structure_is_found_where_it_is():
