@@ -123,8 +123,7 @@ def drives_of(
     compliances : per position, of the disks as condensed (n_contacts, n_contacts) [mm/N].
     conditions : per position, of its states.
     """
-    declared_scales = (1.0,) * len(keys)
-    counts = [len(position.cycle) for position in conditions]
+    declared_scales, counts = (1.0,) * len(keys), [len(position.cycle) for position in conditions]
     errors = [_repeated_errors(assembly.errors(sampled_errors), count) for count in counts]
     clearances = [np.repeat(sampled_errors.bearing_clearance, count, axis=0) for count in counts]
     own_factors = np.array(assembly.law_factors(study))

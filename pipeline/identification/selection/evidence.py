@@ -26,9 +26,9 @@ from pipeline.identification.selection.covariance import CORRELATIONS, REACHES, 
 from pipeline.statistics.resampling import CONFIDENCE
 
 PRIOR_WIDTHS = (1.0, 1 / 4, 1 / 16, 1 / 64, 1 / 256)
-"""Standard deviations of the prior of a size that are equally probable, in that by which its range is filled.
+"""Standard deviations of the prior of a size, as shares of the widest: ``OPEN_SHARE`` of the range of the size.
 
-A range says what is possible. Usual sizes are a hundred to two thousand times less."""
+All five are equally probable. Usual sizes are a hundred to two thousand times smaller than their range."""
 FIRST = Structure(SIZES[2], SIZES[2], REACHES[0], CORRELATIONS[0])
 """From where the structure of the largest evidence is sought."""
 
@@ -39,8 +39,8 @@ class Evidence:
     Attributes
     ----------
     structure : beside the model, of the largest evidence.
-    widths : (n_unknowns,) of the priors, in their widest ones; sizes have the most probable of several.
-    cost_of_widths : logarithm of how much less the average of all widths is than the most probable ones.
+    widths : (n_unknowns,) of the priors, as shares of the widest; a size has the most probable one.
+    cost_of_widths : logarithm of the evidence with these widths over the average of the evidence with all widths.
     value : logarithm of the evidence; sizes that cannot be negative by a truncated integral.
     """
 
@@ -64,9 +64,9 @@ class Evidence:
         self.value = self._value(self.structure) + self._positive
 
     def _narrow_priors(self) -> None:
-        """Give the sizes of each effect the most probable width of their prior, effect by effect.
+        """Set the prior of the sizes of each effect to its most probable width, one effect after the other.
 
-        The evidence is that of all widths together: what it is more than that of the most probable one is kept.
+        The evidence is the average over all widths. ``cost_of_widths`` is by how much it is less than at these widths.
         """
         for sizes in self._sizes_by_effect():
             values = []
@@ -189,7 +189,7 @@ class Evidence:
 
     @cached_property
     def unknowns(self) -> tuple[Real, Real]:
-        """Mean and covariance of the unknowns about the centre of their priors, in the widest prior deviations."""
+        """Mean and covariance of the unknowns about the centre of the priors, in standard deviations of the widest."""
         return self._unknowns_beside(self.structure)
 
     def _unknowns_beside(self, structure: Structure) -> tuple[Real, Real]:

@@ -124,9 +124,9 @@ class Selector:
             base_fit = base.fit
 
     def _without_effects(self, selection: Selection, cells: Truth) -> Trial:
-        """The most probable model without effects, of the base and of fits from what fits with effects led to.
+        """The most probable model without effects: the base, or a fit that starts where models with effects ended.
 
-        They start at the numbers and tolerances of the most probable model; where something is named, of all models
+        Fits start at the numbers and tolerances of the most probable model; where something is named, of all models
         about as probable, and are refined, since a plain fit ends at the kinks that taking the effect away leads to.
         Two fits that miss as much may differ by many nats: contacts that close narrow what the numbers may be.
         """
@@ -165,7 +165,7 @@ class Selector:
         return self._at_their_most_probable(selection, tries)
 
     def _at_their_most_probable(self, selection: Selection, tries: Tries) -> Selection:
-        """The selection with the evidence of places at which the models were predicted that may be named, and the base.
+        """The selection in which the base, and the models that may be named, have the evidence of predicted places.
 
         A fit minimises the misfit in the noise alone, while the evidence also has the structure beside the model. The
         most probable unknowns may therefore lie away from the fit, where its derivatives no longer hold. So the model
@@ -190,9 +190,9 @@ class Selector:
         return replace(trial, evidence=max(predicted, key=lambda one: one.value))
 
     def _known_odds(self, selection: Selection, tries: Tries) -> dict[str, float]:
-        """Odds of models with no more beside them than the form of the model leaves; the others are named for nothing.
+        """Odds of models whose discrepancy is no larger than the form of the model leaves.
 
-        Of an effect whose fit has ended early a discrepancy takes up what is left, so that another may lead by it.
+        A larger discrepancy can hide that the fit of the right effect has ended early, so that another effect leads.
         """
         judge, misfit = tries.judge, tries.judge.misfit(selection.base)
         values = {name: judge.value(selection.trials[name], misfit) for name in selection.odds}
@@ -260,8 +260,7 @@ class Selector:
     def _with_reductions(self, selection: Selection, tries: Tries) -> Selection:
         """The selection with single effects fitted from where the best pairs led to.
 
-        A fit from the model without effects may end at a kink that a second effect leads past, though it has no share
-        in what is found behind it.
+        A fit from the model without effects may end at a kink. A second effect can lead past it and then be left out.
         """
         trials, base, misfit = dict(selection.trials), selection.base, tries.judge.misfit(selection.base)
         pairs = [name for name in selection.odds if trials[name].fit.model.n_effects == MOST_NAMED]

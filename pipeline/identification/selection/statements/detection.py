@@ -149,9 +149,9 @@ class _Sought:
         return float((np.sqrt(2 * odds) + ndtri(CONFIDENCE) * self.scatter) / np.sqrt(max(information, 1e-12)))
 
     def _cost_of_parameters(self, changes: Real, is_size: Truth) -> float:
-        """Fall of the evidence by parameters whose widest priors make ``changes`` (n_cells, n_parameters).
+        """Fall of the evidence by the prior of parameters, averaged over all widths of the prior of the sizes.
 
-        At the amplitude, over all widths of the prior of the sizes.
+        ``changes`` (n_cells, n_parameters) [arcmin] are those by one standard deviation of each widest prior.
         """
         information = self.base.evidence.information(changes)
         costs = []
