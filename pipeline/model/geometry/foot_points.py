@@ -287,16 +287,13 @@ def pin_distances(
                 continue
             x = cx[i] * table[8, i] + cy[i] * table[9, i]
             y = cy[i] * table[8, i] - cx[i] * table[9, i]
-            smallest_distance = np.inf
+            distance[s, i] = np.inf
             for neighbour, start, end in (
                 (lobe_before[i], last_point // 2, last_point),
                 (lobe_behind[i], 0, last_point // 2),
             ):
                 error = lobe[s, neighbour]
-                centre_radius, parallel = pin_circle - shares[0] * error, pin_radius + shares[1] * error
+                valley = (points, pin_circle - shares[0] * error, pin_radius + shares[1] * error, pins)
                 px, py = _rotate(x, y, -rotation[s, neighbour])
-                valley = (points, centre_radius, parallel, pins)
-                of_side = _nearest_distance(start, end, valley, px, py, squares)
-                smallest_distance = min(smallest_distance, of_side)
-            distance[s, i] = smallest_distance
+                distance[s, i] = min(distance[s, i], _nearest_distance(start, end, valley, px, py, squares))
     return distance

@@ -111,6 +111,29 @@ def _most_violated(rows: Real, limit: Real, x: Real, candidates: Index, count: i
     return entering, worst
 
 
+@algebraic_part
+def _farthest_disc(x: Real, radii: Real, worst: float) -> int:
+    """The disc of ``radii`` (n_discs,) beyond which ``x`` lies farthest and by more than ``worst``; -1 if none."""
+    farthest = -1
+    for k in range(radii.shape[0]):
+        overshoot = np.hypot(x[2 * k], x[2 * k + 1]) - radii[k]
+        if overshoot > worst + CONE_TOLERANCE * radii[k]:
+            farthest, worst = k, overshoot
+    return farthest
+
+
+@algebraic_part
+def _add_tangent(disc: int, row: int, x: Real, radii: Real, rows: Real, columns: Real, limit: Real) -> None:
+    """Write the tangent of a disc towards ``x`` as a ``row`` of the program, into rows and columns."""
+    reach = np.hypot(x[2 * disc], x[2 * disc + 1])
+    rows[row] = 0.0
+    for d in range(2 * disc, 2 * disc + 2):
+        rows[row, d] = x[d] / reach
+    for d in range(rows.shape[1]):
+        columns[d, row] = rows[row, d]
+    limit[row] = radii[disc]
+
+
 @entry
 def _solve(
     columns: Real,
@@ -152,23 +175,13 @@ def _solve(
                 own_columns, limit, x, n_rows, violations, candidates, first_only=pivots >= MOST_VIOLATED * size
             )
             if count == 0:
-                farthest = -1
-                for k in range(discs):
-                    overshoot = np.hypot(x[2 * k], x[2 * k + 1]) - radii[s, k]
-                    if overshoot > worst + CONE_TOLERANCE * radii[s, k]:
-                        farthest, worst = k, overshoot
+                farthest = _farthest_disc(x, radii[s], worst)
                 if farthest < 0:
                     state[s] = 0
                     break
                 if n_rows == columns.shape[1]:
                     break
-                reach = worst + radii[s, farthest]
-                rows[n_rows] = 0.0
-                for d in range(2 * farthest, 2 * farthest + 2):
-                    rows[n_rows, d] = x[d] / reach
-                for d in range(size):
-                    own_columns[d, n_rows] = rows[n_rows, d]
-                limit[n_rows] = radii[s, farthest]
+                _add_tangent(farthest, n_rows, x, radii[s], rows, own_columns, limit)
                 candidates[0], count = n_rows, 1
                 n_rows += 1
             can_leave = True
