@@ -109,10 +109,15 @@ def _of_turns(measurement: TurningMeasurement, training: Truth) -> TurningData:
 
 def _slopes(cells: Cells) -> tuple[Real, Real]:
     """Largest slope [arcmin/(N m)] and distance [N m] of each cell to its neighbours, each (n_cells,)."""
+    of_links, step = _slopes_of_links(cells)
+    return _larger_beside(of_links), _larger_beside(step)
+
+
+def _slopes_of_links(cells: Cells) -> tuple[Real, Real]:
+    """Slope [arcmin/(N m)] and distance [N m] from each cell to the next, each (n_cells - 1,); 0 where not linked."""
     is_linked = _is_linked(cells)
     step = np.where(is_linked, np.abs(np.diff(cells.torque_mean)), 0.0)
-    interval = np.where(is_linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
-    return _larger_beside(interval), _larger_beside(step)
+    return np.where(is_linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0), step
 
 
 def _is_linked(cells: Cells) -> Truth:
@@ -218,12 +223,11 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
 
 def jumps_between(cells: Cells, height_within: Real) -> Real:
     """Height [arcmin] (n_cells - 1,) of the way through the play from each cell to the next; 0 where there is none."""
-    is_linked, step = _is_linked(cells), np.abs(np.diff(cells.torque_mean))
-    slope = np.where(is_linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
+    slope, step = _slopes_of_links(cells)
     usual_slope = np.maximum(_usual_after(slope, cells), _usual_after(slope[::-1], cells)[::-1])
     smallest = PLAY_SHARE * _ranges(cells)
     jumps_within = height_within > smallest
-    is_smooth = is_linked & (usual_slope > 0) & ~(jumps_within[:-1] | jumps_within[1:])
+    is_smooth = (step > 0) & (usual_slope > 0) & ~(jumps_within[:-1] | jumps_within[1:])
     height = np.where(is_smooth, (slope - usual_slope) * step, 0.0)
     return np.where(height > smallest[:-1], height, 0.0)
 
