@@ -126,7 +126,7 @@ def key_lines(name: str) -> Iterator[str]:
     InputError
         If no key has this name.
     """
-    if name == "tolerances":
+    if name in ("", "study", "tolerances"):
         yield from sign_lines()
     count = 0
     for file, keys in file_keys().items():

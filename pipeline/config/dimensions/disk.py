@@ -47,7 +47,7 @@ DIMENSIONS = (
     Dimension(
         name="lobe_profile",
         title="lobe profile (each lobe)",
-        sign="material off each lobe besides; positive gives clearance",
+        sign="material off each lobe besides, read as disk_profile is; positive gives clearance",
         meaning="material off this lobe's flank besides disk_profile_um",
         rank=50,
         draw_columns=(10,),
