@@ -25,11 +25,13 @@ class Backbone:
     torque : (n_nodes,) ascending [N mm], symmetric; the two next to zero, at ``LIMIT_TORQUE``, are the ends of play.
     angle : (n, n_nodes) rotation of the output [rad], the springs in series included.
     states : equilibria at the nodes (n, n_nodes, ...).
+    drive : whose curve it is; its elements may be others than when the curve was solved.
     """
 
     torque: Real
     angle: Real
     states: Equilibria
+    drive: Drive
 
     @property
     def limits(self) -> Equilibria:
@@ -68,19 +70,31 @@ class Backbone:
         By the energy of ``influence``: what each contact and the bearing give way more under the forces that they
         carry, times the slope of these over the torque.
         """
+        closing, bearing_depth = self._give_of(neighbour)
+        own_closing, own_bearing_depth = self._own_give
+        change: Real = np.sum(self.influence * (closing - own_closing), axis=2)
+        change += np.sum(self._slopes_of_thrust * (bearing_depth - own_bearing_depth), axis=2)
+        return change + (neighbour.twist(self.torque) - drive.twist(self.torque))
+
+    @cached_property
+    def _own_give(self) -> tuple[Real, Real]:
+        return self._give_of(self.drive)
+
+    @cached_property
+    def _slopes_of_thrust(self) -> Real:
+        """Derivative (n, n_nodes, n_disks) of the force on each input bearing by the torque [N/(N mm)]."""
+        return self._over_torque(self.drive.reducer.thrust(self.states.force))
+
+    def _give_of(self, drive: Drive) -> tuple[Real, Real]:
+        """How far contacts (n, n_nodes, n_contacts) and bearings (n, n_nodes, n_disks) of a drive give way [mm].
+
+        Under the forces of this curve, gaps and clearances included.
+        """
         force = self.states.force
         is_loaded = np.nonzero(force > 0)
-        closings = [of_drive.gap[:, None] + force @ of_drive.compliance for of_drive in (neighbour, drive)]
-        for of_drive, closing in zip((neighbour, drive), closings, strict=True):
-            closing[is_loaded] += of_drive.laws[is_loaded[-1]].deflection(force[is_loaded])
-        change: Real = np.sum(self.influence * (closings[0] - closings[1]), axis=2)
-        thrust = drive.reducer.thrust(force)
-        bearing_depths = [
-            of_drive.bearing.depth(thrust) + of_drive.clearance_of_disks[:, None] for of_drive in (neighbour, drive)
-        ]
-        twist_change = neighbour.twist(self.torque) - drive.twist(self.torque)
-        change += np.sum(self._over_torque(thrust) * (bearing_depths[0] - bearing_depths[1]), axis=2)
-        return change + twist_change
+        closing = drive.gap[:, None] + force @ drive.compliance
+        closing[is_loaded] += drive.laws[is_loaded[-1]].deflection(force[is_loaded])
+        return closing, drive.bearing.depth(drive.reducer.thrust(force)) + drive.clearance_of_disks[:, None]
 
 
 @lru_cache(maxsize=8)
@@ -111,4 +125,4 @@ def backbone(drive: Drive, shares: Real, neighbour: Backbone | None = None) -> B
     levels = drive.rated_torque * np.append(LIMIT_TORQUE, shares)
     torque = np.concatenate([-levels[::-1], levels])
     states = states[:, np.append(np.arange(2 * middle)[: middle - 1 : -1], np.arange(middle))]
-    return Backbone(torque, states.motion[..., drive.reducer.output_motion] + drive.twist(torque), states)
+    return Backbone(torque, states.motion[..., drive.reducer.output_motion] + drive.twist(torque), states, drive)
