@@ -6,8 +6,9 @@ import pytest
 from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
 from pipeline.errors import InputError
+from pipeline.identification.bench.instrument_effects import instrument_effects
 from pipeline.identification.measurement.faults.fault import linear_algebra_faults
-from pipeline.identification.measurement.faults.shape_faults import gains_energy
+from pipeline.identification.measurement.faults.shape_faults import DELAYED_SHARE, gains_energy
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
@@ -197,6 +198,23 @@ def test_exchanged_columns_are_found_where_no_row_is_near_zero():
     angle[np.abs(angle) < 0.2] = 0.3
     assert not gains(torque, angle)
     assert gains(angle, torque)
+
+
+@pytest.mark.parametrize("share", [0.05, DELAYED_SHARE])
+def test_a_torque_that_is_read_with_a_delay_is_no_fault_of_timed_rows(share):
+    """An elastic drive with play, whose sensor creeps: the loop runs the other way round, as no drive's does."""
+    torque = np.tile(np.concatenate([np.linspace(a, b, 41)[1:] for a, b in ((0, 12), (12, -12), (-12, 0))]), 2)
+    angle, late = torque / 5 + 0.5 * np.tanh(4 * torque), np.zeros(len(torque))
+    for k in range(1, len(torque)):
+        late[k] = late[k - 1] + (torque[k] - late[k - 1]) * (1 - np.exp(-1 / 20))
+    read = torque + share * (late - torque)
+    assert gains_energy(read, angle, np.zeros(len(read), int))
+    assert not gains_energy(read, angle, np.zeros(len(read), int), DELAYED_SHARE)
+    assert gains_energy(angle[::-1], read[::-1] + 4 * np.sign(late), np.zeros(len(read), int), DELAYED_SHARE)
+
+
+def test_the_delay_that_is_no_fault_is_that_which_can_be_named():
+    assert instrument_effects()["torque_creep"].bounds(12.0, 3.0, 1.0, 8.0)[0] == (-DELAYED_SHARE, DELAYED_SHARE)
 
 
 def test_an_angle_that_is_likely_in_another_unit_is_noted(tmp_path):

@@ -209,11 +209,12 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
             "of torque_Nm and angle_arcmin in [columns]",
             "fatal",
         )
-    elif all(shape_faults.gains_energy(rows.torque[loop], rows.angle[loop], rows.cycle[loop]) for loop in loops):
+    elif all(_gains_energy(rows, loop) for loop in loops):
+        lag = "" if rows.time is not None else ". If the torque sensor lags behind, give the column time_s"
         yield Fault(
             "swapped columns",
             "every loop gives back more work than it takes, which no drive does: exchange the columns of torque_Nm and "
-            "angle_arcmin in [columns], put the rows into the order of time, or give one column factor = -1",
+            f"angle_arcmin in [columns], put the rows into the order of time, or give one column factor = -1{lag}",
             "fatal",
         )
     yield from (Fault("unit", message, "fatal") for message in findings if message)
@@ -240,6 +241,12 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
             "factor = -1",
             "fatal",
         )
+
+
+def _gains_energy(rows: Rows, loop: Truth) -> bool:
+    """Whether rows of a position give back more work than they take. To timed rows a lag of the sensor can be fitted."""
+    delayed_share = 0.0 if rows.time is None else shape_faults.DELAYED_SHARE
+    return shape_faults.gains_energy(rows.torque[loop], rows.angle[loop], rows.cycle[loop], delayed_share)
 
 
 def _angle_falls(rows: Rows, file_rows: Index) -> bool:

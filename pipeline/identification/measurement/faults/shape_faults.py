@@ -88,6 +88,8 @@ LOW = 0.2
 CLOSED_SHARE = 0.02
 """Torque, in parts of its range, up to which a drive counts as unloaded. Half of it, of the range of the angle, is the
 work on the way that closes a loop there."""
+DELAYED_SHARE = 0.1
+"""Share of the torque that a sensor may read with a delay: the range of the library's ``torque_creep``."""
 OF_MEDIAN_BEND: Unit = 1 / (0.67449 * 6**0.5)
 """Standard deviation of noise over the median size of its second differences from row to row."""
 FEWEST_ROWS = 20
@@ -128,12 +130,13 @@ def columns_exchanged(torque: Real, angle: Real) -> bool:
     return _bend(torque, angle) < 1 / BENT and _bend(angle, torque) > BENT
 
 
-def gains_energy(torque: Real, angle: Real, cycle: Whole) -> bool:
+def gains_energy(torque: Real, angle: Real, cycle: Whole, delayed_share: float = 0.0) -> bool:
     """Whether closed loops of rows in time order give back more work than they take.
 
     Parameters
     ----------
     torque, angle, cycle : (n,) of the rows of a position; ``cycle`` numbers its cycles.
+    delayed_share : of the torque, that its sensor may read with a delay.
 
     Notes
     -----
@@ -143,7 +146,8 @@ def gains_energy(torque: Real, angle: Real, cycle: Whole) -> bool:
     There the way that closes it does no work, whatever the angle drifts by. A drift does work under load. Whether it
     goes on through the cycles, or in the pauses between them alone, the record does not say: either is taken off, and
     work has to be given back both times. Noise of the angle does work, too, in proportion to the steps of the
-    torque. A record without a cycle of half of the torque's range is not judged.
+    torque. So does a sensor that reads a share of the torque with a delay: on each way of the angle through its range
+    at most this share of the largest torque. A record without a cycle of half of the torque's range is not judged.
     """
     noise = OF_MEDIAN_BEND * float(np.median(np.abs(np.diff(angle, 2)))) if len(angle) > 2 else 0.0
     begins = np.flatnonzero(np.diff(cycle)) + 1
@@ -151,11 +155,14 @@ def gains_energy(torque: Real, angle: Real, cycle: Whole) -> bool:
     of_pauses[begins] = angle[begins] - angle[begins - 1]
     going_on = np.arange(len(angle)) * drift_per_row(torque, angle)
     of_noise = noise * float(np.sqrt(np.sum(np.diff(torque) ** 2) + 2 * np.sum(torque[begins] ** 2)))
-    return all(_gives_back(torque, angle - drift, SURE * of_noise) for drift in (going_on, np.cumsum(of_pauses)))
+    ways = float(np.sum(np.abs(np.diff(torque)))) / max(float(np.ptp(torque)), np.finfo(float).tiny)
+    of_delay = delayed_share * float(np.max(np.abs(torque)) * np.ptp(angle)) * ways
+    limit = SURE * of_noise + of_delay
+    return all(_gives_back(torque, angle - drift, limit) for drift in (going_on, np.cumsum(of_pauses)))
 
 
-def _gives_back(torque: Real, angle: Real, of_noise: float) -> bool:
-    """Whether the closed part of rows without drift gives back more work than noise may do, and than closes it."""
+def _gives_back(torque: Real, angle: Real, limit: float) -> bool:
+    """Whether the closed part of rows without drift gives back more work than a limit, and than what closes it."""
     torque, angle = _with_crossings(torque, angle)
     unloaded_points = np.flatnonzero(torque == 0)
     if len(unloaded_points) < 2:
@@ -166,7 +173,7 @@ def _gives_back(torque: Real, angle: Real, of_noise: float) -> bool:
     if np.ptp(torque) < 0.5 * whole_range:
         return False
     work = 0.5 * float(np.sum((torque + np.roll(torque, -1)) * (np.roll(angle, -1) - angle)))
-    return work < -max(0.5 * CLOSED_SHARE * float(np.ptp(torque) * np.ptp(angle)), of_noise)
+    return work < -max(0.5 * CLOSED_SHARE * float(np.ptp(torque) * np.ptp(angle)), limit)
 
 
 def drift_per_row(torque: Real, angle: Real) -> Real:
