@@ -234,8 +234,11 @@ class RecordJudge(Rule[Trial]):
         """Names of the effects of a trial."""
         return trial.effects
 
-    def distance(self, trial: Trial, effect: str) -> float:
-        """Distance of the size of an effect from zero, in that of the edge of its 95 % region."""
+    def distance(self, trial: Trial, effect: str, without: Trial | None) -> float:
+        """Distance of the size of an effect from zero, in that of the edge of its 95 % region.
+
+        A record is linear in the sizes: the model ``without`` the effect says nothing besides.
+        """
         return trial.posterior.distance(self.evidence.columns_of(trial.effects, effect))
 
     def implausible(self, trial: Trial) -> Iterator[str]:
@@ -270,10 +273,10 @@ class RecordJudge(Rule[Trial]):
         """Size of an effect of a trial [arcmin]."""
         return float(np.linalg.norm(trial.posterior.mean[self.evidence.columns_of(trial.effects, name)]))
 
-    def objections(self, trial: Trial, base: Trial, behind: float = 0.0) -> Iterator[str]:
+    def objections(self, trial: Trial, tried: Mapping[str, Trial], behind: float = 0.0) -> Iterator[str]:
         """The clauses (b) to (f) that a model does not meet."""
-        yield from super().objections(trial, base, behind)
-        if misfit := self._misfit_reason(trial, base):
+        yield from super().objections(trial, tried, behind)
+        if misfit := self._misfit_reason(trial, tried[""]):
             yield misfit
 
     def _misfit_reason(self, trial: Trial, base: Trial) -> str:

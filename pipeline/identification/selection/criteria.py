@@ -222,8 +222,11 @@ class Rule(ABC, Generic[T]):
         """Names of the effects of a trial."""
 
     @abstractmethod
-    def distance(self, trial: T, effect: str) -> float:
-        """Distance of the size of an effect from zero, in that of the edge of its 95 % region."""
+    def distance(self, trial: T, effect: str, without: T | None) -> float:
+        """Distance of the size of an effect from zero, in that of the edge of its 95 % region.
+
+        ``without`` is the trial of the model without the effect; None where that was not tried.
+        """
 
     @abstractmethod
     def implausible(self, trial: T) -> Iterator[str]:
@@ -250,15 +253,15 @@ class Rule(ABC, Generic[T]):
         One member has the odds by itself, over no effect and over fewer effects. The others need only be within the
         odds of a class.
         """
-        by_odds = sorted(odds, key=lambda name: -odds[name])
+        tried, by_odds = {"": base, **trials}, sorted(odds, key=lambda name: -odds[name])
         close_models = [n for n in by_odds if _size(n) == _size(leader) and odds[n] >= odds[leader] - ODDS]
         candidates = [name for name in close_models if odds[name] >= odds_over_fewer(leader, odds)]
-        reasons = {name: next(self.objections(trials[name], base), "") for name in candidates}
+        reasons = {name: next(self.objections(trials[name], tried), "") for name in candidates}
         best = next((name for name in candidates if not reasons[name]), None)
         if best is None:
             return reasons, ()
         for name in close_models:
-            reasons[name] = next(self.objections(trials[name], base, max(odds[best] - odds[name], 0.0)), "")
+            reasons[name] = next(self.objections(trials[name], tried, max(odds[best] - odds[name], 0.0)), "")
         return reasons, tuple(name for name in close_models if not reasons[name])
 
     def odds(self, base_value: float, values: Mapping[str, float]) -> dict[str, float]:
@@ -269,22 +272,25 @@ class Rule(ABC, Generic[T]):
             if _size(name) <= self.most_named
         }
 
-    def objections(self, trial: T, base: T, behind: float = 0.0) -> Iterator[str]:
+    def objections(self, trial: T, tried: Mapping[str, T], behind: float = 0.0) -> Iterator[str]:
         """The clauses (b) to (e) that a model does not meet.
 
-        ``behind`` is the logarithm of the odds of the best member of its class over it: that one has the odds of (e).
+        ``tried`` are all trials by name, that without effects as "". ``behind`` is the logarithm of the odds of the
+        best member of its class over it: that one has the odds of (e).
         """
+        base, names = tried[""], self.effects(trial)
         if self.n_repeats < FEWEST_BLOCKS:
             yield f"with fewer than {FEWEST_BLOCKS} {self.repeats} no effect is named"
         gain = self.predictive(trial) - self.predictive(base)
         if len(gain) < 2 or np.sum(gain) <= 0:
             yield "data that were left out are not predicted better with it"
-        for effect in self.effects(trial):
-            if not self.distance(trial, effect) > 1:
+        for effect in names:
+            without = tried.get("+".join(name for name in names if name != effect))
+            if not self.distance(trial, effect, without) > 1:
                 yield f"the interval of the size of {effect} reaches zero"
         yield from self.implausible(trial)
         log_evidence_up_to = self.value(trial, self.misfit(base))
-        prior = prior_log_odds(len(self.effects(trial)), self.n_tried)
+        prior = prior_log_odds(len(names), self.n_tried)
         if not log_evidence_up_to - self.value(base) + prior + behind >= ODDS:
             yield "a discrepancy of no known form describes the unit as well"
         if self.value(trial) - log_evidence_up_to >= ODDS:
@@ -337,9 +343,9 @@ class Judge(Rule[Trial]):
         """Names of the effects of a trial."""
         return [effect.name for effect in trial.fit.model.effects]
 
-    def distance(self, trial: Trial, effect: str) -> float:
+    def distance(self, trial: Trial, effect: str, without: Trial | None) -> float:
         """Distance of the size of an effect from zero, in that of the edge of its 95 % region."""
-        return trial.evidence.distance(effect)
+        return trial.evidence.distance(effect, without and without.evidence)
 
     def implausible(self, trial: Trial) -> Iterator[str]:
         """Sizes at a bound, time constants that are longer than the record, tolerances that no unit has."""

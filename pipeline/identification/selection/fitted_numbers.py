@@ -130,20 +130,24 @@ def intervals(fitter: Fitter, trial: Trial) -> tuple[FittedParameter, ...]:
 def _ends(trial: Trial, bounds: Sequence[tuple[float, float]]) -> tuple[Real, Real]:
     """Ends of the intervals (n_parameters,) as shares of the bounds.
 
-    Those of sizes that cannot be negative, and would reach zero, are taken in the logarithm of the size: where a size
-    and a time constant trade in a valley of the misfit, it is wide upwards and never reaches zero.
+    Zero is excluded of what is named. The interval of a size that would reach zero is therefore taken in the logarithm
+    of the size, if it is the only one of its effect or cannot be negative: where a size and a time constant trade in a
+    valley of the misfit, it is wide upwards and never reaches zero.
     """
     unknowns = trial.fit.unknowns
     shares, first_share = unknowns.shares, len(unknowns.scales)
     deviation = trial.evidence.deviations[first_share : first_share + len(shares)]
-    size = [
-        share + low / (high - low) if low <= 0 <= high else 0.0
-        for share, (low, high) in zip(shares, bounds, strict=True)
-    ]
-    step = float(ndtri(0.5 * (1 + CONFIDENCE))) * np.hypot(deviation, FORM * np.array(size))
+    is_size = np.array([low <= 0 <= high for low, high in bounds])
+    zero = np.where(is_size, [-low / (high - low) for low, high in bounds], shares)
+    size = shares - zero
+    step = float(ndtri(0.5 * (1 + CONFIDENCE))) * np.hypot(deviation, FORM * size)
     low_end, high_end = shares - step, shares + step
-    for k, (lower, _) in enumerate(bounds):
-        if lower == 0 < shares[k] and low_end[k] <= 0:
-            high_end[k] = max(high_end[k], np.exp(min(np.log(shares[k]) + step[k] / shares[k], 0.0)))
-            low_end[k] = shares[k] * np.exp(-step[k] / shares[k])
+    start = 0
+    for effect in trial.fit.model.effects:
+        sizes = [k for k in range(start, start + len(effect.parameters)) if is_size[k]]
+        start += len(effect.parameters)
+        for k in sizes:
+            if 0 < abs(size[k]) <= step[k] and (len(sizes) == 1 or bounds[k][0] == 0):
+                ratio = step[k] / abs(size[k])
+                low_end[k], high_end[k] = np.sort(zero[k] + size[k] * np.exp([-ratio, ratio]))
     return low_end, high_end

@@ -48,7 +48,7 @@ class Known:
     def log_evidence_up_to(self, largest, largest_between_cycles):
         return self.value if np.isinf(largest) else self._limited
 
-    def distance(self, effect):
+    def distance(self, effect, without):
         return self._distance[effect] if isinstance(self._distance, dict) else self._distance
 
 

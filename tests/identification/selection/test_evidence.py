@@ -169,6 +169,18 @@ def test_the_distance_of_a_size_from_zero_is_in_radii_of_its_region():
     assert mean == pytest.approx(0.1, abs=4 * deviation)
 
 
+@pytest.mark.parametrize("size", [0.1, 0.02])
+def test_of_a_linear_size_the_density_at_zero_follows_from_the_model_without_it(size):
+    """Where the misfit without the effect is larger than derivatives say, by that much more."""
+    design, angle = drawn(size=size)
+    with_effect, without = (Evidence(COVARIANCE, *fitted(angle, design, columns)) for columns in (2, 1))
+    linear = with_effect.distance("coulomb")
+    assert with_effect.distance("coulomb", without) == pytest.approx(linear, rel=1e-4)
+    without._known_values = {with_effect.structure: without._value(with_effect.structure) - 4.0}
+    radius = 2 * gammaincinv(0.5, 0.95)
+    assert with_effect.distance("coulomb", without) == pytest.approx(np.sqrt(linear**2 + 8.0 / radius), rel=1e-4)
+
+
 def test_a_shape_is_held_where_the_size_that_it_trades_with_is_compared_with_zero():
     """A size and a shape with a correlation of 0.99: with the shape held a 7th of the deviation of the size is left."""
     evidence = Evidence.__new__(Evidence)
