@@ -345,7 +345,7 @@ class Judge(Rule[Trial]):
 
     def distance(self, trial: Trial, effect: str, without: Trial | None) -> float:
         """Distance of the size of an effect from zero, in that of the edge of its 95 % region."""
-        return trial.evidence.distance(effect, without and without.evidence)
+        return trial.evidence.distance(effect, without.evidence if without else None)
 
     def implausible(self, trial: Trial) -> Iterator[str]:
         """Sizes at a bound, time constants that are longer than the record, tolerances that no unit has."""

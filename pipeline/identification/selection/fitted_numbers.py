@@ -130,9 +130,9 @@ def intervals(fitter: Fitter, trial: Trial) -> tuple[FittedParameter, ...]:
 def _ends(trial: Trial, bounds: Sequence[tuple[float, float]]) -> tuple[Real, Real]:
     """Ends of the intervals (n_parameters,) as shares of the bounds.
 
-    Zero is excluded of what is named. The interval of a size that would reach zero is therefore taken in the logarithm
-    of the size, if it is the only one of its effect or cannot be negative: where a size and a time constant trade in a
-    valley of the misfit, it is wide upwards and never reaches zero.
+    Zero is excluded of what is named. The end of an interval that would reach zero is therefore taken in the logarithm
+    of the size, if this is the only one of its effect or cannot be negative. The other end of one that cannot be
+    negative is, too: where a size and a time constant trade in a valley of the misfit, it is wide upwards.
     """
     unknowns = trial.fit.unknowns
     shares, first_share = unknowns.shares, len(unknowns.scales)
@@ -149,5 +149,6 @@ def _ends(trial: Trial, bounds: Sequence[tuple[float, float]]) -> tuple[Real, Re
         for k in sizes:
             if 0 < abs(size[k]) <= step[k] and (len(sizes) == 1 or bounds[k][0] == 0):
                 ratio = step[k] / abs(size[k])
-                low_end[k], high_end[k] = np.sort(zero[k] + size[k] * np.exp([-ratio, ratio]))
+                factors = np.exp(-ratio), np.exp(ratio) if bounds[k][0] == 0 else 1 + ratio
+                low_end[k], high_end[k] = np.sort(zero[k] + size[k] * np.array(factors))
     return low_end, high_end

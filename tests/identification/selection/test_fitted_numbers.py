@@ -34,13 +34,19 @@ def test_an_interval_holds_the_posterior_and_what_the_form_of_the_model_may_miss
     assert result.value - result.ci_low == pytest.approx(half, rel=1e-6)
 
 
-@pytest.mark.parametrize(("truth", "bounds"), [(-3.8, (0.0, 10.0)), (0.2, BOUNDS), (-0.2, BOUNDS)])
-def test_the_interval_of_the_only_size_of_an_effect_never_reaches_zero(truth, bounds):
-    """Of a size of either sign, too: its effect would not be named if zero were possible."""
-    result = estimated(truth, deviation=0.03, bounds=[bounds])
-    assert 0 < min(result.ci_low / result.value, result.ci_high / result.value) < 1
-    assert result.ci_low < result.value < result.ci_high
+def test_the_interval_of_a_size_that_cannot_be_negative_never_reaches_zero():
+    result = estimated(-3.8, deviation=0.012, bounds=[(0.0, 10.0)])
+    assert 0 < result.ci_low < result.value
     assert result.ci_high / result.value == pytest.approx(result.value / result.ci_low, rel=1e-6)
+
+
+@pytest.mark.parametrize("truth", [0.2, -0.2])
+def test_the_interval_of_the_only_size_of_an_effect_never_reaches_zero(truth):
+    """Of a size of either sign, too: its effect would not be named if zero were possible."""
+    result = estimated(truth, deviation=0.03)
+    near, far = sorted((result.ci_low, result.ci_high), key=abs)
+    assert far - result.value == pytest.approx(np.sign(truth) * norm.ppf(0.975) * 0.03 * WIDTH, rel=1e-3)
+    assert near / result.value == pytest.approx(np.exp(1 - far / result.value), rel=1e-6)
 
 
 def test_an_interval_reaches_over_other_solutions_that_are_nearly_as_probable():
