@@ -8,7 +8,7 @@ import pytest
 from linear_unit import LinearFitter, linear_data, model_of
 from scipy.linalg import block_diag
 from scipy.special import gammaincinv, log_ndtr, logsumexp, ndtr
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 
 from pipeline.identification.fitting.fitter import OPEN_SHARE
 from pipeline.identification.fitting.problem import Model, candidates
@@ -21,7 +21,7 @@ from pipeline.identification.selection.covariance import (
     Structure,
     parts_of,
 )
-from pipeline.identification.selection.evidence import PRIOR_WIDTHS, Evidence
+from pipeline.identification.selection.evidence import FIRST, PRIOR_WIDTHS, Evidence
 
 SIGMA = 0.1
 DATA = replace(
@@ -176,6 +176,10 @@ def test_of_a_linear_size_the_density_at_zero_follows_from_the_model_without_it(
     with_effect, without = (Evidence(COVARIANCE, *fitted(angle, design, columns)) for columns in (2, 1))
     linear = with_effect.distance("coulomb")
     assert with_effect.distance("coulomb", without) == pytest.approx(linear, rel=1e-4)
+    at_fit = with_effect.without_promise()
+    at_fit.of_fit = at_fit.of_fit + 0.05
+    assert at_fit._promise(at_fit.structure) > 0.01
+    assert at_fit.distance("coulomb", without) < linear < with_effect.distance("coulomb", without) + 1e-3
     without._known_values = {with_effect.structure: without._value(with_effect.structure) - 4.0}
     radius = 2 * gammaincinv(0.5, 0.95)
     assert with_effect.distance("coulomb", without) == pytest.approx(np.sqrt(linear**2 + 8.0 / radius), rel=1e-4)
@@ -192,6 +196,13 @@ def test_a_shape_is_held_where_the_size_that_it_trades_with_is_compared_with_zer
     expected = 0.5 / (0.5 * np.sqrt(1 - correlation**2)) / np.sqrt(2 * gammaincinv(0.5, 0.95))
     assert evidence.distance("presliding") == pytest.approx(expected)
     assert evidence._sizes_by_effect() == [[1]]  # a shape has the prior of its range
+    mean, of_effect = evidence.unknowns[0][1:], covariance[1:, 1:]
+    width = 0.25
+    at_zero = multivariate_normal.logpdf([0.0, mean[1]], mean, of_effect)
+    of_prior = norm.logpdf(0.0, scale=width) + norm.logpdf(mean[1])
+    without = SimpleNamespace(_log_density=lambda structure: at_zero - of_prior)
+    vars(evidence).update(structure=FIRST, widths=np.array([1.0, width, 1.0]), _log_density=lambda structure: 0.0)
+    assert evidence.distance("presliding", without) == pytest.approx(expected)  # Savage and Dickey
 
 
 def test_structure_is_found_where_it_is():
