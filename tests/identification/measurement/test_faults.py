@@ -200,17 +200,32 @@ def test_exchanged_columns_are_found_where_no_row_is_near_zero():
     assert gains(angle, torque)
 
 
-@pytest.mark.parametrize("share", [0.05, DELAYED_SHARE])
-def test_a_torque_that_is_read_with_a_delay_is_no_fault_of_timed_rows(share):
-    """An elastic drive with play, whose sensor creeps: the loop runs the other way round, as no drive's does."""
-    torque = np.tile(np.concatenate([np.linspace(a, b, 41)[1:] for a, b in ((0, 12), (12, -12), (-12, 0))]), 2)
-    angle, late = torque / 5 + 0.5 * np.tanh(4 * torque), np.zeros(len(torque))
+def read_late(torque, share):
+    """The torque (n,) that a creeping sensor reads in evenly timed rows: a share of it comes later, over 20 rows."""
+    late = np.zeros(len(torque))
     for k in range(1, len(torque)):
         late[k] = late[k - 1] + (torque[k] - late[k - 1]) * (1 - np.exp(-1 / 20))
-    read = torque + share * (late - torque)
-    assert gains_energy(read, angle, np.zeros(len(read), int))
-    assert not gains_energy(read, angle, np.zeros(len(read), int), DELAYED_SHARE)
-    assert gains_energy(angle[::-1], read[::-1] + 4 * np.sign(late), np.zeros(len(read), int), DELAYED_SHARE)
+    return torque + share * (late - torque)
+
+
+@pytest.mark.parametrize("share", [0.05, DELAYED_SHARE])
+def test_a_delay_of_the_torque_does_less_work_than_is_allowed_for_it(share):
+    """An elastic drive with play: the loop runs the other way round, as no drive's does."""
+    torque = np.tile(np.concatenate([np.linspace(a, b, 41)[1:] for a, b in ((0, 12), (12, -12), (-12, 0))]), 2)
+    angle, one_cycle = torque / 50 + 0.5 * np.tanh(4 * torque), np.zeros(len(torque), int)
+    read = read_late(torque, share)
+    assert gains_energy(read, angle, one_cycle)
+    assert not gains_energy(read, angle, one_cycle, DELAYED_SHARE)
+    assert gains_energy(angle[::-1], read[::-1] + 4 * np.sign(read_late(torque, 1.0)), one_cycle, DELAYED_SHARE)
+
+
+def test_a_torque_that_is_read_late_is_a_fault_only_where_no_time_is_told(tmp_path):
+    table = measured().assign(angle_arcmin=lambda t: t["torque_Nm"] / 50 + 0.5 * np.tanh(4 * t["torque_Nm"]))
+    table["torque_Nm"] = read_late(table["torque_Nm"].to_numpy(), DELAYED_SHARE)
+    faults, _ = judged(tmp_path / "a", {"rows.csv": table})
+    assert "give the column time_s" in faults["swapped columns"].message
+    timed = table.assign(time_s=np.arange(len(table), dtype=float))
+    assert "swapped columns" not in judged(tmp_path / "b", {"rows.csv": timed})[0]
 
 
 def test_the_delay_that_is_no_fault_is_that_which_can_be_named():
