@@ -51,7 +51,7 @@ def _ripple(instrument: Instrument, values: Sequence[float]) -> Instrument:
 EFFECTS = (
     InstrumentEffect(
         name="torque_zero",
-        title="zero of the torque sensor",
+        title="zero offset of the torque sensor",
         physics="the sensor reads a torque where there is none",
         source="definition",
         parameters=(Parameter("torque_Nm", "N m", "reading at no torque"),),
@@ -65,7 +65,7 @@ EFFECTS = (
     ),
     InstrumentEffect(
         name="torque_gain",
-        title="gain of the torque sensor",
+        title="gain error of the torque sensor",
         physics="the sensor reads too much or too little in proportion",
         source="definition",
         parameters=(Parameter("gain", "1", "relative error of the torque read"),),
