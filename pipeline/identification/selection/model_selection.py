@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.arrays import Truth
 from pipeline.constant_kinds import Shortcut, ShortcutCount, ShownCount
-from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, ITERATIONS, Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
 from pipeline.identification.selection.covariance import Covariance, parts_of
@@ -128,20 +128,29 @@ class Selector:
 
         Fits start at the numbers and tolerances of the most probable model; where something is named, of all models
         about as probable, and are refined, since a plain fit ends at the kinks that taking the effect away leads to.
-        Two fits that miss as much may differ by many nats: contacts that close narrow what the numbers may be.
+        So is one more, from the model whose end a few steps lead farthest: its effect may have led past a kink. Fits
+        that miss as much may differ by many nats, since contacts that close narrow what the numbers may be.
         """
-        odds, fits = selection.odds, []
+        odds = selection.odds
         names = [name for name in odds if odds[name] >= max(odds.values()) - ODDS]
-        for name in sorted(names, key=lambda name: -odds[name])[: MOST_REFINED if selection.members else 1]:
-            unknowns = selection.trials[name].fit.unknowns
-            start = replace(self.fitter.start(Model()), scales=unknowns.scales, modes=unknowns.modes)
-            fit = self.fitter.fit(Model(), cells, start)
-            fits.append(self._refine(fit, cells, fit.unknowns) if selection.members else fit)
+        leaders = sorted(names, key=lambda name: -odds[name])[: MOST_REFINED if selection.members else 1]
+        fits = [self._fit_without_effects(selection.trials[name].fit, cells) for name in leaders]
+        if selection.members:
+            ends = [trial.fit for name, trial in selection.trials.items() if name not in leaders]
+            first_steps = [self._fit_without_effects(end, cells, FIRST_ITERATIONS) for end in ends]
+            fits += sorted(first_steps, key=lambda fit: fit.cost)[:1]
+            fits = [self._refine(fit, cells, fit.unknowns) for fit in fits]
         tries = self._tries(cells)
         rivals = [self.trial(fit, cells, tries.covariance, selection.base) for fit in fits if fit.sound]
         best = most_probable([selection.base, *rivals])
         gain = best.evidence.without_promise().value - selection.base.evidence.without_promise().value
         return self._at_most_probable(best, tries) if gain > GAIN_OF_BASE else selection.base
+
+    def _fit_without_effects(self, fit: Fit, cells: Truth, iterations: int = ITERATIONS) -> Fit:
+        """The model without effects, fitted from the numbers and tolerances of another model's fit."""
+        unknowns = fit.unknowns
+        start = replace(self.fitter.start(Model()), scales=unknowns.scales, modes=unknowns.modes)
+        return self.fitter.fit(Model(), cells, start, iterations)
 
     def _beside(self, base_fit: Fit, cells: Truth) -> Selection:
         """The selection beside a fit without effects."""

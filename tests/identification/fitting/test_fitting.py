@@ -215,7 +215,7 @@ def test_means_over_draws_of_tolerances_are_those_of_the_predictions(unknown):
     np.testing.assert_allclose(change[1][loaded], influence[loaded], atol=0.02 * np.max(np.abs(influence)))
 
 
-def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unknown):
+def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unknown, monkeypatch):
     """All numbers and tolerances drawn, a twentieth of the noise: a descent to all cells ends where contacts close."""
     data, random = replace(unknown.data, sigma=0.05 * unknown.data.sigma), np.random.default_rng(7)
     unit = replace(unknown, data=data)
@@ -235,6 +235,13 @@ def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unkno
     selection = Selection(known, {"coulomb": known}, odds={"coulomb": 9.0}, members=("coulomb",))
     assert selector._without_effects(selection, cells).fit.cost < 0.2 * plain.cost
     assert selector._without_effects(replace(selection, members=()), cells).fit.cost > 0.5 * plain.cost
+
+    monkeypatch.setattr(selector, "_refine", lambda fit, *_: fit)
+    assert selector._without_effects(selection, cells).fit.cost > 0.5 * plain.cost
+    far_along = selector.trial(passes, cells, Covariance(data, cells, data.position))
+    trials = {"coulomb": known, "preload": known, "ovality_2": far_along, "creep": known}
+    selection = replace(selection, trials=trials, odds={**dict.fromkeys(trials, -3.0), "coulomb": 9.0})
+    assert selector._without_effects(selection, cells).fit.cost < 1.1 * passes.cost
 
 
 def test_a_fit_with_an_effect_is_refined_too_where_it_could_then_be_named(unknown):
