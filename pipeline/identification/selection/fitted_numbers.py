@@ -131,8 +131,8 @@ def _ends(trial: Trial, bounds: Sequence[tuple[float, float]]) -> tuple[Real, Re
     """Ends of the intervals (n_parameters,) as shares of the bounds.
 
     Zero is excluded of what is named. The end of an interval that would reach zero is therefore taken in the logarithm
-    of the size, if this is the only one of its effect or cannot be negative. The other end of one that cannot be
-    negative is, too: where a size and a time constant trade in a valley of the misfit, it is wide upwards.
+    of the size, if this is the only one of its effect. So is the other end of one that cannot be negative: where a size
+    and a time constant trade in a valley of the misfit, it is wide upwards.
     """
     unknowns = trial.fit.unknowns
     shares, first_share = unknowns.shares, len(unknowns.scales)
@@ -146,9 +146,8 @@ def _ends(trial: Trial, bounds: Sequence[tuple[float, float]]) -> tuple[Real, Re
     for effect in trial.fit.model.effects:
         sizes = [k for k in range(start, start + len(effect.parameters)) if is_size[k]]
         start += len(effect.parameters)
-        for k in sizes:
-            if 0 < abs(size[k]) <= step[k] and (len(sizes) == 1 or bounds[k][0] == 0):
-                ratio = step[k] / abs(size[k])
-                factors = np.exp(-ratio), np.exp(ratio) if bounds[k][0] == 0 else 1 + ratio
-                low_end[k], high_end[k] = np.sort(zero[k] + size[k] * np.array(factors))
+        if len(sizes) == 1 and 0 < abs(size[k := sizes[0]]) <= step[k]:
+            ratio = step[k] / abs(size[k])
+            factors = np.exp(-ratio), np.exp(ratio) if bounds[k][0] == 0 else 1 + ratio
+            low_end[k], high_end[k] = np.sort(zero[k] + size[k] * np.array(factors))
     return low_end, high_end

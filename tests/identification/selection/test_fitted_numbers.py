@@ -49,6 +49,16 @@ def test_the_interval_of_the_only_size_of_an_effect_never_reaches_zero(truth):
     assert near / result.value == pytest.approx(np.exp(1 - far / result.value), rel=1e-6)
 
 
+def test_one_of_two_sizes_of_an_effect_may_be_zero():
+    bounds, unknowns = [(0.0, 0.5)] * 2, Vector(np.zeros(0), np.array([0.02, 0.4]), np.zeros(0))
+    fit = SimpleNamespace(model=Model((candidates()["directional_load_friction"],)), unknowns=unknowns)
+    trial = Trial(fit, SimpleNamespace(deviations=np.array([0.05, 0.05])), 1.0)
+    loading, unloading = intervals(SimpleNamespace(bounds=lambda model: bounds), trial)
+    assert loading.ci_low == 0.0
+    assert loading.ci_high == pytest.approx(0.5 * (0.02 + norm.ppf(0.975) * 0.05), rel=1e-3)
+    assert 0.1 < unloading.ci_low < 0.2
+
+
 def test_an_interval_reaches_over_other_solutions_that_are_nearly_as_probable():
     near, far = (estimated(truth) for truth in (2.0, 3.0))
     fitter, evidence = fitter_at(2.0), SimpleNamespace(deviations=np.array([1.0, 0.01]))
