@@ -23,26 +23,17 @@ gc.disable()
 settings.register_profile("alike", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("alike")  # the same examples everywhere, however slow the machine
 
-COMPILING = "test_friction_of_disks"
-"""It compiles all forms of the solver, and what they share once."""
-BESIDE = (
-    *("test_series", "test_changed", "test_generic_drive", "test_perforation", "test_record"),
-    *("test_other_laboratories", "test_intervals"),
-)
-"""Files that solve no reducer: the other processes run them while the first compiles, instead of waiting for it."""
 BEGUN_FIRST = (
-    COMPILING,
-    *BESIDE,
-    *("test_verify", "test_kills", "test_turning_drive", "test_results", "test_fitting", "test_page_numbers"),
-    *("test_whole_turn", "test_no_leak", "test_browser", "test_registered", "test_lots", "test_blind"),
-    *("test_recovery", "test_refitted", "test_dask", "test_compiled", "test_until", "test_one_loop"),
-    *("test_drivers_of_turn", "test_effects_of_designs", "test_carrier_chain", "test_turn", "test_adequacy"),
-    *("test_noise", "test_chain", "test_names", "test_jump_through_play"),
+    "test_friction_of_disks",  # compiles all forms of the solver, and what they share once
+    *("test_verify", "test_series", "test_kills", "test_turning_drive", "test_results", "test_page_numbers"),
+    *("test_whole_turn", "test_browser", "test_changed", "test_registered", "test_lots", "test_blind"),
+    *("test_recovery", "test_perforation", "test_dask", "test_compiled", "test_until", "test_generic_drive"),
+    *("test_record", "test_drivers_of_turn", "test_effects_of_designs", "test_carrier_chain", "test_turn"),
+    *("test_noise", "test_intervals", "test_refitted", "test_chain", "test_names", "test_other_laboratories"),
     *("test_holes_chain", "test_tails", "test_random_designs", "test_page_agrees", "test_damage", "test_population"),
     *("test_wheel", "test_allocate_command", "test_coverage", "test_summary"),
 )
-"""Files in the order in which they are begun: then the longest, so that none of them is begun last, when the other
-processes would wait for it."""
+"""The longest files, longest first: none of them is begun last, when the other processes would wait for it."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
