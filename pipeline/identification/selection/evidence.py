@@ -276,11 +276,11 @@ class Evidence:
 
         Notes
         -----
-        The distance is twice the logarithm of the density of the sizes where they are most probable over that at
-        zero. By the identity of Savage and Dickey (Dickey, Ann. Math. Stat. 42 (1971) 204) the density at zero over
-        that of the prior is the evidence without the effect over that with it. Where both are at hand the distance
-        follows from them, since the densities may be far from normal: a zero of the torque that moves a way through
-        the play past a row is sure, although any value between two rows does that. Else the density is taken as normal.
+        Its square is twice the logarithm of the ratio of two densities of the sizes: where they are most probable, and
+        at zero. By the identity of Savage and Dickey (Dickey, Ann. Math. Stat. 42 (1971) 204) the density at zero over
+        that of the prior equals the evidence without the effect over that with it. If the model without the effect
+        was fitted, this identity is used, because the density may be far from normal: that the torque has a zero
+        offset can be certain, although every value between two rows fits as well. Otherwise a normal density is used.
         """
         mean, covariance = self.unknowns
         first_share, start = len(self.fit.unknowns.scales), 0

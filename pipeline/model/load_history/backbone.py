@@ -25,7 +25,7 @@ class Backbone:
     torque : (n_nodes,) ascending [N mm], symmetric; the two next to zero, at ``LIMIT_TORQUE``, are the ends of play.
     angle : (n, n_nodes) rotation of the output [rad], the springs in series included.
     states : equilibria at the nodes (n, n_nodes, ...).
-    drive : whose curve it is; its elements may be others than when the curve was solved.
+    drive : the drive that the curve was solved for. Another drive may share the curve if only its elements differ.
     """
 
     torque: Real
@@ -70,25 +70,25 @@ class Backbone:
         By the energy of ``influence``: what each contact and the bearing give way more under the forces that they
         carry, times the slope of these over the torque.
         """
-        closing, bearing_depth = self._give_of(neighbour)
-        own_closing, own_bearing_depth = self._own_give
+        closing, bearing_depth = self._deflections_of(neighbour)
+        own_closing, own_bearing_depth = self._own_deflections
         change: Real = np.sum(self.influence * (closing - own_closing), axis=2)
         change += np.sum(self._slopes_of_thrust * (bearing_depth - own_bearing_depth), axis=2)
         return change + (neighbour.twist(self.torque) - drive.twist(self.torque))
 
     @cached_property
-    def _own_give(self) -> tuple[Real, Real]:
-        return self._give_of(self.drive)
+    def _own_deflections(self) -> tuple[Real, Real]:
+        return self._deflections_of(self.drive)
 
     @cached_property
     def _slopes_of_thrust(self) -> Real:
         """Derivative (n, n_nodes, n_disks) of the force on each input bearing by the torque [N/(N mm)]."""
         return self._over_torque(self.drive.reducer.thrust(self.states.force))
 
-    def _give_of(self, drive: Drive) -> tuple[Real, Real]:
-        """How far contacts (n, n_nodes, n_contacts) and bearings (n, n_nodes, n_disks) of a drive give way [mm].
+    def _deflections_of(self, drive: Drive) -> tuple[Real, Real]:
+        """Deflection of contacts (n, n_nodes, n_contacts) and bearings (n, n_nodes, n_disks) of a drive [mm].
 
-        Under the forces of this curve, gaps and clearances included.
+        Under the forces of this curve; the gaps and the clearances are added.
         """
         force = self.states.force
         is_loaded = np.nonzero(force > 0)

@@ -167,8 +167,7 @@ def _solve(
             last_basis[k], own_duals[k] = basis[k], duals[k]
             for d in range(size):
                 own_inverse[k, d] = inverse[k, d]
-            for d in range(size):
-                x[d] += own_inverse[k, d] * limit[last_basis[k]]
+                x[d] += inverse[k, d] * limit[basis[k]]
         state[s] = 2
         while pivots < MOST_PIVOTS * size:
             count, worst = _violated_rows(
