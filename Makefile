@@ -24,7 +24,7 @@ VALIDATION := $(VENV)/bin/python -m tests.validation
 JOBS_OPTION := $(if $(JOBS),--jobs "$$JOBS")
 
 .DEFAULT_GOAL := help
-.PHONY: help setup study $(STAGES) why test attack mutants lint types docs identify rig changed population blind lots assemble certificate workbook \
+.PHONY: help setup study $(STAGES) why test attack mutants long lint types docs identify rig changed population blind lots assemble certificate workbook \
 	bench paper calibrate verify coverage tails flank compare allocate bounds joints provenance check licences clean-runs
 
 help:  ## list the targets
@@ -100,8 +100,11 @@ population: $(VENV)/installed  ## compare measured units with a study: make popu
 blind: $(VENV)/installed  ## test the identification on units whose truth it cannot read: make blind CASES=60 FIRST=0
 	$(VALIDATION) blind $(if $(CASES),--cases "$$CASES") $(if $(THIRD),--third "$$THIRD") $(if $(FIRST),--first "$$FIRST") $(JOBS_OPTION)
 
-test: $(VENV)/installed  ## run the tests
+test: $(VENV)/installed  ## run the tests but for the long ones
 	$(VENV)/bin/python -m pytest
+
+long: $(VENV)/installed  ## run the tests that take more than two seconds each: whole identifications, whole turns, kills
+	$(VENV)/bin/python -m pytest -m "long and not attack"
 
 attack: $(VENV)/installed  ## run what make test runs in part at full size: 10,000 fuzzed inputs, 50 kills, 500 random designs
 	$(VENV)/bin/python -m pytest -n 0 -s -m attack -o faulthandler_timeout=7200

@@ -41,7 +41,7 @@ SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
 """Operators and bounds, and what takes their place."""
 LONGEST = 120
 """Seconds that the traced tests of a mutant take without it, together, and its files; longer ones are left out."""
-PYTEST = ("-m", "pytest", "-q", "-p", "no:cacheprovider")
+PYTEST = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not attack")
 NOTHING_TO_RUN = 5
 """Exit status of pytest where all tests of the files are for another target."""
 

@@ -124,6 +124,7 @@ def test_a_random_design_is_solved_or_refused_with_a_reason(tmp_path: Path, seed
 
 
 @pytest.mark.parametrize("seed", PRELOADED)
+@pytest.mark.long
 def test_a_preloaded_unit_has_its_ends_at_no_torque(tmp_path: Path, seed: int, compiled) -> None:
     """The interface with play carries 1e-8 of the rated torque beside 1e8 times larger forces of the preload."""
     assert not [reason for reason in outcome(seed, tmp_path).failed if "no equilibrium" in reason]

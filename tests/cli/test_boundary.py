@@ -58,6 +58,7 @@ def test_help_imports_no_library() -> None:
     assert not set(HEAVY) & set(modules.split())
 
 
+@pytest.mark.long
 def test_a_command_of_stages_draws_with_a_library_that_it_imports_when_it_draws() -> None:
     """It took as long to import as all stages but the mechanics."""
     script = "import sys, pipeline.cli.studies\nprint(*sys.modules)"

@@ -85,6 +85,7 @@ def test_it_is_not_kept_where_an_input_changed_meanwhile(world: Path, monkeypatc
     assert kept_answer(OPTIONS) is None
 
 
+@pytest.mark.long
 def test_the_second_answer_of_a_command_takes_a_fraction_of_a_second(tmp_path: Path) -> None:
     for name in ("designs", "studies"):
         shutil.copytree(PROJECT / "data" / name, tmp_path / "data" / name)

@@ -85,6 +85,7 @@ def test_every_installed_package_states_its_licence(capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.parametrize("stage", ["clearance", pytest.param("report", marks=pytest.mark.attack)])
+@pytest.mark.long
 def test_a_study_runs_without_any_network(tmp_path: Path, stage: str) -> None:
     """In a network namespace of its own, without so much as a loopback; the report then loads nothing either."""
     if not shutil.which("unshare") or subprocess.run(["unshare", "-rn", "true"]).returncode:

@@ -418,6 +418,7 @@ def killed_at(steps: int, runs: Path) -> None:
     run(STAGES, Toy(), ["finish"], runs, ONE)
 
 
+@pytest.mark.long
 def test_killed_at_any_step_of_a_publish_the_next_run_ends_equal(tmp_path: Path, outputs) -> None:
     """With an old output to replace; then the new one is damaged too, so that the stage is built once more."""
     killed = 0

@@ -65,6 +65,7 @@ def address_in(address_file: Path) -> str:
     raise AssertionError("the scheduler did not start")
 
 
+@pytest.mark.long
 def test_cluster_that_loses_a_worker_gives_the_same_tables(
     tmp_path: Path, cluster: tuple[str, list[subprocess.Popen]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -86,6 +87,7 @@ def test_cluster_that_loses_a_worker_gives_the_same_tables(
     }
 
 
+@pytest.mark.long
 def test_worker_of_another_version_of_the_code_is_refused(
     tmp_path: Path, address_file: Path, cluster: tuple[str, list[subprocess.Popen]]
 ) -> None:
@@ -115,6 +117,7 @@ def test_worker_of_another_version_of_the_code_is_refused(
     assert remote["add"].hashes == local["add"].hashes
 
 
+@pytest.mark.long
 def test_scheduler_without_a_worker_is_an_input_error(cluster, monkeypatch) -> None:
     address, workers = cluster
     monkeypatch.setattr("pipeline.engine.cluster.PATIENCE", 2)

@@ -80,12 +80,14 @@ def in_one_chunk(tmp_path_factory: pytest.TempPathFactory) -> dict:
 
 @settings(max_examples=8)
 @given(chunk=st.integers(1, 50))
+@pytest.mark.long
 def test_values_do_not_depend_on_the_chunk(
     tmp_path_factory: pytest.TempPathFactory, in_one_chunk: dict, chunk: int
 ) -> None:
     assert hashes(run(STAGES, Toy(), ["finish"], tmp_path_factory.mktemp("runs"), Resources(1, chunk))) == in_one_chunk
 
 
+@pytest.mark.long
 def test_values_do_not_depend_on_the_number_of_jobs(tmp_path: Path) -> None:
     single_job = run(STAGES, Toy(), ["finish"], tmp_path / "1", ONE)
     second_run = run(STAGES, Toy(), ["finish"], tmp_path / "2", Resources(jobs=2, chunk=10))

@@ -74,6 +74,7 @@ def left_of_session(process: BaseProcess | subprocess.Popen) -> list[int]:
     return left
 
 
+@pytest.mark.long
 def test_killed_again_and_again_it_ends_equal_and_repeats_only_what_was_in_flight(tmp_path: Path) -> None:
     log = tmp_path / "log"
     kills = 0
@@ -97,6 +98,7 @@ def test_killed_again_and_again_it_ends_equal_and_repeats_only_what_was_in_fligh
     )
 
 
+@pytest.mark.long
 def test_a_worker_that_the_system_kills_loses_no_finished_chunk(tmp_path: Path) -> None:
     """As the kernel does where memory is short: SIGKILL to one worker, in the middle."""
     log = tmp_path / "log"
@@ -116,6 +118,7 @@ def test_a_worker_that_the_system_kills_loses_no_finished_chunk(tmp_path: Path) 
     )
 
 
+@pytest.mark.long
 def test_a_worker_that_joblib_starts_anew_because_it_has_grown_is_no_news(tmp_path: Path) -> None:
     """After two chunks of six, at half of what they keep: joblib's own limit is 300 MB, looked at once a second."""
     assert ended(started(tmp_path / "runs", tmp_path / "log", 7, keeps_MB=32)) == 0
@@ -144,6 +147,7 @@ def tasks() -> None:
     worker_results(2, (joblib.delayed(time.sleep)(0.01 if number < 2 else 600) for number in range(4)))
 
 
+@pytest.mark.long
 def test_workers_of_tasks_end_with_a_killed_process(tmp_path: Path) -> None:
     """Those of tails, forms, scales, allocations and lots did not watch it: 270 MB each stayed for good."""
     process, busy = forked(tasks), []
@@ -183,6 +187,7 @@ def pooled(runs: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["fork", "threads"])
+@pytest.mark.long
 def test_pools_around_the_entry_from_python_work(tmp_path: Path, kind: str) -> None:
     process = forked(pooled, tmp_path, kind)
     process.join(timeout=120)
@@ -191,6 +196,7 @@ def test_pools_around_the_entry_from_python_work(tmp_path: Path, kind: str) -> N
     assert (len(answers), len(set(answers))) == (4, 1)
 
 
+@pytest.mark.long
 def test_a_spawned_process_has_workers_of_its_own(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(SCRIPT.parent), *sys.path])}
     (tmp_path / "script.py").write_text(SPAWNED)

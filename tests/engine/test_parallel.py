@@ -25,6 +25,7 @@ def chunk(start: int, stop: int) -> Chunk:
     return Chunk(start, stop, {"draw/points": {"x_mm": np.arange(3.0 * (stop - start)), "side": ["plus"]}})
 
 
+@pytest.mark.long
 def test_inputs_are_read_when_needed_and_results_wait_for_the_reader(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(parallel, "WAVE", 3)
     read = []
@@ -125,6 +126,7 @@ def test_a_whole_stage_runs_with_one_blas_thread(tmp_path: Path) -> None:
     assert set(threads) == {1}
 
 
+@pytest.mark.long
 def test_idle_workers_end_and_others_take_their_place() -> None:
     parallel.end_idle_workers()  # without any nothing happens
 

@@ -97,6 +97,7 @@ def test_a_long_stage_announces_its_time(capsys: pytest.CaptureFixture) -> None:
     assert capsys.readouterr().err == "add  expected to take 90 s\n"
 
 
+@pytest.mark.long
 def test_meter_sees_a_peak_that_is_gone_at_the_end() -> None:
     with Meter() as meter:
         peak_before = meter.peak_bytes

@@ -36,6 +36,7 @@ def trouble(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.long
 def test_a_failing_chunk_is_named_and_the_others_are_kept(tmp_path: Path, trouble, jobs: int) -> None:
     trouble(fail_at=23)
     with pytest.raises(

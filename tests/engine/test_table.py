@@ -110,6 +110,7 @@ def cut(columns: dict, reducer: list[int]) -> list[dict]:
 
 
 @given(items=st.lists(st.integers(0, 9), max_size=4), order=st.randoms(use_true_random=False))
+@pytest.mark.long
 def test_content_hash_is_of_values_not_of_parts(items: list[int], order) -> None:
     parts = cut(rows(30), [3 * item for item in items])
     order.shuffle(parts)

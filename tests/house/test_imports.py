@@ -55,6 +55,7 @@ def test_the_model_reads_no_file_and_no_setting(graph: grimp.ImportGraph) -> Non
     assert graph.find_modules_directly_imported_by(compiler) & FILES_AND_SETTINGS
 
 
+@pytest.mark.long
 def test_a_report_loads_no_library_of_other_stages() -> None:
     program = "import sys, pipeline.library.running, stages.report; stages.report.library(); print(*sys.modules)"
     modules = subprocess.run(

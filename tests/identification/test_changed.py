@@ -99,6 +99,7 @@ def test_what_changed_is_named_with_its_sign_and_size(tmp_path, changes, words, 
     assert change.mean == pytest.approx(true, rel=0.25)
 
 
+@pytest.mark.long
 def test_nothing_at_a_bound_is_claimed(tmp_path, monkeypatch):
     """A spring that almost vanishes and friction that fills the loop: shares of positive numbers stay above -100 %."""
     monkeypatch.setitem(DRIVE, "ripple", 0.0)
@@ -119,6 +120,7 @@ def test_loops_that_do_not_load_the_spring_say_nothing_of_it(tmp_path, monkeypat
     assert "width" in {number.kind.name for number in table.numbers}
 
 
+@pytest.mark.long
 def test_where_nothing_changed_nothing_is_named(tmp_path):
     verdicts = [pair(tmp_path / str(seed), {}, seed=seed).comparison.verdict for seed in range(4)]
     assert verdicts.count(NO_CHANGE) >= 3
@@ -307,6 +309,7 @@ def rig(tmp_path_factory):
 
 
 @pytest.mark.skipif(not all(data.is_dir() for data in RIG_DATA), reason="the measured interventions are not here")
+@pytest.mark.long
 def test_the_known_interventions_are_named_and_a_drive_measured_twice_is_not(rig):
     """Width at zero torque of the small loops: 83, 67, 35, 38, 39 arcmin over the turns of the preload screw."""
     preloads = [rig(f"conic_onyx_{name}") for name in ("1pre", "3pre", "4pre", "preload5")]

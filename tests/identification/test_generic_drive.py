@@ -62,6 +62,7 @@ def drive_measured(folder, changes=None, by_angle=False, locked="input", noise=0
     ("by_angle", "locked"),
     [pytest.param(False, "input", marks=pytest.mark.attack), (False, "output"), (True, "input")],
 )
+@pytest.mark.long
 def test_play_and_friction_are_claimed_with_their_size(tmp_path, by_angle, locked):
     description = describe(drive_measured(tmp_path / "u", by_angle=by_angle, locked=locked))
     numbers = {number.term: number for number in description.numbers}
@@ -76,6 +77,7 @@ def test_play_and_friction_are_claimed_with_their_size(tmp_path, by_angle, locke
         assert description.errors["described"].rms_arcmin < 0.05 * description.errors["spring"].rms_arcmin
 
 
+@pytest.mark.long
 def test_a_spring_alone_has_nothing_claimed(tmp_path):
     bare_spring = dict.fromkeys(("play", "friction", "load_friction"), 0.0)
     description = describe(drive_measured(tmp_path / "u", bare_spring))
@@ -83,6 +85,7 @@ def test_a_spring_alone_has_nothing_claimed(tmp_path):
     assert description.errors["described"].to_noise < 1.25
 
 
+@pytest.mark.long
 def test_held_out_rows_move_no_prediction_by_more_than_their_offset(tmp_path):
     measurement_before = drive_measured(tmp_path / "a")
     rows = pd.read_csv(tmp_path / "a" / "rows.csv")
@@ -102,6 +105,7 @@ def test_held_out_rows_move_no_prediction_by_more_than_their_offset(tmp_path):
     assert measurement_before.unit.design_study is None
 
 
+@pytest.mark.long
 def test_the_command_judges_first_and_writes_a_page(tmp_path, monkeypatch, capsys):
     drive_measured(tmp_path / "u", locked="output")
     monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")

@@ -43,6 +43,7 @@ def two_runs(tmp_path_factory, condensed):
     return run_before, selected(folder, condensed)
 
 
+@pytest.mark.long
 def test_every_fitted_number_is_the_same_to_the_last_digit_whatever_held_out_rows_are(two_runs):
     (measured, problem, selection, verdict, visible), (_, variant, repeat, trial_result, _) = two_runs
     assert problem.data.noise == variant.data.noise
@@ -61,6 +62,7 @@ def test_every_fitted_number_is_the_same_to_the_last_digit_whatever_held_out_row
     assert "coulomb" in verdict.named_effects
 
 
+@pytest.mark.long
 def test_the_stretch_shows_where_all_rows_are_seen(two_runs):
     """The noise of all rows moves: what the training rows alone hold still would otherwise be no test."""
     (measured, problem, *_), (stretched, variant, *_) = two_runs
@@ -70,6 +72,7 @@ def test_the_stretch_shows_where_all_rows_are_seen(two_runs):
     assert variant.trained_on(all_cells).span > 1.2 * problem.trained_on(all_cells).span
 
 
+@pytest.mark.long
 def test_noise_of_some_positions_is_that_of_a_unit_that_has_no_others(two_runs, tmp_path):
     (measured, _, _, _, visible), _ = two_runs
     folder = tmp_path / "u"
@@ -85,6 +88,7 @@ def test_noise_of_some_positions_is_that_of_a_unit_that_has_no_others(two_runs, 
     assert subset.torque_noise_Nm == pytest.approx(isolated.torque_noise_Nm)
 
 
+@pytest.mark.long
 def test_a_fold_of_two_positions_refits_an_effect_over_the_crank_angle(two_runs):
     """It was a KeyError: two positions cannot test what three have named."""
     (_, problem, *_), _ = two_runs
@@ -96,6 +100,7 @@ def test_a_fold_of_two_positions_refits_an_effect_over_the_crank_angle(two_runs)
     assert fold.problem.data.noise == problem.data.noise
 
 
+@pytest.mark.long
 def test_filters_limits_and_courses_of_training_rows_know_nothing_of_the_others(two_runs, tmp_path, condensed):
     """Other torque, time, noise and outliers where nothing is fitted: what a fit starts from is the same bit by bit."""
     (measured, problem, _, _, visible), _ = two_runs

@@ -29,6 +29,7 @@ def answer(request, tmp_path_factory, condensed):
     return identification, home / "out"
 
 
+@pytest.mark.long
 def test_the_fit_is_in_sample_and_says_so(answer):
     result, folder = answer
     assert result.folds.in_sample
@@ -42,6 +43,7 @@ def test_the_fit_is_in_sample_and_says_so(answer):
     assert "two or more other crank angles" in result.statement.advice
 
 
+@pytest.mark.long
 def test_a_loop_that_replays_itself_is_no_baseline(answer):
     """Its error is none, or rounding: the page divided by it."""
     result, folder = answer
@@ -50,6 +52,7 @@ def test_a_loop_that_replays_itself_is_no_baseline(answer):
     assert "replay of the training" not in (folder / "report.html").read_text()
 
 
+@pytest.mark.long
 def test_nothing_is_claimed_of_one_loop_but_the_effect_describes_it(answer):
     result, _ = answer
     assert result.verdict.named_effects == ()
@@ -59,6 +62,7 @@ def test_nothing_is_claimed_of_one_loop_but_the_effect_describes_it(answer):
         assert "cannot confirm it" in result.statement.sentence
 
 
+@pytest.mark.long
 def test_signatures_of_one_loop_have_values(answer):
     """Friction of 0.5 N m holds each branch back by its angle of the slope; the refit leaves it in the residual."""
     _, folder = answer
@@ -68,6 +72,7 @@ def test_signatures_of_one_loop_have_values(answer):
     assert np.isfinite(signatures.loc[("recalibrated", "play"), "value"])
 
 
+@pytest.mark.long
 def test_the_best_description_can_be_run_and_says_that_it_is_no_claim(answer):
     result, folder = answer
     best = folder / "best-u.toml"

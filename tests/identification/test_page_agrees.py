@@ -65,6 +65,7 @@ def number(text):
     return float(text.replace(",", "").replace("\u2212", "-"))
 
 
+@pytest.mark.long
 def test_numbers_of_the_verdict_are_those_of_the_residuals_that_the_figures_show(answer):
     verdict, _, cells = answer
     for stage, error in verdict["held_out_errors"].items():
@@ -72,6 +73,7 @@ def test_numbers_of_the_verdict_are_those_of_the_residuals_that_the_figures_show
         assert error["max_arcmin"] == pytest.approx(cells[f"residual_{stage}_arcmin"].abs().max())
 
 
+@pytest.mark.long
 def test_sentence_and_cards_say_the_same(answer):
     verdict, page, _ = answer
     errors = verdict["held_out_errors"]
@@ -88,6 +90,7 @@ def test_sentence_and_cards_say_the_same(answer):
         assert message[1] == (f"{errors['after']['rms_arcmin']:.3g}", f"{errors['after']['to_noise']:.3g}")
 
 
+@pytest.mark.long
 def test_after_is_refitted_where_nothing_is_named_and_better_where_an_effect_is(answer):
     verdict, _, cells = answer
     error_after, refitted = (verdict["held_out_errors"][stage] for stage in ("after", "recalibrated"))
@@ -98,6 +101,7 @@ def test_after_is_refitted_where_nothing_is_named_and_better_where_an_effect_is(
         np.testing.assert_array_equal(cells["after_arcmin"], cells["recalibrated_arcmin"])
 
 
+@pytest.mark.long
 def test_the_table_of_errors_repeats_the_cards(answer):
     verdict, page, _ = answer
     (table,) = re.findall(r"<caption>Of the angle.*?</table>", page, re.S)
@@ -109,6 +113,7 @@ def test_the_table_of_errors_repeats_the_cards(answer):
         assert values == pytest.approx([*expected, error["to_noise"], error["expected_to_noise"]], rel=5.1e-3)
 
 
+@pytest.mark.long
 def test_an_adequate_unit_says_what_could_hide(answer):
     verdict, page, _ = answer
     limits = {limit["effect"]: limit["noticed"] for limit in verdict["could_hide"]}
@@ -119,6 +124,7 @@ def test_an_adequate_unit_says_what_could_hide(answer):
         assert "What could hide" in page
 
 
+@pytest.mark.long
 def test_baselines_stand_on_the_page_and_it_says_which_is_ahead(answer):
     verdict, page, _ = answer
     assert len(verdict["baselines"]) == 3
@@ -127,6 +133,7 @@ def test_baselines_stand_on_the_page_and_it_says_which_is_ahead(answer):
     assert all(error["cells"] == error_after["cells"] for error in verdict["baselines"].values())
 
 
+@pytest.mark.long
 def test_the_page_has_one_noise_floor(answer):
     """There were two, up to 18-fold apart: that of repeats, and the one by which errors are counted."""
     verdict, page, _ = answer
@@ -138,6 +145,7 @@ def test_the_page_has_one_noise_floor(answer):
     assert [float(value) for value in floors] == pytest.approx([floor] * len(floors), rel=5.1e-3)
 
 
+@pytest.mark.long
 def test_the_study_that_is_written_leaves_what_its_fit_leaves(answer):
     """Dimensions, factors of the laws and effects are all in its files; the bench's drift is taken out of the data."""
     verdict, page, _ = answer

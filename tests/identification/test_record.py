@@ -139,6 +139,7 @@ def test_each_torque_is_predicted_from_the_others(waving):
         assert row.rms < 0.6 * row.base_rms < row.repeat_rms
 
 
+@pytest.mark.long
 def test_torque_at_the_input_is_that_of_the_output_by_the_mean_of_the_senses(tmp_path):
     """A loss of 30 N m at the output, 5 % of the largest torque; the rigidity would be off by its share.
 
@@ -218,6 +219,7 @@ def test_other_effects_are_named_too_of_a_carrier_by_its_teeth(tmp_path, drive, 
     assert orders[80.0] == pytest.approx(drive.compliance_wave, abs=0.2)
 
 
+@pytest.mark.long
 def test_three_effects_at_once_are_named_together(tmp_path):
     """A real drive varies with temperature and crank at once; each by itself leaves what the others cause."""
     drive = Drive(compliance_wave=4.0, warm_zero=2.0, friction_wave=1.2)

@@ -192,6 +192,7 @@ def folder(offered: tuple[str, ...], identified_example: Callable[[Sequence[str]
     return identified_example(offered)
 
 
+@pytest.mark.long
 def test_a_written_study_has_the_zeros_of_the_angle_of_its_fit(friction_example: Path, condensed: Condensed) -> None:
     """A fit that misses weighs its cells otherwise than by their noise."""
     unit_folder = ROOT / "data/measured" / EXAMPLE
@@ -212,6 +213,7 @@ def test_a_written_study_has_the_zeros_of_the_angle_of_its_fit(friction_example:
     assert np.max(np.abs(angles[1] - angles[0])) > 1e-4
 
 
+@pytest.mark.long
 def test_the_friction_that_was_put_in_is_named_with_its_size_and_written_into_the_design(folder: Path) -> None:
     verdict = json.loads((folder / "verdict.json").read_text())
     assert verdict["verdict"] == "identified"
@@ -222,6 +224,7 @@ def test_the_friction_that_was_put_in_is_named_with_its_size_and_written_into_th
     assert written_file["coulomb"]["torque_Nm"] == pytest.approx(parameter["value"], rel=1e-5)
 
 
+@pytest.mark.long
 def test_the_folder_holds_what_the_contract_says(folder: Path) -> None:
     verdict = json.loads((folder / "verdict.json").read_text())
     for key in ("verdict", "named", "parameters", "sentence", "advice", "noise", "held_out_errors", "loop_errors"):
@@ -239,6 +242,7 @@ def test_the_folder_holds_what_the_contract_says(folder: Path) -> None:
     assert len(list((folder / "figures").glob("*.png"))) == len(list((folder / "figures").glob("*.svg"))) == 4
 
 
+@pytest.mark.long
 def test_residuals_and_errors_are_those_of_the_table(folder: Path) -> None:
     verdict = json.loads((folder / "verdict.json").read_text())
     cells = pd.read_parquet(folder / "residual.parquet")
@@ -258,6 +262,7 @@ def test_residuals_and_errors_are_those_of_the_table(folder: Path) -> None:
     assert errors["after"] < errors["recalibrated"]
 
 
+@pytest.mark.long
 def test_the_written_study_lies_on_the_data_as_the_page_says(folder: Path) -> None:
     """Its friction and numbers come from the files alone; at equal torque it leaves little more than the fits."""
     verdict = json.loads((folder / "verdict.json").read_text())
@@ -326,6 +331,7 @@ def test_the_page_says_which_prediction_is_ahead() -> None:
     assert other_errors(identification) == errors
 
 
+@pytest.mark.long
 def test_every_effect_stands_in_the_candidates_with_numbers_or_a_reason(folder: Path, offered: tuple[str, ...]) -> None:
     rows = pd.read_parquet(folder / "candidates.parquet")
     assert set(offered) <= set(rows["effect"])
@@ -348,6 +354,7 @@ def test_the_gain_of_an_effect_is_what_its_predictions_have_over_those_without_i
     assert rows["log_score_gain"].tolist() == [4.0]
 
 
+@pytest.mark.long
 def test_the_corrected_study_runs_the_written_model(folder: Path) -> None:
     design = tomllib.loads((folder / "design.toml").read_text())
     study = load_study(folder / f"corrected-{EXAMPLE}.toml", ROOT)

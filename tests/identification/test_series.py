@@ -124,6 +124,7 @@ def answer(few_effects, tmp_path_factory):
         )
 
 
+@pytest.mark.long
 def test_a_runout_that_all_states_share_is_found_with_its_size_and_states_keep_their_own(answer):
     assert answer.verdict in (IDENTIFIED, EQUIVALENT)
     best = answer.effects.classes[0][0]
@@ -138,6 +139,7 @@ def test_a_runout_that_all_states_share_is_found_with_its_size_and_states_keep_t
     np.testing.assert_allclose(friction, [1.0, 1.7], rtol=0.2)  # the play has a hard stop, the model a knee
 
 
+@pytest.mark.long
 def test_without_a_shared_effect_none_is_claimed_and_no_trend(tmp_path):
     answer = identify_measurements(write_series(tmp_path, [1.0] * 3, [40.0] * 3, 0.0, (20.0, 140.0, 260.0), seed=5))
     assert answer.verdict == NOT_SHARED
@@ -145,6 +147,7 @@ def test_without_a_shared_effect_none_is_claimed_and_no_trend(tmp_path):
     assert not any(trend.is_shown for trend in answer.trends)
 
 
+@pytest.mark.long
 def test_of_few_positions_the_other_states_show_the_class_with_its_size_and_control(tmp_path):
     """Three positions in each of three states: folds over positions train on two, the other states hold the wave."""
     answer = identify_measurements(
@@ -161,6 +164,7 @@ def test_of_few_positions_the_other_states_show_the_class_with_its_size_and_cont
     assert "with its sign reversed" in answer.sentence
 
 
+@pytest.mark.long
 def test_one_state_of_eight_positions_shows_the_runout_with_its_control_and_a_page(tmp_path, monkeypatch):
     write_series(tmp_path / "drive", [1.0], [40.0], RUNOUT, EIGHT_CRANKS, seed=4)
     monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
@@ -185,6 +189,7 @@ def test_one_state_without_an_effect_names_none(tmp_path):
     assert "No effect of the crank angle" in answer.sentence
 
 
+@pytest.mark.long
 def test_two_positions_claim_no_shared_effect(tmp_path):
     answer = identify_measurements(write_series(tmp_path, [1.0, 1.5], [40.0] * 2, 0.0, (20.0, 110.0)))
     assert not answer.effects.classes
@@ -202,6 +207,7 @@ def test_play_that_closes_over_the_variable_is_a_trend(tmp_path):
     assert not trends["compliance"].is_shown
 
 
+@pytest.mark.long
 def test_what_the_distance_of_the_torques_makes_is_no_trend_and_what_is_real_is(tmp_path):
     """Of few torques play and stiffness move with the friction, alike at all positions: without scatter, and wrong."""
     frictions = [1.0, 1.3, 1.7, 2.5]
@@ -246,6 +252,7 @@ def test_the_library_function_writes_a_page_that_says_what_the_verdict_says(tmp_
     assert set(states["source"]) == {"loops", "fit"}
 
 
+@pytest.mark.long
 def test_errors_of_states_have_intervals_over_positions(answer):
     for _, errors in state_errors(answer):
         value, low, high = errors["refitted"]

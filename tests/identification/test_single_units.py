@@ -2,6 +2,7 @@
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from pipeline.populations.comparison import measurable_metrics
 from pipeline.populations.single_units import SingleUnits, single_units
@@ -34,6 +35,7 @@ def test_a_shift_of_all_units_names_none_and_one_unit_apart_is_named():
     assert "u4" in single.sentence
 
 
+@pytest.mark.long
 def test_sound_populations_are_named_in_about_one_of_twenty():
     metrics = metrics_of(drawn(2000, 0))
     named = sum(bool(single_units(units_of(drawn(10, 100 + k)), metrics, "mean")[0].outlying) for k in range(100))

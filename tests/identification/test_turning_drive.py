@@ -167,6 +167,7 @@ def oval(tmp_path_factory):
     return identification, verdict, (home / "report.html").read_text(), pd.read_parquet(home / "residual.parquet")
 
 
+@pytest.mark.long
 def test_an_oval_housing_is_the_nearest_effect_with_its_amplitudes(oval):
     """Ten intervals leave orders above five, which the model folds back in full: nothing is named beside that."""
     identification, verdict, _, _ = oval
@@ -180,6 +181,7 @@ def test_an_oval_housing_is_the_nearest_effect_with_its_amplitudes(oval):
     assert not identification.folds.in_sample
 
 
+@pytest.mark.long
 def test_what_needs_a_loop_is_not_testable_by_name(oval):
     _, verdict, _, _ = oval
     assert {"presliding", "rayleigh", "creep", "contact_friction", "motor_cogging"} <= set(verdict["not_testable"])
@@ -187,6 +189,7 @@ def test_what_needs_a_loop_is_not_testable_by_name(oval):
     assert not {"coulomb", "ovality_2", "run_in", "output_torsion"} & set(verdict["not_testable"])
 
 
+@pytest.mark.long
 def test_orders_of_the_turn_are_those_of_the_rows(oval):
     """Order 2 by a sum over the middles of ten even intervals, mean over the senses and torques."""
     _, verdict, _, cells = oval
@@ -199,6 +202,7 @@ def test_orders_of_the_turn_are_those_of_the_rows(oval):
     assert verdict["loop_errors"]["lost_motion_arcmin"]["why_not"] == "a crank that turns draws no loop"
 
 
+@pytest.mark.long
 def test_sentence_and_page_say_what_the_residuals_hold(oval):
     _, verdict, page, cells = oval
     for stage in ("recalibrated", "after"):
@@ -223,6 +227,7 @@ def test_sentence_and_page_say_what_the_residuals_hold(oval):
     ],
     ids=["nothing", "ripple outside", "encoder", "friction"],
 )
+@pytest.mark.long
 def test_verdicts_of_records_of_known_cause(tmp_path, record, verdict, named):
     offered = (*named, "coulomb") if named else ("coulomb", "ovality_2")
     identification = answer(tmp_path / "u", record, offered)
@@ -239,6 +244,7 @@ def test_repeats_of_one_cycle_are_left_out_in_turn(tmp_path, plain):
     assert measurement.repeatability.repeats == plain.repeatability.repeats
 
 
+@pytest.mark.long
 def test_fewer_than_eight_turns_claim_nothing(tmp_path):
     identification = answer(tmp_path / "u", Record(cycles=1, effects={"ovality_2": [6.0, 4.0]}), ("ovality_2",))
     assert len(np.unique(identification.problem.data.block)) == 4
@@ -246,6 +252,7 @@ def test_fewer_than_eight_turns_claim_nothing(tmp_path):
     assert identification.selection.members == ()
 
 
+@pytest.mark.long
 def test_one_turn_is_described_in_sample(tmp_path):
     identification = answer(tmp_path / "u", Record(cycles=1, torques=(HELD,), senses=(1,)))
     findings_of_unit = findings(identification)
@@ -259,6 +266,7 @@ def test_one_turn_is_described_in_sample(tmp_path):
     assert identification.why_not["encoder_eccentricity"] == "the angle of a position has no range"
 
 
+@pytest.mark.long
 def test_held_out_torques_change_nothing_that_is_fitted(tmp_path):
     """One of three torques is kept back; its angles stretched by 1.4 leave noise and fit as they are."""
     settings = f'[held_out]\nby = "torque"\ntrain = [{-HELD}, {HELD}]'

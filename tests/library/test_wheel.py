@@ -43,6 +43,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("stage", ["sample", pytest.param("report", marks=pytest.mark.attack)])
+@pytest.mark.long
 def test_the_installed_package_runs_a_study_from_another_folder(site: Path, tmp_path: Path, stage: str) -> None:
     environment = {name: value for name, value in os.environ.items() if name != "CYCLOID_ROOT"}
     process = subprocess.run(

@@ -104,6 +104,7 @@ def started(folder: Path, *options: str) -> subprocess.Popen:
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+@pytest.mark.long
 def test_a_cache_that_others_may_write_is_not_used(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(LOOP)
     assert started(tmp_path).communicate(timeout=120) == ("4.5 1\n", "")
@@ -128,6 +129,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.parametrize("kind", ["fork", "spawn", "threads"])
+@pytest.mark.long
 def test_pools_around_compiled_code_share_its_cache(tmp_path: Path, kind: str) -> None:
     """A lock made on import would be inherited across a fork, which filelock refuses."""
     (tmp_path / "script.py").write_text(LOOP.partition("if __name__")[0] + POOLS)
@@ -143,6 +145,7 @@ def test_processes_that_start_at_once_compile_a_loop_once(tmp_path: Path) -> Non
     assert sorted(int(misses) for _, misses in printed) == [0, 1]
 
 
+@pytest.mark.long
 def test_a_loop_is_compiled_once_however_many_samples_studies_have(tmp_path: Path) -> None:
     """Two numbers of samples, gaps exact and of first order: no array comes in another layout."""
     text = (ROOT / "data/studies/quick.toml").read_text().replace("[reduce]", '[reduce]\ndisk = "rigid"')

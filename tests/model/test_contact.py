@@ -87,6 +87,7 @@ def test_deflection_is_the_derivative_of_the_complementary_energy(laws):
 
 
 @EACH_LAW
+@pytest.mark.long
 def test_force_is_the_derivative_of_the_stored_energy_by_the_penetration(laws):
     """Stored and complementary energy add to force times deflection; the first is the integral of the force."""
     for force in reach_of(laws)[2:-1]:

@@ -43,6 +43,7 @@ def small_study(study="rv", own_design=None, **changes):
 
 
 @pytest.mark.parametrize(("name", "rated"), [pytest.param("rv", 200, marks=pytest.mark.attack), ("rv_two_disks", 400)])
+@pytest.mark.long
 def test_a_study_of_a_carrier_runs_and_its_contacts_are_in_balance(tmp_path, name, rated):
     study = small_study(name)
     outputs = run(STAGES, study, ["aggregate"], tmp_path, Resources(1, 4))
@@ -265,6 +266,7 @@ def test_independent_springs_of_the_pins_rank_units_as_equilibria_do(name, least
     assert np.corrcoef(widths)[0, 1] > least
 
 
+@pytest.mark.long
 def test_the_page_of_two_disks_on_cranks_speaks_of_them(tmp_path, monkeypatch):
     monkeypatch.setattr(style, "save", save_named())
     outputs = run(STAGES, small_study("rv_two_disks", reduce={"disk": "rigid"}), ["report"], tmp_path, Resources(1, 4))

@@ -120,6 +120,7 @@ def test_metrics_are_those_of_the_curves(outputs: Outputs) -> None:
 
 
 @pytest.mark.parametrize(("jobs", "chunk"), [(1, 100), (2, 3)])
+@pytest.mark.long
 def test_values_depend_on_no_jobs_and_chunks(outputs: Outputs, runs: Path, jobs: int, chunk: int) -> None:
     study = small_study()
     repeat = run_study(study.model_copy(update={"name": f"again-{jobs}-{chunk}"}), runs, jobs, chunk)

@@ -55,6 +55,7 @@ def runs(new_runs) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
     return found
 
 
+@pytest.mark.long
 def test_the_first_base_samples_of_each_set_are_searched(runs) -> None:
     (part, _), (whole, _) = runs["part"], runs["all"]
     searched = part["base_sample"] < round(0.4 * N)
@@ -68,6 +69,7 @@ def test_the_first_base_samples_of_each_set_are_searched(runs) -> None:
 
 
 @pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.long
 def test_indices_by_a_part_agree_with_those_of_all_units(runs, metric) -> None:
     """Within both intervals together, but for one in twenty; the part rests on as many rows as were searched."""
     part, whole = (runs[name][1].loc[metric].dropna(subset=["index"]) for name in ("part", "all"))

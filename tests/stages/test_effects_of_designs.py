@@ -91,6 +91,7 @@ def test_state_at_zero_torque_is_one_on_both_branches_where_the_output_sticks(ru
     np.testing.assert_allclose(curve_at(rubbing, "unloading+", 0.0), curve_at(rubbing, "loading-", 0.0), atol=ENDS)
 
 
+@pytest.mark.long
 def test_width_grows_with_the_friction_of_the_pins_and_forces_keep_their_laws(runs: Path, bare_run: Outputs) -> None:
     """One unit and the nominal one at one crank angle: every contact rubs, so that a path is slow."""
     first_metrics = metrics(bare_run).query("sample <= 1 and crank_deg == 0")
@@ -125,6 +126,7 @@ def test_torsion_of_the_output_adds_its_angle_to_every_step_and_no_force(runs: P
     np.testing.assert_array_equal(*forces)
 
 
+@pytest.mark.long
 def test_clearance_of_the_bearing_and_preload_reach_the_backlash(runs: Path, bare_run: Outputs) -> None:
     loose = metrics(run_with(runs, "loose", bearing_clearance={"clearance_um": 20.0}))["clearance_backlash_arcmin"]
     tight = metrics(run_with(runs, "tight", preload={"interference_um": 2.0}))["clearance_backlash_arcmin"]

@@ -100,6 +100,7 @@ def test_report_speaks_of_output_pins(outputs):
     assert "sliding plate" not in page
 
 
+@pytest.mark.long
 def test_the_numbers_of_a_fixed_flange_are_read_at_the_housing(outputs, runs):
     ratio = 40 / 39
     study = small_study("housing", samples={"count": 2}, cycle={"crank_deg": [37.0]})

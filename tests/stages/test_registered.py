@@ -127,6 +127,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         declared.cache_clear()
 
 
+@pytest.mark.long
 def test_an_effect_of_another_package_runs_in_a_study_and_is_tried(folder: Path, runs: Path) -> None:
     assert list(effect_problems({"rubber": {"twist": 50.0}}))
     library.cache_clear()
@@ -195,6 +196,7 @@ def extended_run(run_studies: subprocess.CompletedProcess[str], runs: Path) -> P
     return runs / "dogs_15_15"
 
 
+@pytest.mark.long
 def test_a_metric_of_another_package_is_one_of_measured_units_too(tmp_path: Path) -> None:
     """In the table of a measured unit, read by its declaration alone, and a column of a population."""
     install(tmp_path, "windup_of_a_loop", WINDUP.format(), "windup", METRICS)
@@ -205,6 +207,7 @@ def test_a_metric_of_another_package_is_one_of_measured_units_too(tmp_path: Path
     )
 
 
+@pytest.mark.long
 def test_a_metric_of_another_package_is_computed_limited_and_reported(extended_run: Path) -> None:
     aggregate = extended_run / "aggregate"
     metrics = pd.read_parquet(aggregate / "metrics.parquet")
@@ -312,6 +315,7 @@ def with_dogs(folder: Path, radius: float, clearance: float) -> Path:
     return study
 
 
+@pytest.mark.long
 def test_a_mechanism_of_another_package_is_checked_run_drawn_and_told(
     run_studies: subprocess.CompletedProcess[str], folder: Path, runs: Path
 ) -> None:
@@ -343,6 +347,7 @@ def test_a_section_of_another_package_is_a_source(folder: Path) -> None:
     assert "play_of_rigid_bodies.py" in source_hashes("stages.chain")
 
 
+@pytest.mark.long
 def test_a_section_of_another_package_stands_on_the_page(extended_run: Path) -> None:
     kinematic = pd.read_parquet(extended_run / "clearance" / "kinematic.parquet")
     page = (extended_run / "report" / "report.html").read_text().replace("\u00a0", " ")

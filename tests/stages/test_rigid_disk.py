@@ -40,6 +40,7 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_forces_are_those_of_equal_linear_springs(folder, monkeypatch, tmp_path):
     """F = F_max sin(phi)/S on the loaded half, F_max = T/(e Z sum sin^2/S^2), to 1e-9 of the largest."""
     monkeypatch.setattr(settings, "RUNS", tmp_path)

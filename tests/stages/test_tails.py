@@ -101,6 +101,7 @@ def by_springs(study, shared):
     return *rough, *(at_angles(shared, variant) for variant in draws)
 
 
+@pytest.mark.long
 def test_all_units_solved_are_counted(one_angle):
     units = UNITS // 4
     every = every_of(one_angle, units)
@@ -135,6 +136,7 @@ def chain(sampled):
     return {LOST_MOTION: ends[0] + ends[1]}, {LOST_MOTION: ends[0] + 0.9 * ends[1]}
 
 
+@pytest.mark.long
 def test_a_chain_of_two_has_the_tail_of_its_closed_form(one_angle):
     """P(a + b > 2 - t) = t^2/2 of two uniform numbers: 2,000 ppm at t = 0.063; the far quantile lies at t = 0.0735."""
     tail_share_exact, distant = 2e-3, 2 - np.sqrt(2 * (1 - 0.9973))
@@ -155,6 +157,7 @@ def test_a_chain_of_two_has_the_tail_of_its_closed_form(one_angle):
     assert np.mean([row.value for row in quantiles]) == pytest.approx(distant, abs=0.004)
 
 
+@pytest.mark.long
 def test_a_study_asks_for_its_tails_and_the_page_tells_them(study, outputs, runs, tmp_path, monkeypatch, capsys):
     (tmp_path / ".cache").symlink_to(runs / ".cache")
     monkeypatch.setattr(settings, "RUNS", tmp_path)

@@ -40,6 +40,7 @@ def test_what_comes_out_as_large_by_chance_counts_against_an_effect():
     ("freedom", "correlated"),
     [(2, 6.0), (10, 0.0), *(pytest.param(*case, marks=pytest.mark.attack) for case in ((2, 0.0), (4, 1.0), (10, 6.0)))],
 )
+@pytest.mark.long
 def test_without_an_effect_the_least_p_is_even_whatever_correlates(monkeypatch, freedom, correlated):
     """The covariance is drawn anew each time and is not known to the test: an estimate of it would err here."""
     monkeypatch.setattr(differences, "ROTATIONS", 1999)

@@ -69,6 +69,7 @@ def unit_like(measured_file, study, number: int):
     return draw_with_parts(study.model_copy(update={"samples": samples}), known, number, number + 1)
 
 
+@pytest.mark.long
 def test_the_band_holds_19_of_20_units_with_the_measured_dimensions(measured_file, certified):
     study = certified.study
     shared = shared_of(study)

@@ -91,6 +91,7 @@ def test_zones_are_fitted_by_their_radius():
     assert (best.name, best.radius_um) == ("normal_in_disc", pytest.approx(10.0, rel=0.03))
 
 
+@pytest.mark.long
 def test_intervals_of_mean_spread_and_capability_hold_the_truth():
     """Of 40 lots 95 % intervals miss on average two; eight misses have a probability below 1e-3."""
     misses = np.zeros(3)
@@ -113,6 +114,7 @@ def test_the_correlation_of_neighbours_is_found_and_its_absence_too():
     assert false_alarms <= 13  # of 100 at a level of 5 %: more than 13 have a probability below 1e-3
 
 
+@pytest.mark.long
 def test_a_drift_and_an_outlier_are_named():
     values = np.random.default_rng(1).normal(0, 0.5, (50, 1))
     assert fit("eccentricity", values).drift.p_value > 0.05
@@ -162,6 +164,7 @@ def play_of_few_pins(errors):
     return {}, values
 
 
+@pytest.mark.long
 def test_the_yield_of_a_lot_is_that_of_its_true_distributions():
     lot = measured_lot("lot", table(lot_columns(200, 3)), STUDY.design)
     fits, skipped = lot_fits(STUDY, lot)
@@ -285,6 +288,7 @@ def test_the_share_of_pairs_that_bind_is_that_above_the_force():
     assert assembly.binding_share(limit) == pytest.approx(2 / 5)
 
 
+@pytest.mark.long
 def test_two_lots_have_a_table_of_their_differences_and_one_has_none(tmp_path):
     """Disks that are 2 um larger have 0.4 arcmin more of the stand-in's play."""
     deviations = STUDY.tolerances.disk_profile.deviation(np.random.default_rng(3).random(20))

@@ -200,6 +200,7 @@ def loaded_stations(cases):
     return [set(cases.reducer.contacts.station[force > 0].tolist()) - {-1} for force in cases.force(3.0)]
 
 
+@pytest.mark.long
 def test_the_table_of_variations_is_the_models(study, disk, targets, parameters):
     """Rows of the file in data, made on the paper's mesh, against the coarse one; and no assumption closes the gap."""
     changes = {assumption.name: assumption for assumption in assumptions.assumptions(study)}

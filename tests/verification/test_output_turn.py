@@ -28,6 +28,7 @@ def coarse(**cycle: object) -> Study:
     return parse_study(data, "turn", "turn.toml", lambda design: load_design(design, ROOT))
 
 
+@pytest.mark.long
 def test_two_disks_with_holes_under_load_are_those_of_fresh_condensations(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beyond the first repetition of the eccentric in the disk, each disk meshed and condensed at the angle itself."""
     data = tomllib.loads((ROOT / "data/studies/two_disks.toml").read_text(encoding="utf-8"))

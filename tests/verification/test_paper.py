@@ -52,6 +52,7 @@ def test_one_condensed_disk_serves_every_thickness_and_modulus(study, disk):
     np.testing.assert_allclose(disk.compliance(variant.design), repeat, rtol=0, atol=1e-9 * np.max(repeat))
 
 
+@pytest.mark.long
 def test_only_one_reading_of_the_tolerances_is_compatible(study, disk, targets, parameters):
     table = refits.refit_table(assumptions.readings(study), disk, targets, parameters)
     table = table[table["fitted_to"] == refits.TABLE]

@@ -46,6 +46,7 @@ def tables(outputs: dict[int, dict[str, Output]]) -> dict[int, pd.DataFrame]:
     return {angles: pd.DataFrame(stages["aggregate"].read("convergence")) for angles, stages in outputs.items()}
 
 
+@pytest.mark.long
 def test_the_worst_of_twice_as_many_angles_is_what_the_run_expects(tables: dict[int, pd.DataFrame]) -> None:
     expected = tables[31][tables[31]["extrapolated"]].set_index("metric")
     actual = tables[63][tables[63]["n_angles"] == 63].set_index("metric")
@@ -161,6 +162,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> tuple[Study, dict[str, 
     return study, run(STAGES, study, ["aggregate"], tmp_path_factory.mktemp("running"), Resources(1, 100))
 
 
+@pytest.mark.long
 def test_life_and_efficiency_from_the_contacts_of_a_turn(running: tuple[Study, dict[str, Output]]) -> None:
     """By the tables and pencil: power of friction pin by pin, mean of the 10/3rd power of the bearing's force."""
     study, outputs = running

@@ -63,12 +63,14 @@ def rows(crude):
 
 
 @pytest.mark.parametrize("name", [name for name in CHECKS if name not in SLOW])
+@pytest.mark.long
 def test_every_error_keeps_its_limit(rows, name):
     check_findings = [row.finding for row in rows if row.check == name]
     assert len(check_findings) > 3
     assert [finding for finding in check_findings if not finding.ok] == []
 
 
+@pytest.mark.long
 def test_committed_page_is_the_suites_and_shows_no_failure(rows):
     text = (ROOT / PAGE).read_text()
     page_text = page(rows, "paper")

@@ -93,6 +93,7 @@ def test_gaps_of_the_turn_are_sums_of_what_pins_and_lobes_do() -> None:
 
 
 @pytest.mark.parametrize("name", ["quick", "printed_drive", "two_disks"])
+@pytest.mark.long
 def test_states_that_are_solved_together_are_those_of_their_own_steps(name: str) -> None:
     """The drive repeats, turned in the housing, after as many pitches as there are lobes; round pins and others."""
     study = small(name, "rigid", 4, loaded_angles=11)
@@ -169,6 +170,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, pd.DataFrame]:
     }
 
 
+@pytest.mark.long
 def test_the_search_finds_nearly_the_worst_of_all_pitches(tables: dict[str, pd.DataFrame]) -> None:
     whole = tables["audit"].set_index("sample")
     found = tables["units"].set_index("sample").loc[whole.index]
@@ -182,6 +184,7 @@ def test_the_search_finds_nearly_the_worst_of_all_pitches(tables: dict[str, pd.D
         assert (found[f"{name}_at_crank_turn"] == found[f"{name}_at_crank_deg"] // 360).all()
 
 
+@pytest.mark.long
 def test_the_estimate_for_the_whole_turn_is_that_of_all_pitches(tables: dict[str, pd.DataFrame]) -> None:
     """All units are audited here, so that the mean of the whole turn is known."""
     rows = tables["distributions"].query("over == 'whole_turn' and statistic == 'mean'").set_index("metric")
@@ -193,6 +196,7 @@ def test_the_estimate_for_the_whole_turn_is_that_of_all_pitches(tables: dict[str
         assert rows.loc[name, "ci_low"] < known < rows.loc[name, "ci_high"]
 
 
+@pytest.mark.long
 def test_five_times_finer_angles_find_no_more_than_the_bound_of_the_continuous_turn(
     tables: dict[str, pd.DataFrame],
 ) -> None:
@@ -214,6 +218,7 @@ def test_five_times_finer_angles_find_no_more_than_the_bound_of_the_continuous_t
 
 
 @pytest.mark.parametrize(("factor", "moves"), [(1.1, False), (3.0, True)])
+@pytest.mark.long
 def test_the_worst_of_other_contacts_lie_where_those_of_the_stated_ones_do_or_elsewhere(factor, moves) -> None:
     """Other forms of the model are looked at there alone, in 8 to 20 of the 182 pitches; against all of them."""
     study = small("printed_drive", "rigid", 20, loaded_angles=11)
@@ -230,6 +235,7 @@ def test_the_worst_of_other_contacts_lie_where_those_of_the_stated_ones_do_or_el
         assert moves or np.mean(np.abs(true.value[name] / found.value[name] - 1)) < 0.001
 
 
+@pytest.mark.long
 def test_finite_motions_are_part_of_what_is_found_and_of_both_audits() -> None:
     """The play at the step of the worst, solved there alone, with what finite motions add."""
     study = small("printed_drive", "rigid", 20, loaded_angles=11)
@@ -247,6 +253,7 @@ def test_finite_motions_are_part_of_what_is_found_and_of_both_audits() -> None:
         np.testing.assert_allclose(worst.value[name], alone + change, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_intervals_of_audited_estimates_hold_the_truth() -> None:
     """Of 120 experiments 89 to 99 %: values of 400 units, 40 of which show a shortfall in a third of the cases."""
     rng = np.random.default_rng(5)
@@ -284,6 +291,7 @@ def test_audited_estimates_of_many_units_hold_no_table_of_all_sums() -> None:
         np.testing.assert_allclose([estimates[name].ci_low, estimates[name].ci_high], ends, atol=1e-4)
 
 
+@pytest.mark.long
 def test_the_search_over_a_carriers_turn_falls_little_short_of_all_pitches() -> None:
     """Few contacts of an RV reducer carry: the ranking foretells half of what varies. Four units at all pitches."""
     study = small("rv_80e", "rigid", 20, loaded_angles=11)

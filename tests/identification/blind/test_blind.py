@@ -55,6 +55,7 @@ def test_every_run_has_the_proportions_of_the_full_one():
         assert abs(kinds.count(kind) - 60 * count / total) < 1
 
 
+@pytest.mark.long
 def test_a_unit_is_the_same_whatever_was_made_before(smallest, tmp_path):
     case = _of_kind("outside")
     first_result = generate(smallest, case)
@@ -284,6 +285,7 @@ def test_every_reducer_of_the_catalogue_is_drawn_at_its_own_crank_angles():
             assert study.cycle.loaded_angles is None
 
 
+@pytest.mark.long
 def test_the_command_starts_at_the_case_it_is_told_and_writes_its_rates(smallest, tmp_path, monkeypatch, capsys):
     case = next(number for number in range(100) if kind_of(number) == NONE and simulator_of(number) == RIGID)
     monkeypatch.setattr(model_selection, "candidates", lambda: {name: candidates()[name] for name in OFFERED})

@@ -143,6 +143,7 @@ def test_effects_have_the_names_and_the_numbers_of_the_library(unit):
         assert len(cause.sizes(position.disk, position.course, rng)) == len(library[name].parameters)
 
 
+@pytest.mark.long
 def test_a_unit_is_the_same_whatever_was_drawn_before_and_hides_its_truth(tmp_path, unit, unit_of_one):
     first, again = unit_of_one, drawn_unit(HELD_OUT_SEED, OF_ONE, designs(ROOT), elastic=False)
     assert first.truth == again.truth

@@ -70,6 +70,7 @@ def test_an_effect_is_found_again(name, tmp_path, condensed):
     np.testing.assert_allclose(fit.values, values, rtol=tolerance_range)
 
 
+@pytest.mark.long
 def test_a_second_effect_is_found_beside_the_best_one_where_no_pair_was_promised(tmp_path, condensed, monkeypatch):
     """A drift of the angle differs between cycles alone, which the limit of the form of the model does not count."""
     monkeypatch.setattr(model_selection, "promising_pairs", lambda *_: [])
@@ -85,6 +86,7 @@ def test_a_second_effect_is_found_beside_the_best_one_where_no_pair_was_promised
     assert selection.members == ("angle_drift+coulomb",)
 
 
+@pytest.mark.long
 def test_what_looks_like_a_member_of_the_best_pair_takes_its_place(tmp_path, condensed, monkeypatch):
     """Of two effects that curves hardly tell apart the pair with either is fitted, though one was not promised."""
     monkeypatch.setattr(model_selection, "promising_pairs", lambda *_: [])

@@ -98,6 +98,7 @@ def turned_loop(torque: np.ndarray, number: int, values: dict) -> np.ndarray:
     return angle
 
 
+@pytest.mark.long
 def test_the_effect_comes_from_other_states_and_its_control_is_worse(tmp_path):
     rng, torque = np.random.default_rng(6), path_of([0.0, 30.0, -30.0, 0.0], 5 * EVERY)
     measurements = {}

@@ -215,6 +215,7 @@ def test_means_over_draws_of_tolerances_are_those_of_the_predictions(unknown):
     np.testing.assert_allclose(change[1][loaded], influence[loaded], atol=0.02 * np.max(np.abs(influence)))
 
 
+@pytest.mark.long
 def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unknown, monkeypatch):
     """All numbers and tolerances drawn, a twentieth of the noise: a descent to all cells ends where contacts close."""
     data, random = replace(unknown.data, sigma=0.05 * unknown.data.sigma), np.random.default_rng(7)
@@ -244,6 +245,7 @@ def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unkno
     assert selector._without_effects(selection, cells).fit.cost < 1.1 * passes.cost
 
 
+@pytest.mark.long
 def test_a_fit_with_an_effect_is_refined_too_where_it_could_then_be_named(unknown):
     """As above, with friction, a fifth of the noise: a fit from the base ends at 1.4 times the misfit."""
     data, random = replace(unknown.data, sigma=0.2 * unknown.data.sigma), np.random.default_rng(4)
@@ -273,6 +275,7 @@ def test_a_fit_with_an_effect_is_refined_too_where_it_could_then_be_named(unknow
         assert refined.is_refined == is_refined
 
 
+@pytest.mark.long
 def test_all_is_tried_again_beside_a_better_fit_without_effects(exact_unit, monkeypatch):
     """From a base that was never fitted the fit of an effect leads to numbers that need no effect of their own."""
     unit, cells = exactly_known(exact_unit), everything(exact_unit)
@@ -291,6 +294,7 @@ def test_all_is_tried_again_beside_a_better_fit_without_effects(exact_unit, monk
 
 
 @pytest.mark.parametrize(("friction_Nm", "names", "searches"), [(0.02, ("coulomb",), 1), (0.0, (), 2)])
+@pytest.mark.long
 def test_what_is_named_is_still_so_beside_a_better_fit_without_effects(
     exact_unit, monkeypatch, friction_Nm, names, searches
 ):
@@ -313,6 +317,7 @@ def test_what_is_named_is_still_so_beside_a_better_fit_without_effects(
     assert selection.base.fit.cost == better.fit.cost < 0.9 * declared.cost
 
 
+@pytest.mark.long
 def test_of_fits_without_effects_that_miss_as_much_the_most_probable_counts(unknown):
     """One where contacts hold the numbers more closely is less probable by what they may then be."""
     selector, cells = Selector(Fitter(unknown), everything(unknown)), everything(unknown)
@@ -327,6 +332,7 @@ def test_of_fits_without_effects_that_miss_as_much_the_most_probable_counts(unkn
     assert selector._without_effects(replace(selection, base=found, trials={"coulomb": found}), cells) is found
 
 
+@pytest.mark.long
 def test_a_fit_without_effects_is_refined_from_two_starts_and_singles_from_pairs(exact_unit, monkeypatch):
     unit, cells, starts, reduced = exactly_known(exact_unit), everything(exact_unit), [], []
     selector = Selector(Fitter(unit), cells)
@@ -510,6 +516,7 @@ def test_held_out_cells_have_no_influence_on_a_fit(exact_unit):
     np.testing.assert_array_equal(repeat.predicted_angle[fitted], fit.predicted_angle[fitted])
 
 
+@pytest.mark.long
 def test_a_split_that_the_unit_gives_is_honoured(tmp_path, condensed, monkeypatch):
     """The angles held out are replaced on disk: model and parameters stay, the name falls with unused data."""
     names = ("coulomb", "torque_zero")

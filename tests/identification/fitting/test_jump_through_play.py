@@ -42,6 +42,7 @@ def test_scatter_of_a_step_about_its_line_is_that_of_its_rows(share):
     assert np.std(residual) == pytest.approx(STEP_SCATTER, rel=0.3)
 
 
+@pytest.mark.long
 def test_a_zero_of_the_torque_within_the_cell_of_the_jump_is_named(tmp_path, condensed):
     """It was never tried: the scatter of the jump was taken for the error of its place, 50 times too much."""
     folder = make_unit(tmp_path / "u", {"torque_zero": [ZERO]}, Bench(rows=400), condensed)

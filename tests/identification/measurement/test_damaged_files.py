@@ -151,6 +151,7 @@ def measured_memory(folder: Path) -> tuple[str, float, float]:
 
 
 @needs_proc
+@pytest.mark.long
 def test_a_gzip_that_unpacks_beyond_the_bound_is_refused_in_constant_memory(tmp_path: Path) -> None:
     """150 kB that unpack to 150 MB, in one line; the bound is an eighth of the program's own, to save time."""
     folder = write_unit(tmp_path / "u", {})
@@ -161,6 +162,7 @@ def test_a_gzip_that_unpacks_beyond_the_bound_is_refused_in_constant_memory(tmp_
 
 
 @pytest.mark.parametrize(("rows", "limit"), [(300_000, 600), pytest.param(3_000_000, 2048, marks=pytest.mark.attack)])
+@pytest.mark.long
 def test_many_rows_are_read_and_judged_within_a_stated_memory(tmp_path: Path, rows: int, limit: float) -> None:
     """`limit` in MiB, of the whole process: libraries take some 250 of it."""
     folder = write_unit(tmp_path / "u", {})

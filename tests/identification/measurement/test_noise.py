@@ -55,6 +55,7 @@ def straight(noise, seed, positions=(0.0, 90.0, 180.0), cycles=8, rows=200):
     return pd.concat(parts, ignore_index=True)
 
 
+@pytest.mark.long
 def test_floor_and_random_are_the_noise_of_a_cell_where_repeats_are_at_other_torques(tmp_path):
     ratios = []
     for seed in range(4):
@@ -234,6 +235,7 @@ def noisy_loops(kind, seed, cycles, positions=(0.0, 120.0, 240.0), rows=150):
         ),
     ],
 )
+@pytest.mark.long
 def test_floor_is_the_noise_of_all_cells_on_average(tmp_path, kind, cycles):
     """Of drawn units: its mean square is that of the noise which the cells have, those in the play included.
 
@@ -263,6 +265,7 @@ def test_few_rows_on_a_bent_loop_do_not_raise_the_noise(tmp_path):
     assert noise.floor.value == pytest.approx(0.02 * np.sqrt(np.mean(1 / averaged.count)), rel=0.2)
 
 
+@pytest.mark.long
 def test_few_torques_share_their_offset_and_the_random_noise_counts_it(tmp_path):
     """The mean of a loop over n torques is taken off: it leaves n - 1 of n parts of the noise, two thirds here."""
     legs = [np.linspace(*ends, endpoint=False) for ends in ((0, 12, 6), (12, -12, 12), (-12, 0, 6))]

@@ -49,6 +49,7 @@ def at_motor(folder, side: str = 'side = "input"', play: float = 30.0) -> Measur
     return Measurement.read(load_measured_unit(folder, ROOT))
 
 
+@pytest.mark.long
 def test_a_record_of_the_motor_side_is_that_of_the_output(tmp_path):
     measurement = at_motor(tmp_path / "bench")
     assert not measurement.faults
@@ -59,6 +60,7 @@ def test_a_record_of_the_motor_side_is_that_of_the_output(tmp_path):
     assert values["friction"] == pytest.approx(1.0, rel=0.15)
 
 
+@pytest.mark.long
 def test_without_its_side_the_record_is_doubted_before_and_after_the_fit(tmp_path):
     measurement = at_motor(tmp_path / "bench", side="")
     (note,) = measurement.faults
@@ -69,6 +71,7 @@ def test_without_its_side_the_record_is_doubted_before_and_after_the_fit(tmp_pat
     assert HELD not in doubts
 
 
+@pytest.mark.long
 def test_a_crank_that_turns_is_not_passed_over_in_silence(tmp_path):
     at_motor(tmp_path / "bench")
     file = tmp_path / "bench" / "unit.toml"
@@ -104,6 +107,7 @@ def test_a_missing_column_hides_no_other_fault(tmp_path):
     assert kinds >= {"missing column", "unit"}
 
 
+@pytest.mark.long
 def test_a_number_at_the_bound_of_the_fit_is_not_claimed(tmp_path):
     """Friction beyond what a fit allows puts every fit on the bound: no scatter between them is no certainty."""
     write_unit(tmp_path / "bench", {}, TEXT.format(side="").replace("rated_torque_Nm = 25.0", "rated_torque_Nm = 12.0"))

@@ -80,6 +80,7 @@ def problem_without_effects(folder, condensed, **bench):
     return selector, Selection(selector.trial(selector.recalibrate(everything), everything, covariance)), everything
 
 
+@pytest.mark.long
 def test_cells_left_out_add_the_square_of_their_error_under_its_covariance(tmp_path, condensed):
     """An identity of the linear model, which that of a unit of measured dimensions nearly is."""
     selector, selection, everything = problem_without_effects(tmp_path / "u", condensed, noise=0.02)
@@ -97,6 +98,7 @@ def test_cells_left_out_add_the_square_of_their_error_under_its_covariance(tmp_p
         assert added == pytest.approx(square, rel=0.02)
 
 
+@pytest.mark.long
 def test_a_right_model_passes_where_its_derivatives_do_not_hold(tmp_path, condensed):
     """Unknown tolerances, little noise: a fold misses by 60 times the noise, in the square seven times what it may."""
     bench = {"noise": 0.001, "known": False, "sample": 9}

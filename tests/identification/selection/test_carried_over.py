@@ -53,6 +53,7 @@ def errors(share: float, trained: int, seeds=range(80)) -> np.ndarray:
 
 
 @pytest.mark.parametrize("share", [*(pytest.param(share, marks=pytest.mark.attack) for share in (0.3, 0.7)), 0.5])
+@pytest.mark.long
 def test_half_of_a_single_position_is_better_than_none_of_it_and_than_all_of_it(share):
     nothing, expected, replay = errors(share, trained=1)
     assert expected < min(nothing, replay)

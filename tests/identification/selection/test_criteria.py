@@ -239,6 +239,7 @@ def verdict_on(angle, designs, data=DATA):
 
 
 @pytest.mark.parametrize(("units", "few"), [pytest.param(100, 5, marks=pytest.mark.attack), (20, 3)])
+@pytest.mark.long
 def test_an_effect_is_named_on_at_most_a_few_of_many_empty_units_and_on_all_that_have_it(units, few):
     rng = np.random.default_rng(2)
     names = ("coulomb", "output_torsion", "torque_zero", "torque_gain")

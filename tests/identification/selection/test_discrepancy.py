@@ -25,6 +25,7 @@ def found(residual, sigma=0.1, jacobian=SLOPE):
     return discrepancy(TORQUE, SENSE, POSITION, residual, np.full(len(TORQUE), sigma), jacobian)
 
 
+@pytest.mark.long
 def test_sizes_and_reach_of_a_process_are_found():
     fits = [found(drawn(seed, 2.0, 0.7, 3.0), jacobian=np.zeros((len(TORQUE), 0))) for seed in range(5)]
     assert np.median([fit.reach_Nm for fit in fits]) == pytest.approx(3.0, rel=0.3)
@@ -39,6 +40,7 @@ def test_noise_alone_has_little_structure():
     assert np.median([fit.common_arcmin for fit in fits]) < 0.1
 
 
+@pytest.mark.long
 def test_the_interval_of_a_parameter_holds_it_beside_structure_where_least_squares_does_not():
     covered_by_process, reference = 0, 0
     for seed in range(8):

@@ -21,6 +21,7 @@ from pipeline.identification.selection.screening import _by_sense
         ("flank_wear", (15.0,), 0),
     ],
 )
+@pytest.mark.long
 def test_a_fold_ends_where_a_fit_from_the_truth_does(name, values, position, tmp_path, condensed):
     """Numbers and tolerances of the base take up much of the first two: from there alone fits end at several times."""
     unit = make_unit(tmp_path / "u", {name: values}, Bench(cranks=CRANKS, noise=0.01), condensed)
@@ -36,6 +37,7 @@ def test_a_fold_ends_where_a_fit_from_the_truth_does(name, values, position, tmp
     np.testing.assert_allclose(refit.values, reference.values, rtol=0.1)
 
 
+@pytest.mark.long
 def test_of_two_solutions_that_a_fold_does_not_tell_apart_that_of_all_cells_is_taken(tmp_path, condensed):
     """Two positions hold two phases of a second harmonic equally well, and the other one misses the third by far."""
     effects = {"crank_compliance_2": (0.009, 0.025)}

@@ -29,6 +29,7 @@ def disk():
     return elastic_body(disk_mesh(edges=48), E, NU, 2.0, "plane_stress", "bore")
 
 
+@pytest.mark.long
 def test_contact_compliance_does_not_depend_on_mesh_and_patch(disk):
     unit = 2 / (np.pi * E * 2.0)
     edge = np.abs(np.diff(flank_nodes(SMALL, 48)[:2]))[0]

@@ -53,6 +53,7 @@ def test_sectors_give_the_compliance_and_displacement_of_the_whole_body(profile,
     np.testing.assert_allclose(displacement, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.long
 def test_the_papers_disk_by_its_79_sectors_is_the_whole_disk():
     """Its pins and rollers at crank angles of 31 over a turn, on a coarse mesh."""
     study = load_study("quick", Path(__file__).parents[3])

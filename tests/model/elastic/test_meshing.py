@@ -47,6 +47,7 @@ def test_paper_disk_is_well_shaped_and_of_the_papers_size(edges_per_lobe):
     growth=st.floats(0.15, 0.45),
     bore_share=st.floats(0.02, 0.7),
 )
+@pytest.mark.long
 def test_every_design_gives_a_conforming_mesh(pins, shortening, pin_share, edges, growth, bore_share):
     profile = profile_with(pins, shortening, pin_share, chord_share=0.8)
     flank, bore = flank_nodes(profile, edges), bore_share * profile.pin_circle_radius

@@ -27,6 +27,7 @@ def small_mesh(edges=48, edge=0.06, growth=0.35, largest=0.8, holes=5, radius=1.
 
 
 @pytest.mark.parametrize(("holes", "phase"), [pytest.param(10, 0.0, marks=pytest.mark.attack), (11, 1.0)])
+@pytest.mark.long
 def test_a_commercial_disk_is_well_shaped(holes, phase):
     disk = lobed_disk_mesh(flank_nodes(METAL, 48), METAL.lobes, 24.0, 0.35, 2.0)
     mesh = perforated_mesh(disk, circle(holes, 45.0, phase), 7.205, 0.2, 0.35)
@@ -50,6 +51,7 @@ def test_a_commercial_disk_is_well_shaped(holes, phase):
     fill=st.floats(0.3, 0.9),
     fineness=st.floats(0.02, 0.15),
 )
+@pytest.mark.long
 def test_every_design_gives_a_conforming_mesh(pins, shortening, edges, growth, holes, phase, position, fill, fineness):
     bore, profile = 10.0, profile_with(pins, shortening, pin_share=0.6, chord_share=0.6)
     root = profile.pin_circle_radius - profile.eccentricity - profile.pin_radius
@@ -151,6 +153,7 @@ def test_loads_eliminated_alone_work_as_they_do_on_the_displacement_of_the_whole
     np.testing.assert_allclose(body.compliance(patches).matrix, whole, rtol=0, atol=1e-12 * np.abs(whole).max())
 
 
+@pytest.mark.long
 def test_compliance_of_holes_does_not_depend_on_mesh_and_patch():
     unit, width = 2 / (np.pi * E * 2.0), 0.2
     coarse = small_mesh(edges=32, edge=0.1, largest=0.6)

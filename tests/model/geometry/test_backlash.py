@@ -198,6 +198,7 @@ def test_an_interference_that_the_disk_cannot_relieve_takes_few_programs(floats,
 
 @PLATES
 @pytest.mark.parametrize("tight", [None, 0, 1, 2])
+@pytest.mark.long
 def test_compiled_programs_of_loose_bearings_are_those_of_highs(floats, tight):
     """Interference (``tight``) that the disk can relieve or not, and discs from far below the gaps to beyond them."""
     reducer = reducer_at(SMALL, CRANK, floats=floats)

@@ -37,6 +37,7 @@ def contour_distance(profile, reducer, errors, pin):
 
 
 @pytest.mark.parametrize(("profile", "crank", "step"), [(SMALL, 0.3, 3), (PAPER, 0.0, 23), (PAPER, 2.1, 29)])
+@pytest.mark.long
 def test_the_gap_is_the_distance_of_the_contours_roots_included(profile, crank, step):
     reducer, rng = reducer_at(profile, crank), np.random.default_rng(4)
     shape = (1, profile.pins)

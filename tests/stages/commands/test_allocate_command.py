@@ -55,6 +55,7 @@ def written(folder: Path, text: str) -> str:
     return str(path)
 
 
+@pytest.mark.long
 def test_an_allocation_is_cheaper_than_scaling_alike_and_runs(
     outputs: dict, own_runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -141,6 +142,7 @@ def test_what_cannot_be_allocated_is_said(
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_yield_that_is_not_reached_leaves_the_best_tolerances_and_says_so(
     outputs: dict, own_runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:

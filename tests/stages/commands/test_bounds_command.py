@@ -14,6 +14,7 @@ from pipeline.report.decisions.bounds import invalid_stacks
 ROOT = Path(__file__).parent.parent.parent.parent
 
 
+@pytest.mark.long
 def test_no_sample_lies_beyond_its_bounds(
     outputs: dict,
     new_runs: Callable[[], Path],

@@ -46,6 +46,7 @@ def compared(own_runs: Path, a: str, b: str) -> pd.DataFrame:
     return table.set_index(["metric", "statistic"])
 
 
+@pytest.mark.long
 def test_one_tolerance_changed_is_compared_unit_by_unit(
     outputs: dict, own_runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
@@ -87,6 +88,7 @@ def test_studies_that_share_no_draw_are_told_apart() -> None:
     assert shared_draws(*pair) == 0
 
 
+@pytest.mark.long
 def test_cases_are_compared_by_their_labels(outputs: dict, own_runs: Path, tmp_path: Path) -> None:
     head, remainder = QUICK.split("[samples]")[0], QUICK[QUICK.index("# --- how it is computed") :]
     cycle = re.sub(

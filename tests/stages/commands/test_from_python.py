@@ -58,6 +58,7 @@ def test_the_package_shows_its_names_and_takes_a_folder(tmp_path: Path, monkeypa
         pipeline.load_study("quick")
 
 
+@pytest.mark.long
 def test_answers_have_tables_and_drawings_take_axes(
     quick_runs: Callable[[], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

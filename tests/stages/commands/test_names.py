@@ -43,6 +43,7 @@ def study_file(folder: Path, text: str) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_odd_names_reach_every_page(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
@@ -66,6 +67,7 @@ def test_odd_names_reach_every_page(
     assert "up to date" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_labels_of_cases_reach_page_and_figures(folder: Path, capsys: pytest.CaptureFixture) -> None:
     settings_of_study = tomllib.loads((ROOT / "data/studies/quick.toml").read_text())
     kept = {

@@ -76,6 +76,7 @@ def test_the_lines_of_other_readers_say_what_pandas_says(
     )
 
 
+@pytest.mark.long
 def test_one_unit_and_the_contacts_of_one_sample(
     quick_runs: Callable[[], Path],
     tmp_path: Path,

@@ -55,6 +55,7 @@ def kept(units: pd.DataFrame, study: Study) -> np.ndarray:
     ).to_numpy()
 
 
+@pytest.mark.long
 def test_it_ends_where_the_yield_is_known_with_the_rows_of_one_run(
     own_runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
@@ -98,6 +99,7 @@ def test_it_ends_where_the_yield_is_known_with_the_rows_of_one_run(
     assert "yield" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_it_ends_at_the_most_that_it_may_take_and_says_so(own_runs: Path) -> None:
     outputs = studies.run(until(at_most=11, yield_half_width=0.1), ["aggregate"], jobs=1)
     assert outputs.study.samples.count == 11

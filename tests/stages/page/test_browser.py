@@ -73,6 +73,7 @@ def test_no_number_of_the_results_is_cut(page, report, width):
 
 
 @pytest.mark.parametrize(("width", "dark"), [(1280, True), (390, False)])
+@pytest.mark.long
 def test_accessible_by_the_rules_of_axe(page, report, width, dark):
     page.open(report, width, dark=dark)
     page.value(resources.files("axe_core_python").joinpath("axe.min.js").read_text(encoding="utf-8") + "; true")

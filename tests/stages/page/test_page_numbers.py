@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 from small_study import save_named
 from tiny_pages import cells, tiny_study, written
 
@@ -203,6 +204,7 @@ def test_same_run_gives_the_same_bytes(page_outputs, tmp_path, monkeypatch):
     assert len(pages) == 1
 
 
+@pytest.mark.long
 def test_only_the_first_samples_are_read_for_bands(page_outputs, tmp_path, monkeypatch):
     captions = []
     original = report.drawings

@@ -88,6 +88,7 @@ def test_the_next_step_names_limits_that_an_allocation_refuses(frames):
     assert "copy of the study without limits.transmission_error_arcsec" in Verdict(both, Results(both)).advice
 
 
+@pytest.mark.long
 def test_the_page_says_which_share_of_the_variance_a_contributor_has(frames):
     failing = failing_on_pressure(frames)
     alone = "by itself the tangential pin position causes 51.0 % (40.0 to 62.0 %) of the variance of the peak Hertz"

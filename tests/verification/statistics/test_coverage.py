@@ -31,6 +31,7 @@ def truth(study):
         ("latin_hypercube", 100),
     ],
 )
+@pytest.mark.long
 def test_intervals_of_replicates_cover(study, truth, experiment, repeats):
     """93 to 97 % as far as so few repeats can tell: outside of it by chance once in a thousand."""
     minimum, largest_limit = stats.binom.ppf(1e-3, repeats, 0.93), stats.binom.ppf(1 - 1e-3, repeats, 0.97)

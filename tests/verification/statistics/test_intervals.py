@@ -42,6 +42,7 @@ def covered(intervals, truth):
         for name, population in POPULATIONS.items()
     ],
 )
+@pytest.mark.long
 def test_coverage_of_mean_and_std(population):
     samples = population.rvs((1500, 100), random_state=np.random.default_rng(1))
     assert covered([mean_interval(x, 0.95) for x in samples], population.mean()) == pytest.approx(0.95, abs=0.015)
@@ -80,6 +81,7 @@ def test_std_interval_keeps_its_level_in_small_samples():
     assert covered([std_interval(x, 0.95) for x in samples], 1.0) == pytest.approx(0.95, abs=0.01)
 
 
+@pytest.mark.long
 def test_a_quantile_is_as_often_too_large_as_too_small():
     samples = stats.expon().rvs((400, 50), random_state=np.random.default_rng(5))
     runs = [distribution(x, 0.95) for x in samples]
@@ -106,6 +108,7 @@ def test_yield_interval_has_at_least_its_level_for_every_outcome(truth):
 
 
 @pytest.mark.parametrize("sequence", [qmc.Sobol, qmc.LatinHypercube])
+@pytest.mark.long
 def test_intervals_cover_the_truth_over_replicates(sequence):
     """Eight randomisations of a smooth function whose mean, 90 % point and yield are known."""
     rng = np.random.default_rng(3)

@@ -56,6 +56,7 @@ def test_intervals_are_bonetts_of_one_sample_and_students_over_the_z_of_each_of_
         assert ranks.ci_high[0, 0] == pytest.approx(np.tanh(middle + half))
 
 
+@pytest.mark.long
 def test_indices_of_replicates_have_intervals_over_the_replicates():
     rng = np.random.default_rng(9)
     replicate = np.repeat(np.arange(8), 128)

@@ -95,6 +95,7 @@ def test_units_that_are_all_solved_are_plain_monte_carlo():
 
 
 @pytest.mark.parametrize("misjudged", [pytest.param(0.7, marks=pytest.mark.attack), 1.5])
+@pytest.mark.long
 def test_share_of_a_thousandth_is_unbiased_covered_and_five_times_cheaper(misjudged):
     exact = 1e-3
     limit = SPREAD * stats.norm.isf(exact)
@@ -114,6 +115,7 @@ def test_share_of_a_thousandth_is_unbiased_covered_and_five_times_cheaper(misjud
     assert np.median([run_estimate.effective for run_estimate in results]) == pytest.approx(reference, rel=0.2)
 
 
+@pytest.mark.long
 def test_quantile_is_covered_and_as_often_too_large_as_too_small():
     level = 0.9973
     exact = SPREAD * stats.norm.ppf(level)
@@ -126,6 +128,7 @@ def test_quantile_is_covered_and_as_often_too_large_as_too_small():
     assert np.median([run_estimate.effective for run_estimate in estimate]) > 5 * BUDGET
 
 
+@pytest.mark.long
 def test_a_prediction_of_nothing_costs_width_not_truth():
     """The predictions have nothing to do with the values: the estimate is as wide as that of the solved units alone."""
     rng = np.random.default_rng(4)

@@ -72,6 +72,7 @@ def test_exact_indices_of_ishigami_are_the_published_ones():
 
 
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.long
 def test_indices_of_closed_forms(case):
     function, parts, groups, inputs = CASES[case]
     first_indices, total = exact(parts, groups)
