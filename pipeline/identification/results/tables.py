@@ -11,7 +11,7 @@ from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.identify import Identification
 from pipeline.identification.results.residual_signatures import Signature
-from pipeline.identification.selection.criteria import ODDS
+from pipeline.identification.selection.criteria import NAMED_ODDS
 from pipeline.identification.selection.statements.statement import title_of
 
 STAGE_TITLES = {
@@ -164,7 +164,7 @@ def _candidate(identification: Identification, name: str) -> dict[str, Any]:
         "misfit_after": trial.rms if trial else np.nan,
         "log_odds": odds,
         "log_score_gain": float(np.sum(gain)),
-        "significant": bool(odds >= ODDS),
+        "significant": bool(odds >= NAMED_ODDS),
         "member_of_class": name in identification.verdict.named_effects,
         "screened_share": selection.promised_misfits.get(name, np.nan),
         "why_not": reason,

@@ -15,6 +15,7 @@ from pipeline.identification.fitting.problem import Model, candidates, limit_cas
 from pipeline.identification.selection.covariance import Covariance, parts_of
 from pipeline.identification.selection.criteria import (
     MOST_NAMED,
+    NAMED_ODDS,
     ODDS,
     Judge,
     Selection,
@@ -58,8 +59,7 @@ class Selector:
     """Selections on subsets of one problem's cells."""
 
     def __init__(self, fitter: Fitter, visible: Truth, most_effects: int = MOST_EFFECTS):
-        self.fitter = fitter
-        self.problem = fitter.problem
+        self.fitter, self.problem = fitter, fitter.problem
         self.most_effects = most_effects
         self.testable = {
             name: effect for name, effect in candidates().items() if not self.problem.why_not(effect, visible)
@@ -239,7 +239,7 @@ class Selector:
             leading_names = sorted(names, key=lambda name: -odds[name])[:MOST_REFINED]
             for name in dict.fromkeys([*leading_names, *(name for name in names if name == known_leader)]):
                 known, best = trials[name], max(odds[other] for other in names)
-                least = max(ODDS, odds_over_fewer(name, odds))
+                least = max(NAMED_ODDS, odds_over_fewer(name, odds))
                 largest_gain = max(ODDS, 0.5 * (known.fit.cost - np.count_nonzero(tries.cells)))
                 leads = name == known_leader or odds[name] + largest_gain >= (best - ODDS if best >= least else least)
                 if leads and not known.is_refined:

@@ -90,4 +90,4 @@ def test_a_usual_size_is_noticed_earlier_by_a_prior_that_is_not_as_wide_as_its_r
     effects = {name: candidates()[name] for name in NAMES}
     with_all = detection_limits(fitter, base, effects)[0].noticed
     monkeypatch.setattr(detection, "PRIOR_WIDTHS", (1.0,))
-    assert with_all < 0.98 * detection_limits(fitter, base, effects)[0].noticed
+    assert with_all < 0.995 * detection_limits(fitter, base, effects)[0].noticed

@@ -12,7 +12,7 @@ from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.covariance import Structure
-from pipeline.identification.selection.criteria import LARGEST_CLASS, ODDS, Trial, prior_log_odds
+from pipeline.identification.selection.criteria import LARGEST_CLASS, NAMED_ODDS, ODDS, Trial, prior_log_odds
 from pipeline.identification.selection.evidence import PRIOR_WIDTHS
 from pipeline.statistics.resampling import CONFIDENCE
 
@@ -139,7 +139,7 @@ class _Sought:
         pattern is not there.
         """
         evidence = self.base.evidence
-        odds = ODDS + self.cost - prior_log_odds(1, self.n_tried) - evidence.fall(structure)
+        odds = NAMED_ODDS + self.cost - prior_log_odds(1, self.n_tried) - evidence.fall(structure)
         return self._share_for(odds, float(evidence.information(self.pattern[:, None], structure)[0, 0]))
 
     def _share_for(self, odds: float, information: float) -> float:

@@ -11,7 +11,7 @@ from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.faults.fault import Fault
-from pipeline.identification.selection.criteria import LARGEST_CLASS, Selection
+from pipeline.identification.selection.criteria import LARGEST_CLASS, NAMED_ODDS, Selection
 from pipeline.identification.selection.fitted_numbers import FittedParameter
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import TORQUE_BINS, Remainder
@@ -231,4 +231,6 @@ def _comparison(selection: Selection, name: str) -> str:
     other_model = "the cause named" if selection.claimed_model else "no effect"
     if abs(decades) >= 6:
         return f"more than a million times {'less' if decades > 0 else 'more'} probable than {other_model}"
+    if decades < 0 and not selection.claimed_model:
+        other_model += f"; a name takes {np.exp(NAMED_ODDS):.0f} times"
     return f"{10 ** abs(decades):.2g} times {'less' if decades > 0 else 'more'} probable than {other_model}"
