@@ -185,9 +185,12 @@ class Problem:
         if cells is not None and len(np.unique(self.data.position[cells])) < FEWEST_COMPARED:
             offered_names.discard(CRANKS)
         reasons = [self.data.shortfalls[need] for need in sorted(candidate.needs - offered_names)]
-        one_zero = self.data.common_offset or MOVES in self.met_needs
-        if isinstance(candidate, InstrumentEffect) and candidate.common_offset and not one_zero:
-            reasons.append("every position has its own zero of the angle")
+        if isinstance(candidate, InstrumentEffect) and candidate.common_offset and MOVES not in self.met_needs:
+            n_positions = len(np.unique(self.data.position if cells is None else self.data.position[cells]))
+            if not self.data.common_offset:
+                reasons.append("every position has its own zero of the angle")
+            elif n_positions < FEWEST_OF_A_WAVE and self.forward.courses[0].encoder_turns <= 1:
+                reasons.append(f"offsets of {n_positions} positions lie on some wave; {FEWEST_OF_A_WAVE} can test one")
         if not reasons and not all(low < high for low, high in self.bounds(candidate)):
             waves = isinstance(candidate, InstrumentEffect) and self.resolved_waves < FEWEST_WAVES
             reasons.append("a branch has too few rows" if waves else "the angle of a position has no range")

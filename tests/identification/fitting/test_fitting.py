@@ -96,6 +96,20 @@ def test_waves_are_no_finer_than_the_rows_of_a_branch_resolve(exact_unit):
     assert third.why_not(cogging) == "a branch has too few rows"
 
 
+def test_an_eccentric_encoder_takes_a_position_more_than_its_wave_has_numbers(exact_unit):
+    """Zero, amplitude and phase follow the offsets of any three positions; on the crank a loop shows the slope, too."""
+    encoder, data = candidates()["encoder_eccentricity"], exact_unit.data
+    for n_positions, reason in ((3, "offsets of 3 positions lie on some wave; 4 can test one"), (4, "")):
+        shared = replace(data, common_offset=True, position=np.arange(len(data)) % n_positions)
+        problem = replace(exact_unit, data=shared)
+        vars(problem)["hours"] = 1.0  # of a record with a course for each position
+        assert problem.why_not(encoder) == reason
+    assert exact_unit.why_not(encoder) == "every position has its own zero of the angle"
+    courses = [replace(course, encoder_turns=39.0) for course in exact_unit.forward.courses]
+    on_crank = replace(exact_unit, data=replace(data, common_offset=True), forward=SimpleNamespace(courses=courses))
+    assert on_crank.why_not(encoder) == ""
+
+
 def test_offsets_are_of_the_cells_fitted_in_their_group(exact_unit):
     data = exact_unit.data
     fitted = (np.arange(len(data)) % 3 > 0) & (data.position != 2)
