@@ -16,10 +16,16 @@ from pipeline.identification.fitting.stations import stations_of
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import read_measurement
 from pipeline.identification.measurement.unit_file import UnitFile
-from pipeline.identification.selection.adequacy import failed_test
 from pipeline.identification.selection.baselines import METHODS, TURN_METHODS, Cycles, baselines
 from pipeline.identification.selection.criteria import Selection, without_names
-from pipeline.identification.selection.held_out import AngleError, Folds, angle_error, predicted_folds, splits_of
+from pipeline.identification.selection.held_out import (
+    AngleError,
+    Folds,
+    angle_error,
+    failed_test,
+    predicted_folds,
+    splits_of,
+)
 from pipeline.identification.selection.model_selection import Selector
 from pipeline.identification.selection.statements.detection import DetectionLimit, detection_limits
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy_of

@@ -9,7 +9,7 @@ from pipeline.identification.bench import load_path, simulator
 from pipeline.identification.fitting import fitter, least_squares
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.selection import model_selection, pairs, screening
+from pipeline.identification.selection import model_selection, pairs, ripples, screening
 from tests.validation.blind.catalogue import no_compliance
 from tests.validation.blind.command_line import designs
 from tests.validation.blind.compliant_drive.unit import drawn_unit
@@ -53,12 +53,13 @@ OFF = (
     (screening, "RADII", (0.15, 0.05, 0.1, 0.2, 0.35)),
     (screening, "PHASES", 16),
     (screening, "BEST_DIRECTIONS", 10**6),
-    (screening, "WAVE_STEP", 0.5),
-    (screening, "WAVE_PHASES", 8),
-    (screening, "SIZES", (0.6, 0.75, 0.9, 1.0, 1.15, 1.3, 1.45, 1.6, 1.8, 2.0)),
-    (screening, "FAINT", 0.0),
-    (screening, "COARSER", 1),
-    (screening, "PERIODS", 20),
+    (ripples, "WAVE_STEP", 0.5),
+    (ripples, "WAVE_PHASES", 8),
+    (ripples, "SIZES", tuple(np.geomspace(0.05, 2.0, 22))),
+    (ripples, "FAINT", 0.0),
+    (ripples, "COARSER", 1),
+    (ripples, "PERIODS", 20),
+    (ripples, "FOLLOWED", 20),
 )
 """Every pair is fitted, every start followed to its end, every direction and period looked at; fits settle later."""
 

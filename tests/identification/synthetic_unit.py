@@ -80,6 +80,8 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
     item = assembly.errors(sampled)
     errors = type(item)(**{name: np.repeat(values, bench.cycles, axis=0) for name, values in vars(item).items()})
     library = candidates()
+    if any(len(numbers) > len(library[name].parameters) for name, numbers in effects.items()):
+        library = {name: library[name].of_positions(len(bench.cranks)) for name in effects}
     model = Model(tuple(library[name] for name in effects))
     values = [value for own_value in effects.values() for value in own_value]
     number = np.arange(bench.cycles, dtype=float)
@@ -100,7 +102,8 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
             *(bench.turns, leg, bench.state, np.column_stack([torque, torque]), time),
             *((float(lobes), position) if at_input else (1.0, -position / lobes)),
         )
-        reading = Forward([course], unit.rated_torque).read(unit, 0, instrument)
+        courses = [course] * (len(tables) + 1)  # the position is the last of these
+        reading = Forward(courses, unit.rated_torque).read(unit, len(tables), instrument)
         assert reading.sound
         offset = 2.0 if bench.common else rng.normal(0, 3)
         cycle = bench.state[leg]

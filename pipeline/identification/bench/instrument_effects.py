@@ -19,6 +19,10 @@ FEWEST_WAVES = 4
 MOST_WAVES: Fineness = 60
 """The same at most: finer ones are far from any motor's, and the search over them is long."""
 
+PHASES = np.pi, 5 * np.pi
+"""Bounds of a phase [rad]: two turns, so that a fit may pass the end of one, and no zero among them, which is a phase
+like any other."""
+
 
 @dataclass(frozen=True)
 class InstrumentEffect(EffectDescription):
@@ -26,7 +30,8 @@ class InstrumentEffect(EffectDescription):
 
     ``bounds`` is a function of the rated torque [N m], of the range of the angle measured at one position [arcmin],
     of the time that it took [h], and of the most waves over this range that its rows resolve. ``common_offset`` says
-    that the effect is seen only where all positions share one zero of the angle.
+    that the effect is seen only where all positions share one zero of the angle, ``own_phases`` that each position has
+    its own phase.
     """
 
     bounds: Callable[[float, float, float, float], tuple[tuple[float, float], ...]]
@@ -35,6 +40,20 @@ class InstrumentEffect(EffectDescription):
     common_offset: bool = False
     limit_case: str = ""
     starts: str = "secants"
+    own_phases: bool = False
+
+    def of_positions(self, count: int) -> "InstrumentEffect":
+        """The effect with the phase of each further position, less that at the first, as a parameter of its own."""
+        if not self.own_phases or count < 2:
+            return self
+        numbers = range(2, count + 1)
+        phases = [Parameter(f"phase_{k}_rad", "rad", f"phase at position {k}", of_position=True) for k in numbers]
+        bounds = self.bounds
+        return replace(
+            self,
+            parameters=(*self.parameters, *phases),
+            bounds=lambda *of_unit: (*bounds(*of_unit), *(PHASES,) * len(phases)),
+        )
 
 
 def _log_wave_number(waves: float, span: float) -> float:
@@ -43,9 +62,9 @@ def _log_wave_number(waves: float, span: float) -> float:
 
 
 def _ripple(instrument: Instrument, values: Sequence[float]) -> Instrument:
-    cosine, sine, waves = values
-    amplitude = NMM_PER_NM * float(np.hypot(cosine, sine))
-    return replace(instrument, ripple=Ripple(amplitude, 10.0**waves, float(np.arctan2(cosine, sine))))
+    cosine, sine, waves, *phases = values
+    ripple = Ripple(NMM_PER_NM * float(np.hypot(cosine, sine)), 10.0**waves, float(np.arctan2(cosine, sine)))
+    return replace(instrument, ripple=ripple, ripple_phases=tuple(phases))
 
 
 EFFECTS = (
@@ -129,7 +148,8 @@ EFFECTS = (
     InstrumentEffect(
         name="motor_cogging",
         title="cogging of the motor",
-        physics="the motor's torque varies with its angle: a ripple locked to the angle",
+        physics="the motor's torque varies with its angle: a ripple locked to the angle; from position to position the "
+        "output turns by many waves, which are not known to a part of one, so that each position has its own phase",
         source="Hanselman, Brushless Permanent Magnet Motor Design (2003), ch. 5",
         parameters=(
             Parameter("cosine_Nm", "N m", "amplitude, referred to the output"),
@@ -141,6 +161,7 @@ EFFECTS = (
         confused_with=(),
         told_apart_by="the motor alone, turned slowly by hand",
         starts="periods",
+        own_phases=True,
         bounds=lambda rated_torque, span, hours, waves: (
             (-0.15 * rated_torque, 0.15 * rated_torque),
             (-0.15 * rated_torque, 0.15 * rated_torque),

@@ -1,6 +1,6 @@
 """The way of a drive through the torques of a position: elastic curve, friction, ripple, and memory in series."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +41,7 @@ class Instrument:
     drift : [arcmin/h]
     encoder : amplitudes (cosine, sine) of the encoder's eccentricity [arcmin].
     ripple : torque of the motor, locked to its angle.
+    ripple_phases : (n_positions - 1,) its phases at further positions less that at the first [rad]; none: all alike.
     """
 
     torque_zero: float = 0.0
@@ -49,6 +50,13 @@ class Instrument:
     drift: float = 0.0
     encoder: tuple[float, float] = (0.0, 0.0)
     ripple: Ripple = field(default_factory=Ripple)
+    ripple_phases: tuple[float, ...] = ()
+
+    def ripple_at(self, position: int) -> Ripple:
+        """The ripple with the phase that it has at a position."""
+        if not self.ripple_phases or not position:
+            return self.ripple
+        return replace(self.ripple, phase=self.ripple.phase + self.ripple_phases[position - 1])
 
     def true_torque(self, read: Real) -> Real:
         """Torque [N mm] that is read as ``read`` [N m]; what a creep of the sensor adds is not yet subtracted."""

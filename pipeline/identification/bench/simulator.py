@@ -113,12 +113,12 @@ class Forward:
             np.count_nonzero(curve.states.residual > LARGEST_RESIDUAL) <= UNSOUND_SHARE * curve.states.residual.size
             for curve in curves
         )
-        torques = instrument.torques(course)
+        torques, ripple = instrument.torques(course), instrument.ripple_at(position)
         if course.crank is not None:
-            path, angle, place, is_followed = locked_path(stations, course, curves, instrument.ripple, torques)
+            path, angle, place, is_followed = locked_path(stations, course, curves, ripple, torques)
         else:
             elastic = Elastic(stations[0], curves[0])
-            path, is_followed = load_path(stations[0], course, curves[0], elastic, instrument.ripple, torques)
+            path, is_followed = load_path(stations[0], course, curves[0], elastic, ripple, torques)
             angle, place = path.angle, course.encoder_place
             if stations[0].hystereses:
                 angle = angle + memory_twist(stations[0], course, elastic.curve_of_state(0), path, torques)

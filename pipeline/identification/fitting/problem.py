@@ -130,14 +130,24 @@ class Problem:
 
     def bounds(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
         """(low, high) of every parameter of an effect; of a time constant within what the record resolves."""
-        if candidate.name not in self._bounds:
-            self._bounds[candidate.name] = self._bounds_of(candidate)
-        return self._bounds[candidate.name]
+        key = candidate.name, len(candidate.parameters)
+        if key not in self._bounds:
+            self._bounds[key] = self._bounds_of(candidate)
+        return self._bounds[key]
 
     @cached_property
-    def _bounds(self) -> dict[str, tuple[tuple[float, float], ...]]:
-        """Bounds of the effects that were asked for, by name: a fit asks for them at every step."""
+    def _bounds(self) -> dict[tuple[str, int], tuple[tuple[float, float], ...]]:
+        """Bounds of the effects that were asked for, by name and number of parameters: a fit asks at every step."""
         return {}
+
+    def testable(self, offered: Mapping[str, Candidate], cells: Truth) -> dict[str, Candidate]:
+        """Those of some effects that some cells (n_cells,) can test, with the parameters that this unit gives them."""
+        count = len(self.forward.courses)
+        return {
+            name: effect.of_positions(count) if isinstance(effect, InstrumentEffect) else effect
+            for name, effect in offered.items()
+            if not self.why_not(effect, cells)
+        }
 
     def _bounds_of(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
         bounds = (

@@ -12,7 +12,7 @@ named if and only if
 (e) it does better than a discrepancy of no known form: it explains the unit down to what the form of the model leaves,
     and is then more probable than "none of these" by the odds of (a); and the data do not call, by odds of 19 to 1, for
     a larger discrepancy beside it, or for one that differs between cycles: the form of the model is alike in all;
-(f) with it, unused data are predicted as a right model would (``adequacy``).
+(f) with it, unused data are predicted as a right model would (``held_out.failed_test``).
 
 A further effect is named where the model with it is more probable than the best with fewer by the odds of (a): of
 loops two at most, the second explaining more than the form of the model may leave of the misfit; of records any number.

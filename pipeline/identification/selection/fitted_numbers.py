@@ -118,6 +118,8 @@ def intervals(fitter: Fitter, trial: Trial) -> tuple[FittedParameter, ...]:
     parameters = [(effect.name, parameter) for effect in fit.model.effects for parameter in effect.parameters]
     estimates = []
     for number, (effect_name, parameter) in enumerate(parameters):
+        if parameter.of_position:
+            continue
         at_bound = not 1e-6 < fit.unknowns.shares[number] < 1 - 1e-6
         note = "at the bound of what the library allows: no interval" if at_bound else ""
         value, ci_low, ci_high = (float(vector[number]) for vector in values)

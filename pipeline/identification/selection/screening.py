@@ -1,21 +1,18 @@
 """What each effect promises before it is fitted: secants of its parameters beside all that is fitted already."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import cast
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from pipeline.arrays import Real, Truth
 from pipeline.constant_kinds import Shortcut, ShortcutCount, ShortcutGrid
-from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, Fitter
-from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Fit, Vector, values_at_shares
 from pipeline.identification.fitting.problem import Candidate, Model
-from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.identification.selection.ripples import ripple_starts
 
 STEPS: ShortcutGrid = (1e-3, 1e-2, 1e-1)
 """Lengths of the secants, as shares of the way from no effect to a bound."""
@@ -35,21 +32,6 @@ BEST_DIRECTIONS: ShortcutCount = 2
 """The best of these phases, or both senses of one parameter, which are looked at at the other distances."""
 PERIODIC = "periods"
 """Starts of an effect that has a period; looked at beside the first base alone, since there are many of them."""
-WAVE_STEP: Shortcut = 0.75
-"""Periods of a ripple that are looked at: steps of their number over the range of the angle."""
-WAVE_PHASES: ShortcutCount = 5
-"""Phases of each."""
-SIZES: ShortcutGrid = (0.75, 1.0, 1.3, 1.6, 2.0)
-"""Sizes of a ripple, in those that the residual asks."""
-COARSER: ShortcutCount = 5
-"""So many times fewer periods tell which of these sizes is nearest."""
-FAINT: Shortcut = 15.0
-"""Fall of the sum of squares by a small ripple of the best period and a wider loop, below which none is looked for in
-full: of noise alone the best of 75 periods exceeds it in a tenth of the units, and no claim could rest on it."""
-PERIODS: ShortcutCount = 6
-"""The best periods, which are fitted on."""
-
-
 FIRST_SHARE: Shortcut = 0.1
 """Share of its bounds by which a parameter starts off no effect in either sense."""
 EDGE: Shortcut = 0.01
@@ -87,18 +69,22 @@ class Screening:
         self.rows = np.vstack([base.jacobian[cells] * self.root[:, None], np.diag(penalty)[penalty > 0]])
         self.basis, self.triangle = np.linalg.qr(self.rows)
         self.centre = fitter.centre(base.model, base.unknowns)
-        self.residual_left = self._scaled_residuals(data.angle - base.predicted_angle) - self._prior_residuals(
+        self.residual_left = self.scaled_residuals(data.angle - base.predicted_angle) - self.prior_residuals(
             base.unknowns.flat
         )
-        self.base_misfit = self._misfit(self.unfollowed_part(self.residual_left))
+        self.base_misfit = self.square(self.unfollowed_part(self.residual_left))
         self.base_angle = fitter.predict(base.model, base.unknowns, self.positions).angle
 
-    def _prior_residuals(self, flat: Real) -> Real:
+    def of_cells(self, cells: Truth) -> "Screening":
+        """The same beside the same base, of those of its cells that are among some (n_cells,)."""
+        return Screening(self.fitter, self.cells & cells, self.base, self.sigma)
+
+    def prior_residuals(self, flat: Real) -> Real:
         """Residuals of the priors at unknowns, below the cells' zeros."""
         penalty = self.penalty
         return np.concatenate([np.zeros(len(self.root)), (penalty * (flat - self.centre))[penalty > 0]])
 
-    def _scaled_residuals(self, angle: Real) -> Real:
+    def scaled_residuals(self, angle: Real) -> Real:
         """Angles (n_cells,) without offsets, in sigmas of the cells that are looked at, zeros for the priors."""
         scaled_angle = self.fitter.centred_values(np.nan_to_num(angle), self.weight)[self.cells] * self.root
         return np.concatenate([scaled_angle, np.zeros(len(self.rows) - len(scaled_angle))])
@@ -111,16 +97,17 @@ class Screening:
         """Change of the curves [sigmas] by an effect at shares of its bounds; None without an equilibrium."""
         start = replace(self.base.unknowns, shares=np.concatenate([self.base.unknowns.shares, shares]))
         prediction = self.fitter.predict(Model((*self.base.model.effects, effect)), start, self.positions)
-        return self._scaled_residuals(prediction.angle - self.base_angle) if prediction.sound else None
+        return self.scaled_residuals(prediction.angle - self.base_angle) if prediction.sound else None
 
     @staticmethod
-    def _misfit(values: Real) -> float:
+    def square(values: Real) -> float:
+        """Sum of squares of values, above zero."""
         return max(float(values @ values), 1e-300)
 
     def starts(self, effect: Candidate) -> list[tuple[float, Vector]]:
         """Starts for an effect beside the base with their sums of squares, where an equilibrium was found."""
         if effect.starts == PERIODIC:
-            return self._ripples(effect)
+            return ripple_starts(self, effect)
         model = Model((*self.base.model.effects, effect))
         shapes, grows = self._shapes(effect)
         best_of_shape: dict[int, tuple[float, Real, Real]] = {}
@@ -130,7 +117,7 @@ class Screening:
                     best_of_shape[sense] = probe
         confirmed_starts = []
         for _, shares, unknowns in best_of_shape.values():
-            probes = [(self._misfit_at(model, start), start) for start in self._starts_beside_base(shares, unknowns)]
+            probes = [(self.misfit_at(model, start), start) for start in self._starts_beside_base(shares, unknowns)]
             confirmed_starts.append(min(probes, key=lambda candidate_start: candidate_start[0]))
         confirmed_starts += self._directional_starts(model, np.where(grows, shapes[0], 0.0), grows)
         return [candidate_start for candidate_start in confirmed_starts if np.isfinite(candidate_start[0])]
@@ -139,7 +126,7 @@ class Screening:
         """Whether a secant of an effect promises a fall of the sum of squares, in the noise, of ``least_fall``."""
         left = self.base_misfit - least_fall * self.base_misfit / self.base.cost
         if effect.starts == PERIODIC:
-            return any(misfit <= left for misfit, _ in self._ripples(effect))
+            return any(misfit <= left for misfit, _ in ripple_starts(self, effect))
         model = Model((*self.base.model.effects, effect))
         shapes, grows = self._shapes(effect)
         lengths = STEPS[:0:-1]  # the smallest looks the same, or at the play alone
@@ -167,7 +154,7 @@ class Screening:
         """Misfit and start of an effect at shares of its bounds beside the base; infinite where they are beyond."""
         base = self.base.unknowns
         start = replace(base, shares=np.concatenate([base.shares, shares]))
-        return self._misfit_at(model, start) if np.all((shares > 0) & (shares < 1)) else np.inf, start
+        return self.misfit_at(model, start) if np.all((shares > 0) & (shares < 1)) else np.inf, start
 
     def _starts_beside_base(self, shares: Real, scale_step: Real) -> list[Vector]:
         """The effect beside the base as it stands, and as it would move."""
@@ -177,15 +164,15 @@ class Screening:
             replace(unknowns, shares=np.concatenate([unknowns.shares, shares])) for unknowns in (moved_unknowns, base)
         ]
 
-    def _misfit_at(self, model: Model, start: Vector) -> float:
+    def misfit_at(self, model: Model, start: Vector) -> float:
         """Misfit of a model's prediction; infinite where an equilibrium was not found."""
         prediction = self.fitter.predict(model, start, self.positions)
         flat = np.concatenate([start.scales, start.shares[: len(self.base.unknowns.shares)], start.modes])
         data = self.fitter.problem.data
         return (
-            self._misfit(
+            self.square(
                 self.unfollowed_part(
-                    self._scaled_residuals(data.angle - prediction.angle) - self._prior_residuals(flat)
+                    self.scaled_residuals(data.angle - prediction.angle) - self.prior_residuals(flat)
                 )
             )
             if prediction.sound
@@ -208,7 +195,7 @@ class Screening:
                 if step:
                     prediction = self.fitter.predict(model, start, self.positions)
                     secants += (
-                        [(step, self._scaled_residuals(prediction.angle - self.base_angle))] if prediction.sound else []
+                        [(step, self.scaled_residuals(prediction.angle - self.base_angle))] if prediction.sound else []
                     )
             sides.append(secants)
         return [self._joint_fit(shape, grows, sides_of_share) for sides_of_share in product(*sides)]
@@ -225,101 +212,7 @@ class Screening:
         shares[grows] = np.clip(shape[grows] + amounts * steps, 0.0, 1.0)
         residual = self.residual_left - changes @ amounts
         scale_step = np.linalg.lstsq(self.triangle, self.basis.T @ residual, rcond=None)[0]
-        return self._misfit(self.unfollowed_part(residual)), shares, scale_step
-
-    def _of_ripple(self, effect: Candidate) -> Callable[[Real], float]:
-        """As ``_misfit_at`` over one position, by shares of the effect's bounds: drive and backbone are made once."""
-        fitter, base, data = self.fitter, self.base.unknowns, self.fitter.problem.data
-        drives, instrument = fitter.drives(self.base.model, base, self.positions)
-        forward, bounds, (position,) = fitter.forward(self.base.model), fitter.problem.bounds(effect), self.positions
-        inside, prior_residuals = data.position == position, self._prior_residuals(base.flat)
-
-        def misfit(shares: Real) -> float:
-            instrument_with_ripple = cast(InstrumentEffect, effect).apply(
-                instrument, values_at_shares(bounds, shares).tolist()
-            )
-            reading, angle = (
-                forward.read(drives[position], position, instrument_with_ripple),
-                np.full(len(data), np.nan),
-            )
-            if not reading.sound or not np.all(np.isfinite(reading.angle)):
-                return np.inf
-            angle[inside] = reading.angle
-            return self._misfit(self.unfollowed_part(self._scaled_residuals(data.angle - angle) - prior_residuals))
-
-        return misfit
-
-    def _ripples(self, effect: Candidate) -> list[tuple[float, Vector]]:
-        """Starts of a ripple: its phase bends with the angle, so many periods are looked at, and the best fitted on.
-
-        Its size is about what it takes to move the angle, by the slope of the curve, as far as the base is off. How
-        wide the loop becomes tells it better, whatever the period: the right period stands out at the right size alone.
-        """
-        data = self.fitter.problem.data
-        low, high = np.array(self.fitter.problem.bounds(effect)).T
-        model, base = Model((*self.base.model.effects, effect)), self.base.unknowns
-        screening = Screening(self.fitter, self.cells & (data.position == self.positions[0]), self.base, self.sigma)
-        residual = data.angle - self.base.predicted_angle
-        slope = self.fitter.slopes(self.base)
-        size = np.sqrt(2 * np.sum(self.weight * residual**2) / np.sum(self.weight * slope**2))
-        turn = 2 * np.pi * ARCMIN / self.fitter.problem.span
-        waves = np.log10(np.arange(10 ** low[2] / turn, 10 ** high[2] / turn, WAVE_STEP) * turn)
-        falls, amplitudes = self._small_ripples(10**waves, slope)
-        if max(falls) < FAINT:
-            best_wave = int(np.argmax(falls))
-            values = np.array([*amplitudes[best_wave], waves[best_wave]])
-            shares = np.clip((values - low) / (high - low), 0.0, 1.0)
-            start = replace(base, shares=np.concatenate([base.shares, shares]))
-            return [(max(self.base_misfit - falls[best_wave], 1e-300), start)]
-
-        misfit_of = screening._of_ripple(effect)
-
-        def probe(size: float, wave: float, phases: int) -> tuple[float, Vector]:
-            neighbours = []
-            for phase in 2 * np.pi * np.arange(phases) / phases:
-                values = np.array([size * np.cos(phase), size * np.sin(phase), wave])
-                shares = np.clip((values - low) / (high - low), 0.0, 1.0)
-                start = replace(base, shares=np.concatenate([base.shares, shares]))
-                neighbours.append((misfit_of(shares), start))
-            return min(neighbours, key=lambda evaluation: evaluation[0])
-
-        coarse = [min(probe(share * size, wave, 2)[0] for wave in waves[::COARSER]) for share in SIZES]
-        probes = [probe(SIZES[int(np.argmin(coarse))] * size, wave, WAVE_PHASES) for wave in waves]
-        misfit = np.array([np.inf, *(evaluation[0] for evaluation in probes), np.inf])
-        is_minimum = (misfit[1:-1] <= misfit[:-2]) & (misfit[1:-1] < misfit[2:])
-        best_ripples = sorted(
-            (evaluation for evaluation, minimum in zip(probes, is_minimum, strict=True) if minimum),
-            key=lambda evaluation: evaluation[0],
-        )[:PERIODS]
-        as_fitted = np.array([base.scales, base.scales])  # with a ripple each derivative by them is many predictions
-        starts = [replace(start, reach=as_fitted) for _, start in best_ripples]
-        descents = [Descent(self.fitter, model, self.cells, start, self.base) for start in starts]
-        descents = [descent for descent in descents if np.isfinite(descent.cost)]
-        for steps, count in ((1, PERIODS), (2, STARTS)):
-            descents = sorted(descents, key=lambda descent: descent.in_noise)[:count]
-            for descent in descents:
-                descent.run(steps)
-        fitted_unknowns = [
-            replace(descent.unknowns, reach=base.reach) for descent in descents if descent.prediction.sound
-        ]
-        return [(self._misfit_at(model, unknowns), unknowns) for unknowns in fitted_unknowns]
-
-    def _small_ripples(self, waves: Real, slope: Real) -> tuple[list[float], list[Real]]:
-        """Falls of the misfit by small ripples of some numbers of waves per radian, and amplitudes (2,) [N m].
-
-        To first order a ripple moves the angle by the ``slope`` (n_cells,) [arcmin/(N m)] of the curve; a larger one
-        opens the loop too, as constant friction does.
-        """
-        data, goal = self.fitter.problem.data, self.unfollowed_part(self.residual_left)
-        falls, amplitudes = [], []
-        for number in waves:
-            phase = number * data.angle / ARCMIN
-            columns = [slope * np.cos(phase), slope * np.sin(phase), slope * data.senses]
-            changes = np.column_stack([self.unfollowed_part(self._scaled_residuals(column)) for column in columns])
-            amounts = np.asarray(np.linalg.lstsq(changes, goal, rcond=None)[0], float)
-            falls.append(float(goal @ changes @ amounts))
-            amplitudes.append(amounts[:2])
-        return falls, amplitudes
+        return self.square(self.unfollowed_part(residual)), shares, scale_step
 
 
 def _directions(zero: Real, grows: Truth) -> list[Real]:

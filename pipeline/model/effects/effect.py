@@ -35,6 +35,7 @@ class Parameter:
     """One number of an effect; its name ends in its unit, as ``compliance_arcmin_per_Nm`` does in "arcmin/(N m)".
 
     ``record`` says of a time constant what must last longer than it for a claim: ``TIME`` or ``CYCLES``.
+    ``of_position`` says that it is a number of one position, fitted but not reported.
 
     Raises
     ------
@@ -46,6 +47,7 @@ class Parameter:
     unit: str
     meaning: str
     record: str = ""
+    of_position: bool = False
 
     def __post_init__(self) -> None:
         if not self.name.endswith(self._ending):

@@ -56,7 +56,22 @@ def test_every_effect_has_a_case():
 )
 def test_an_effect_is_found_again(name, tmp_path, condensed):
     values, bench, tolerance_range = CASES[name]
-    problem = exactly_known(problem_of(make_unit(tmp_path / "u", {name: values}, bench, condensed), condensed))
+    fit = fit_of(name, values, bench, tmp_path / "u", condensed)
+    np.testing.assert_allclose(fit.values[: len(values)], values, rtol=tolerance_range)
+    np.testing.assert_allclose(np.cos(fit.values[len(values) :]), 1.0, atol=0.02)  # phases of other positions: the same
+
+
+def test_a_ripple_is_found_whose_phase_differs_from_position_to_position(tmp_path, condensed):
+    values, bench, tolerance_range = CASES["motor_cogging"]
+    phases = np.array([4.5, 8.0])
+    fit = fit_of("motor_cogging", (*values, *phases), bench, tmp_path / "u", condensed)
+    np.testing.assert_allclose(fit.values[:3], values, rtol=tolerance_range)
+    np.testing.assert_allclose(np.cos(fit.values[3:] - phases), 1.0, atol=0.02)
+
+
+def fit_of(name, values, bench, folder, condensed):
+    """The fit of the effect that was put into a unit, from what its screening promises."""
+    problem = exactly_known(problem_of(make_unit(folder, {name: values}, bench, condensed), condensed))
     fitter = Fitter(problem)
     selector = Selector(fitter, np.ones(len(problem.data), bool))
     selector.testable = {name: selector.testable[name]}
@@ -67,7 +82,7 @@ def test_an_effect_is_found_again(name, tmp_path, condensed):
     (fit,) = selector.fits(base, all_cells, promises)
     assert fit.sound
     assert np.sqrt(np.mean(((problem.data.angle - fit.predicted_angle) / problem.data.sigma) ** 2)) < 1.25
-    np.testing.assert_allclose(fit.values, values, rtol=tolerance_range)
+    return fit
 
 
 @pytest.mark.long

@@ -8,10 +8,16 @@ from synthetic_unit import CRANKS, Bench, make_unit, problem_of
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Model
-from pipeline.identification.selection.adequacy import failed_test
 from pipeline.identification.selection.covariance import Covariance, parts_of
 from pipeline.identification.selection.criteria import Selection
-from pipeline.identification.selection.held_out import _added_squares, _fold, _left_open, precision_of, splits_of
+from pipeline.identification.selection.held_out import (
+    _added_squares,
+    _fold,
+    _left_open,
+    failed_test,
+    precision_of,
+    splits_of,
+)
 from pipeline.identification.selection.model_selection import Selector
 
 RNG = np.random.default_rng(4)

@@ -7,8 +7,7 @@ from synthetic_unit import CRANKS, Bench, make_unit, problem_of
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Vector, shares_of_values
 from pipeline.identification.fitting.problem import Model, candidates
-from pipeline.identification.selection.adequacy import failed_test
-from pipeline.identification.selection.held_out import predicted_folds
+from pipeline.identification.selection.held_out import failed_test, predicted_folds
 from pipeline.identification.selection.model_selection import Selector
 from pipeline.identification.selection.screening import _by_sense
 

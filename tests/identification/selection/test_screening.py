@@ -11,8 +11,9 @@ from synthetic_unit import CRANKS, Bench, exactly_known, make_unit, problem_of
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Vector, values_at_shares
 from pipeline.identification.fitting.problem import Model, candidates
-from pipeline.identification.selection import screening as screening_module
+from pipeline.identification.selection import ripples
 from pipeline.identification.selection.model_selection import Selector
+from pipeline.identification.selection.ripples import _Search
 from pipeline.identification.selection.screening import (
     BEST_DIRECTIONS,
     PHASES,
@@ -149,19 +150,19 @@ def test_a_ripple_over_one_position_is_looked_at_as_any_effect_and_first_in_two_
     look, effect = Screening(fitter, first, base, problem.data.sigma), candidates()["motor_cogging"]
     for shares in (np.array([0.6, 0.45, 0.3]), np.array([0.5, 0.7, 0.8])):
         start = replace(base.unknowns, shares=shares)
-        assert look._of_ripple(effect)(shares) == look._misfit_at(Model((effect,)), start)
+        assert _Search(look, effect)._misfit_of(0)(start) == look.misfit_at(Model((effect,)), start)
     seen = []
 
-    def looked_at(shares):
+    def looked_at(start):
         if len(seen) == 2:
             raise EnoughSeenError
-        seen.append(shares[:2])
+        seen.append(start.shares[:2])
         return 1.0
 
-    monkeypatch.setattr(screening_module, "FAINT", 0.0)
-    monkeypatch.setattr(Screening, "_of_ripple", lambda *_: looked_at)
+    monkeypatch.setattr(ripples, "FAINT", 0.0)
+    monkeypatch.setattr(_Search, "_misfit_of", lambda *_: looked_at)
     with pytest.raises(EnoughSeenError):
-        look._ripples(effect)
+        look.starts(effect)
     np.testing.assert_allclose(seen[0] + seen[1], 1.0)
     assert np.linalg.norm(seen[0] - seen[1]) > 0
 
@@ -175,7 +176,7 @@ def test_an_effect_is_looked_at_in_all_directions_and_further_in_the_best_two():
         return float(np.sum((start.shares - goal) ** 2))
 
     base = SimpleNamespace(unknowns=Vector(np.zeros(0), np.zeros(0), np.zeros(0)))
-    screening = SimpleNamespace(base=base, _misfit_at=misfit)
+    screening = SimpleNamespace(base=base, misfit_at=misfit)
     screening._start_at = lambda model, shares: Screening._start_at(screening, model, shares)
     grows, zero = np.ones(2, bool), np.full(2, 0.5)
     starts = Screening._directional_starts(screening, None, zero, grows)
