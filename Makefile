@@ -103,7 +103,7 @@ blind: $(VENV)/installed  ## test the identification on units whose truth it can
 test: $(VENV)/installed  ## run the tests but for the long ones
 	$(VENV)/bin/python -m pytest
 
-long: $(VENV)/installed  ## run the tests that take more than two seconds each: whole identifications, whole turns, kills
+long: $(VENV)/installed  ## run the tests that take more than a second each: whole identifications, whole turns, kills
 	$(VENV)/bin/python -m pytest -m "long and not attack"
 
 attack: $(VENV)/installed  ## run what make test runs in part at full size: 10,000 fuzzed inputs, 50 kills, 500 random designs

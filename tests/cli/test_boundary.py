@@ -272,6 +272,7 @@ def test_clean_runs_removes_all_but_what_is_linked(tmp_path: Path, monkeypatch, 
     assert cli.main(["clean-runs"]) == 0
 
 
+@pytest.mark.long
 def test_clean_runs_during_a_run_removes_nothing(tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.setattr(settings, "RUNS", tmp_path)
     (tmp_path / "another").mkdir()

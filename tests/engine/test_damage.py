@@ -456,6 +456,7 @@ def test_a_stage_whose_bodies_change_nothing_is_not_touched(tmp_path: Path, outp
     assert capsys.readouterr().err == "draw  up to date\nadd  up to date\n"
 
 
+@pytest.mark.long
 def test_the_engine_is_imported_where_files_are_locked_otherwise() -> None:
     """As on Windows, which has no fcntl."""
     script = "import sys; sys.modules['fcntl'] = None; import pipeline.engine.runner, pipeline.engine.cluster; "

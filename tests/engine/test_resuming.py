@@ -108,6 +108,7 @@ def test_a_killed_run_resumes_and_its_workers_end(tmp_path: Path, trouble) -> No
     assert psutil.wait_procs(workers, timeout=60)[1] == []
 
 
+@pytest.mark.long
 def test_a_worker_that_is_killed_is_an_error_that_says_so(tmp_path: Path, trouble) -> None:
     trouble(die_at=35)
     with pytest.raises(ChunkError, match="add: a worker process was ended from outside"):

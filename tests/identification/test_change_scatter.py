@@ -112,6 +112,7 @@ def test_without_a_change_p_is_even_and_the_limit_is_shown_as_often_as_it_says(n
     assert low <= shown <= high
 
 
+@pytest.mark.long
 def test_of_pairs_without_a_change_two_in_a_hundred_are_named_over_all_numbers():
     rng = np.random.default_rng(8)
     alarms = sum(np.any(drawn(rng, 4, n_numbers=6).contrast(pair_weights(4)).family.p < LEVEL) for _ in range(DRAWS))

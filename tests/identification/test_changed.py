@@ -131,6 +131,7 @@ def test_two_changes_are_named_together(tmp_path):
     assert {"friction grows", "compliance grows"} <= {change.words for change in result.named_changes}
 
 
+@pytest.mark.long
 def test_further_states_show_what_three_positions_alone_do_not(tmp_path):
     cranks = CRANKS[:3]
     state_before = drive_measured(tmp_path / "before", {}, 0.04, 1, cranks)
@@ -146,6 +147,7 @@ def test_further_states_show_what_three_positions_alone_do_not(tmp_path):
     assert answer(state_before, state_after, [lacking]).comparison.freedom == 3
 
 
+@pytest.mark.long
 def test_positions_of_another_assembly_keep_a_pattern_of_their_own(tmp_path):
     """Another assembly shuffles the positions: counted as the same positions, its pattern would be scatter."""
     cranks = CRANKS[:3]
@@ -187,6 +189,7 @@ def test_one_position_claims_nothing_and_says_why(tmp_path):
     assert "3 or more crank positions" in result.advice
 
 
+@pytest.mark.long
 def test_positions_that_were_shuffled_are_seen(tmp_path):
     state_before = drive_measured(tmp_path / "before", {}, 0.1, 1)
     positions_of_shuffled = answer(state_before, drive_measured(tmp_path / "same", {}, 0.1, 1)).positions
@@ -211,6 +214,7 @@ def test_the_files_hold_what_the_sentence_says(tmp_path):
     assert set(loops["state"]) == {"before", "after"}
 
 
+@pytest.mark.long
 def test_the_command_writes_a_page_that_says_what_it_prints(tmp_path, monkeypatch, capsys):
     for name, changes, seed in (("before", {}, 1), ("after", {"play": -0.3}, 2), ("again", {}, 3), ("cold", {}, 4)):
         drive_measured(tmp_path / "states" / name, changes, 0.02, seed, CRANKS[:3])

@@ -95,6 +95,7 @@ def test_statistics_are_those_of_scipy():
     assert np.corrcoef(shifted, reference_value)[0, 1] == pytest.approx(1, abs=1e-9)
 
 
+@pytest.mark.long
 def test_tests_keep_their_size():
     rng = np.random.default_rng(2)
     p_values = [
@@ -114,6 +115,7 @@ def test_ties_are_one_step():
     assert all(test.p_value == 1.0 for test in tests)
 
 
+@pytest.mark.long
 def test_intervals_of_bias_and_spread_cover(monkeypatch):
     monkeypatch.setattr("pipeline.populations.comparison.PERMUTATIONS", 9)
     rng = np.random.default_rng(3)

@@ -182,6 +182,7 @@ def test_the_page_and_the_verdict_say_the_same(waving, tmp_path):
     [Drive(), Drive(sign=-1), Drive(shift=0.5), Drive(flank_wave=3.0), Drive(asymmetry=1.0)],
     ids=["forward", "against", "shifted passes", "unlike flanks", "unlike springs"],
 )
+@pytest.mark.long
 def test_a_drive_without_an_effect_is_adequate(tmp_path, drive):
     """Whichever way its output turns, and where the encoder's zero differs from pass to pass, as repeats show.
 
@@ -212,6 +213,7 @@ def test_encoders_of_one_turn_are_counted_on(tmp_path, sign):
     [(Drive(compliance_wave=4.0), "compliance_crank_twice"), (Drive(warm_zero=2.0), "zero_over_temperature")],
     ids=["compliance", "temperature"],
 )
+@pytest.mark.long
 def test_other_effects_are_named_too_of_a_carrier_by_its_teeth(tmp_path, drive, name):
     answer = record_answer(record_of(unit_of(tmp_path / "u", drive.table(), CARRIER)))
     assert (answer.judgement.verdict, answer.judgement.members) == ("identified", (name,))
@@ -230,6 +232,7 @@ def test_three_effects_at_once_are_named_together(tmp_path):
     assert [sizes[name] for name in sorted(sizes)] == pytest.approx([4.0, 1.2, 1.0], rel=0.1)
 
 
+@pytest.mark.long
 def test_passes_that_drift_hide_no_wave(tmp_path):
     """Each pass has a drift and an offset of its own, twice the noise of a cell."""
     table, rng = Drive(compliance_wave=4.0).table(), np.random.default_rng(3)
@@ -310,6 +313,7 @@ def test_an_order_of_no_shaft_that_grows_with_the_torque_is_no_adequate_unit(tmp
     assert growth == pytest.approx(6.0 * (1 - 3**-3) / (1 - 1 / 3), rel=0.1)  # between 200 and 600 N m
 
 
+@pytest.mark.long
 def test_few_passes_name_nothing(tmp_path):
     few = Drive(friction_wave=1.2, torques=(200.0, 600.0), repeats=1, temperatures=(22.0,))
     answer = record_answer(record_of(unit_of(tmp_path / "u", few.table())))

@@ -125,6 +125,7 @@ def test_false_alarms_of_the_signatures_keep_their_level() -> None:
     assert np.mean(alarms) < 0.12
 
 
+@pytest.mark.long
 def test_a_coefficient_that_is_not_there_is_seen_in_one_residual_of_twenty() -> None:
     """Of 2,400 drawn, cells of a branch alike in part; 6.1 % without the factor n/(n - 1) of the variance."""
     alarms = []

@@ -94,6 +94,7 @@ def test_an_absolute_angle_is_that_of_the_output(tmp_path, plain):
     np.testing.assert_allclose(absolute.cells.angle_mean, plain.cells.angle_mean, atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_crank_counted_from_zero_to_a_turn_is_counted_on(tmp_path):
     record = Record(cycles=1, turns=3, torques=(HELD,), senses=(1,), per_pitch=2)
     rows = table(record)

@@ -138,6 +138,7 @@ def test_pools_around_compiled_code_share_its_cache(tmp_path: Path, kind: str) -
     assert (process.returncode, printed.strip()) == (0, "4.5"), said
 
 
+@pytest.mark.long
 def test_processes_that_start_at_once_compile_a_loop_once(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(LOOP)
     printed = [process.communicate()[0].split() for process in [started(tmp_path) for _ in range(2)]]
@@ -165,6 +166,7 @@ def test_a_loop_is_compiled_once_however_many_samples_studies_have(tmp_path: Pat
     assert signatures["_solve_batch"] == signatures["_first_order_gaps"] == 1
 
 
+@pytest.mark.long
 def test_where_the_cache_cannot_be_written_it_lasts_as_long_as_the_process(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "file"), "PYTHONPATH": str(ROOT)}

@@ -135,6 +135,7 @@ def rv_with_all_errors():
     ), tolerances
 
 
+@pytest.mark.long
 def test_errors_of_cranks_and_gears_go_through_the_whole_chain(tmp_path):
     study, tolerances = rv_with_all_errors()
     outputs = run(STAGES, study, ["aggregate"], tmp_path, Resources(1, 4))
@@ -162,6 +163,7 @@ def test_a_part_in_series_without_its_origin_is_refused():
 
 
 @pytest.mark.parametrize(("name", "disks", "torque"), [("rv", 1, 200.0), ("rv_two_disks", 2, 400.0)])
+@pytest.mark.long
 def test_forces_life_and_efficiency_of_the_crank_bearings_by_hand(tmp_path, name, disks, torque):
     """Tables and pencil: balance of each rigid disk, ratio of the cranks, ISO 281, friction part by part."""
     study = small_study(

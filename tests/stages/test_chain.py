@@ -24,6 +24,7 @@ def frame(outputs: Outputs, stage: str, table: str) -> pd.DataFrame:
     return pd.DataFrame(outputs[stage].read(table))
 
 
+@pytest.mark.long
 def test_every_stage_writes_its_tables_with_units_in_the_metadata(outputs: Outputs, runs: Path) -> None:
     outputs = run(STAGES, small_study(), [stage.name for stage in STAGES[:-1]], runs, Resources(1, 100))
     for stage in STAGES[:-1]:
@@ -129,6 +130,7 @@ def test_values_depend_on_no_jobs_and_chunks(outputs: Outputs, runs: Path, jobs:
     }
 
 
+@pytest.mark.long
 def test_a_sample_does_not_depend_on_how_many_follow(outputs: Outputs, runs: Path) -> None:
     fewer = run_study(small_study(count=5).model_copy(update={"name": "fewer"}), runs)
     for stage, table in (("sample", "pins"), ("clearance", "gaps"), ("hysteresis", "curves")):
@@ -138,6 +140,7 @@ def test_a_sample_does_not_depend_on_how_many_follow(outputs: Outputs, runs: Pat
         )
 
 
+@pytest.mark.long
 def test_zero_tolerance_has_no_backlash_and_uniform_tolerance_the_published_share(runs: Path) -> None:
     study = small_study(experiment="cases", count=2, nominal_first=False)
     cases = ({"label": "none"}, {"label": "disk", "disk_profile": 5.0})

@@ -114,6 +114,7 @@ def test_width_grows_with_the_friction_of_the_pins_and_forces_keep_their_laws(ru
     np.testing.assert_allclose(widths[1], widths[0], atol=2e-2)  # no load, no friction: the play alone
 
 
+@pytest.mark.long
 def test_torsion_of_the_output_adds_its_angle_to_every_step_and_no_force(runs: Path, bare_run: Outputs) -> None:
     twisted = run_with(runs, "twisted", output_torsion={"compliance_arcmin_per_Nm": 0.25})
     curves_before, curves_after = (
@@ -136,6 +137,7 @@ def test_clearance_of_the_bearing_and_preload_reach_the_backlash(runs: Path, bar
     assert np.all(tight < curves_before - 0.05)
 
 
+@pytest.mark.long
 def test_softer_seats_lower_the_rigidity_in_series(runs: Path, bare_run: Outputs) -> None:
     soft = metrics(run_with(runs, "soft", seat_compliance={"compliance_um_per_N": 0.05}))
     curves_before = metrics(bare_run)["torsional_rigidity_Nm_per_arcmin"]

@@ -294,6 +294,7 @@ def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(drawn, runs: P
     assert "tolerances.ovality_4.lower_um = -1.0; must be >= 0" in process.stderr
 
 
+@pytest.mark.long
 def test_a_dimension_that_acts_on_nothing_is_refused(folder: Path) -> None:
     install(folder, "colour_of_a_disk", IDLE, "colour", DIMENSIONS)
     process = in_a_process("import pipeline.sampling.errors", folder)

@@ -88,6 +88,7 @@ def test_several_disks_cannot_all_be_the_output(folder):
         parse_design(design, "stiff.toml")
 
 
+@pytest.mark.long
 def test_six_uneven_crank_angles_run(folder, monkeypatch, tmp_path):
     monkeypatch.setattr(settings, "RUNS", tmp_path)
     study = tomllib.loads((folder / "classic.toml").read_text())

@@ -113,6 +113,7 @@ def test_all_units_solved_are_counted(one_angle):
     assert rows[LOST_MOTION, "p99.73"].value == pytest.approx(exact)
 
 
+@pytest.mark.long
 def test_few_solved_units_tell_what_all_do(one_angle, every):
     """400 of 4,000: the share beyond is right within its own interval, which is that of five times as many."""
     limit = float(np.quantile(every[LOST_MOTION], 0.99))
@@ -123,6 +124,7 @@ def test_few_solved_units_tell_what_all_do(one_angle, every):
     assert row.ci_high - row.ci_low < 0.01
 
 
+@pytest.mark.long
 def test_a_metric_that_the_springs_do_not_tell_has_no_interval(one_angle, every):
     rows = rows_of(limited(one_angle, **{RIGIDITY: float(np.quantile(every[RIGIDITY], 0.002))}), 400)
     assert (rows[RIGIDITY, "beyond"].ci_low, rows[RIGIDITY, "beyond"].ci_high) == (0.0, 1.0)

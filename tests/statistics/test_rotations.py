@@ -54,6 +54,7 @@ def test_without_an_effect_the_least_p_is_even_whatever_correlates(monkeypatch, 
 
 
 @pytest.mark.parametrize("freedom", [2, 10])
+@pytest.mark.long
 def test_bonferroni_is_never_ahead_and_a_common_cause_is_shown_more_often(monkeypatch, freedom):
     monkeypatch.setattr(differences, "ROTATIONS", 20_000)
     rng, shown, by_bonferroni = np.random.default_rng(9), 0, 0

@@ -62,6 +62,7 @@ def test_a_design_that_cannot_be_read_hides_no_mesh_and_asks_for_none():
 
 
 @pytest.mark.parametrize("name", ["li_guan", pytest.param("printed_drive", marks=pytest.mark.attack)])
+@pytest.mark.long
 def test_a_finer_mesh_than_the_default_moves_no_compliance_by_much(name):
     """Edges shorter by the root of two: a pin deflects by some seven units, so that 0.03 is half a percent of it."""
     study = study_of(name, {"disk": "elastic"})

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from pipeline import assembly
 from pipeline.config import load_design, load_study
@@ -67,6 +68,7 @@ def orders_of_the_eccentric(factors, angles=83):
     return np.mean(turned, axis=0), 2 * np.fft.rfft(turned, axis=0)[40] / angles
 
 
+@pytest.mark.long
 def test_unlike_cranks_alone_make_an_order_of_the_eccentric_that_grows_with_the_torque():
     """In proportion, 0.1 % of the deflection where bearings differ by 20 %; with cranks alike there is none."""
     deflection, alike = orders_of_the_eccentric(None)

@@ -78,6 +78,7 @@ def test_rotations_balance_the_torque_of_disks_that_share_it(rough, sense: int) 
     assert np.ptp(shares) > 0.05
 
 
+@pytest.mark.long
 def test_rotations_of_a_single_disk_balance_each_torque(rough) -> None:
     """What is behind it does not give way: its play is added to the rotation at which each pin closes."""
     springs, gaps = rough

@@ -42,6 +42,7 @@ def fresh(study: Study, disk: ElasticBody, crank: float) -> np.ndarray:
     return disk.compliance(disk_patches(study, disk, reducer)).matrix
 
 
+@pytest.mark.long
 def test_disks_without_holes_are_those_of_fresh_condensations_at_any_step() -> None:
     study = small("quick", "elastic", 2, loaded_angles=31)
     disk = elastic_disk(study)
@@ -56,6 +57,7 @@ def test_disks_without_holes_are_those_of_fresh_condensations_at_any_step() -> N
         np.testing.assert_allclose(drive.laws.linear, laws.linear, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_a_disk_with_holes_repeats_after_as_many_pitches_as_it_has_lobes() -> None:
     study = small("printed_drive", "elastic", 2, loaded_angles=11)
     condensed: dict[float, np.ndarray] = {}
@@ -117,6 +119,7 @@ def test_drives_whose_cranks_turn_by_other_ratios_or_know_their_angle_do_not_rep
         assert not TurnDrives.from_blocks(study, 1, [np.zeros((1, n_contacts, n_contacts))]).repeats
 
 
+@pytest.mark.long
 def test_misses_of_the_ranking_are_known_from_those_of_other_pitches() -> None:
     """A process of known lengths: they are found again, and bounds are met by a share of a normal distribution."""
     pins, lobes, rng = 14, 13, np.random.default_rng(2)

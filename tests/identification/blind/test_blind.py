@@ -75,6 +75,7 @@ def test_every_other_unit_of_a_kind_is_of_the_second_simulator():
         assert abs(of_kind.count(RIGID) - len(of_kind) / 2) <= 0.5
 
 
+@pytest.mark.long
 def test_a_unit_of_the_second_simulator_is_believed_with_a_rigid_disk_and_another_law(smallest):
     case = next(case for case in range(100) if (kind_of(case), simulator_of(case)) == (NONE, RIGID))
     unit = generate(smallest, case)
@@ -112,6 +113,7 @@ def test_the_truth_is_not_in_the_units_folder(smallest):
     assert not any(effect.name in words for effect in OUTSIDE)
 
 
+@pytest.mark.long
 def test_what_the_model_believes_is_off_as_a_bench_and_a_calibration_are(smallest):
     """Calibrated numbers by 5 to 20 %, inside of their stated ranges; measured dimensions by what measuring leaves."""
     units = [generate(smallest, case) for case in range(9) if kind_of(case) == NONE]

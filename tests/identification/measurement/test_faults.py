@@ -290,6 +290,7 @@ def test_the_position_that_stands_out_is_named(tmp_path):
     assert "position stands out" not in faults
 
 
+@pytest.mark.long
 def test_noise_of_the_torque_turns_no_branch_and_a_note_is_told_once(tmp_path):
     rng, table = np.random.default_rng(8), measured(cycles=2, per_branch=1000)
     chatter = np.convolve(rng.standard_normal(len(table) + 8), np.ones(9) / 3, "valid")  # alike in nine rows

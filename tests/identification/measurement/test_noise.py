@@ -67,6 +67,7 @@ def test_floor_and_random_are_the_noise_of_a_cell_where_repeats_are_at_other_tor
 
 
 @pytest.mark.parametrize("noise", [0.1, pytest.param(0.5, marks=pytest.mark.attack), 2.0])
+@pytest.mark.long
 def test_noise_that_looks_steep_is_not_left_out_of_its_floor(tmp_path, noise):
     ratios = []
     for seed in range(3):
@@ -89,6 +90,7 @@ def test_a_play_that_is_crossed_within_a_wide_cell_is_no_noise(tmp_path):
     assert noise.floor.value == pytest.approx(0.02 * np.sqrt(np.mean(1 / averaged.count)), rel=0.25)
 
 
+@pytest.mark.long
 def test_drift_between_cycles_is_in_the_floor_alone(tmp_path):
     table = measured(cycles=4, per_branch=400, noise=0.02)
     drifting = table.assign(angle_arcmin=table["angle_arcmin"] * (1 + 0.2 * table["cycle"]))
@@ -115,6 +117,7 @@ PARTS = {"even": lambda torque: 0.01 * np.abs(torque), "odd": lambda torque: 0.0
 
 
 @pytest.mark.parametrize("part", ["even", "odd"])
+@pytest.mark.long
 def test_what_goes_with_the_temperature_is_no_random_noise(tmp_path, part):
     table = measured(cycles=4, per_branch=400, noise=0.02)
     steady, _ = noise_of(tmp_path / "still", table)

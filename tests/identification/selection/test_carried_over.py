@@ -62,6 +62,7 @@ def test_half_of_a_single_position_is_better_than_none_of_it_and_than_all_of_it(
 
 
 @pytest.mark.parametrize("share", [pytest.param(0.0, marks=pytest.mark.attack), 0.5, 1.0])
+@pytest.mark.long
 def test_several_positions_tell_the_share(share):
     nothing, expected, replay = errors(share, trained=4, seeds=range(6))
     assert expected < 1.05 * min(nothing, replay) + SIGMA[0] ** 2

@@ -34,6 +34,7 @@ UNITS = {
 
 
 @pytest.mark.parametrize("name", UNITS)
+@pytest.mark.long
 def test_the_effect_of_a_unit_promises_most_and_starts_near_the_truth(name, tmp_path, condensed):
     values, bench, rivals = UNITS[name]
     problem = exactly_known(problem_of(make_unit(tmp_path / "u", {name: values}, bench, condensed), condensed))

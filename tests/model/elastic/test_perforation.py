@@ -76,6 +76,7 @@ def test_holes_that_leave_no_wall_are_refused():
         perforated_mesh(disk, circle(5, 5.2), 3.1, 0.2, 0.35)
 
 
+@pytest.mark.long
 def test_constant_stress_is_exact_about_the_holes():
     """A uniform compression by tractions on all boundaries, holes included, strains the disk uniformly."""
     from skfem import ElementTriP2, ElementVector, FacetBasis, LinearForm
@@ -107,6 +108,7 @@ def opening_of_a_hole(width_ratio, modulus, thickness):
     ("stress", "width_ratio"),
     [("plane_stress", 0.05), ("plane_stress", 0.2), ("plane_strain", 0.2)],
 )
+@pytest.mark.long
 def test_opposite_forces_open_a_hole_as_in_an_infinite_plate(stress, width_ratio):
     outer, thickness = 40.0, 2.0
     rim = outer * np.exp(2j * np.pi * np.arange(240) / 240)
@@ -145,6 +147,7 @@ def test_patches_at_any_angle_carry_a_unit_force_with_its_arm(crank):
     np.testing.assert_allclose(resultant[2], arms, atol=2e-3)  # the wall is a polygon
 
 
+@pytest.mark.long
 def test_loads_eliminated_alone_work_as_they_do_on_the_displacement_of_the_whole_solve():
     mesh = small_mesh(edges=24, edge=0.1)
     body, patches = elastic_body(mesh, E, NU, 2.0, "plane_stress", "bore"), wall_patches(mesh, 0.77, 0.2)

@@ -50,6 +50,7 @@ def end_of_disk(profile, crank, cloud, estimate):
     return brentq(least_gap, 0.8 * estimate, 1.2 * estimate, xtol=1e-9)
 
 
+@pytest.mark.long
 def test_play_of_a_steep_profile_is_that_of_its_flank():
     """K1 = 0.98 and 150 um: small motions are off by 5 % at some crank angles, and nothing said so."""
     errors_found = []

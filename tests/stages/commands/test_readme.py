@@ -49,6 +49,7 @@ def test_unit_and_meaning_are_read_as_the_readme_says_of_files_and_of_folders(ou
         assert set(metadata) == {b"unit", b"meaning"}
 
 
+@pytest.mark.long
 def test_the_lines_of_other_readers_say_what_pandas_says(
     outputs: dict[str, Output], runs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

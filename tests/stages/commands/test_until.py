@@ -145,6 +145,7 @@ def test_looking_several_times_costs_little_of_the_confidence() -> None:
     assert 0.93 < np.mean(covered) < 0.99
 
 
+@pytest.mark.long
 def test_what_is_remembered_belongs_to_the_settings(own_runs: Path) -> None:
     studies.run(until(at_most=BATCH), ["aggregate"], jobs=1)
     assert running.known_size(until(at_most=50)).samples.count > BATCH  # the same batch, whatever is to come of it

@@ -123,6 +123,7 @@ def test_without_a_known_yield_the_page_says_so(frames):
     assert "a metric that has a limit is valid for none of them" in text
 
 
+@pytest.mark.long
 def test_how_a_worst_would_move_is_said_where_the_angles_tell(frames):
     assert "With twice as many" not in written(frames)  # two angles tell nothing
     rows = [("all_limits", np.nan, 0.75, 0.61), ("lost_motion_arcmin", 2.5, np.nan, np.nan)]
@@ -149,6 +150,7 @@ def test_markup_in_a_title_is_text(frames):
     assert "&lt;script&gt;alert" in text
 
 
+@pytest.mark.long
 def test_listed_cases_are_told_case_by_case_and_not_as_a_distribution(page_runs, page_outputs):
     cases = [{"label": "tight"}, {"label": "loose", "disk_profile": 10, "roller_diameter": -5}]
     study = tiny_study(

@@ -222,6 +222,7 @@ def test_only_the_first_samples_are_read_for_bands(page_outputs, tmp_path, monke
     assert sum("The band is over the first 5 samples." in caption for caption in captions) == 3
 
 
+@pytest.mark.long
 def test_the_page_says_whether_nominal_lies_outside_of_its_own_zone(frames):
     inside = "The nominal reducer lies within all of its tolerance zones."
     assert inside in written(frames)

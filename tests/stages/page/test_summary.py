@@ -100,6 +100,7 @@ def test_the_page_says_which_share_of_the_variance_a_contributor_has(frames):
     assert "interactions included counts" not in written(ranks)
 
 
+@pytest.mark.long
 def test_the_yield_is_said_to_be_an_upper_bound_before_anything_else(frames):
     summary = written(frames).partition('id="summary"')[2]
     first = re.search(r'<p class="answer">(.*?)</p>', summary, re.DOTALL)[1]
@@ -109,6 +110,7 @@ def test_the_yield_is_said_to_be_an_upper_bound_before_anything_else(frames):
     assert "at most as many" not in other
 
 
+@pytest.mark.long
 def test_a_study_of_preloaded_units_says_so_first(frames):
     tight = frames.distributions["value"].where(frames.distributions["metric"] != "preloaded", 1.0)
     page = written(replace(frames, distributions=frames.distributions.assign(value=tight)))
@@ -246,6 +248,7 @@ def test_a_surrogate_that_explains_little_is_said_so(frames):
     assert "poorly" not in good.sentence
 
 
+@pytest.mark.long
 def test_a_published_unit_is_beside_the_prediction_and_said_to_lie_outside_of_it(frames):
     values = frames.over_turn["lost_motion_arcmin"]
     units = [

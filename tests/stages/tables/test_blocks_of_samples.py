@@ -31,6 +31,7 @@ def frames_of(job: Job) -> dict[str, pd.DataFrame]:
     ("constant", "at_once"),
     [("SAMPLES_AT_ONCE", 1), ("SAMPLES_AT_ONCE", 4), ("ROWS_AT_ONCE", 9), ("UNITS_AT_ONCE", 4)],
 )
+@pytest.mark.long
 def test_blocks_of_samples_give_the_tables_of_all_samples(job, monkeypatch, constant: str, at_once: int) -> None:
     whole = frames_of(job)
     assert len(whole["units"]) == 9

@@ -93,6 +93,7 @@ def test_a_number_without_meaning_is_no_unit_beyond_the_limit(study):
     assert rows.loc[["lost_motion_arcmin", "all_limits"], "yield"].isna().all()
 
 
+@pytest.mark.long
 def test_a_failed_sample_keeps_its_row_and_is_in_no_statistic(outputs, frames, runs, study, monkeypatch):
     """Sample 5 finds no equilibrium at one state of the second crank angle; all others are as before."""
     failed_steps = []

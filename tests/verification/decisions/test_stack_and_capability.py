@@ -15,6 +15,7 @@ from pipeline.report.decisions.bounds import bounds_sentence
 ROOT = Path(__file__).parent.parent.parent.parent
 
 
+@pytest.mark.long
 def test_a_linear_metric_has_the_spread_of_its_tolerances():
     """3 um of eccentricity's zone and a two-lobed ovality's component: truncated normal, and uniform times a cosine."""
     study = load_study("quick", ROOT)

@@ -76,6 +76,7 @@ def test_quantile_interval_has_at_least_its_level_and_no_rank_to_spare(n, level,
     assert lower.sf(high - 2 if np.isfinite(high) else n - 1) > tail
 
 
+@pytest.mark.long
 def test_std_interval_keeps_its_level_in_small_samples():
     samples = stats.norm().rvs((2000, 12), random_state=np.random.default_rng(4))
     assert covered([std_interval(x, 0.95) for x in samples], 1.0) == pytest.approx(0.95, abs=0.01)
@@ -157,6 +158,7 @@ def test_equal_replicates_are_not_certain():
 
 
 @pytest.mark.parametrize("name", ["p01", "p05", "p50", "p99"])
+@pytest.mark.long
 def test_replicates_of_independent_samples_have_the_level_of_independent_samples(name):
     """Nothing but chance lies between such replicates: quantile and yield of any population keep their level."""
     level, replicate, n = QUANTILES[name], np.arange(1024) % 8, 600

@@ -22,6 +22,7 @@ def test_ishigami_ranks_see_the_monotone_input_only():
 
 
 @pytest.mark.parametrize("correlation", [0.0, -0.9])
+@pytest.mark.long
 def test_coverage_of_the_rank_correlation(correlation):
     rng = np.random.default_rng(8)
     exact = 6 / np.pi * np.arcsin(correlation / 2)  # Spearman's coefficient of a binormal pair
