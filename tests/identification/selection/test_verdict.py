@@ -13,7 +13,12 @@ from pipeline.identification.selection.criteria import Selection
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements import verdict as verdicts
 from pipeline.identification.selection.statements.remainder import Remainder
-from pipeline.identification.selection.statements.statement import place_of_largest, statement_of_verdict, title_of
+from pipeline.identification.selection.statements.statement import (
+    _comparison,
+    place_of_largest,
+    statement_of_verdict,
+    title_of,
+)
 from pipeline.identification.selection.statements.verdict import judge, verdict_without_test
 from pipeline.statistics.curve_scatter import CurveScatter
 
@@ -120,6 +125,19 @@ def test_adequate_needs_a_passed_test(testable, term):
     result = verdict_without_test(adequate, "a reason", testable)
     assert result.verdict == term
     assert result.findings[-1] == "a reason"
+
+
+@pytest.mark.parametrize(
+    ("odds", "claimed", "said"),
+    [
+        (4.72, "", "110 times more probable than no effect; a name takes 999 times"),
+        (-7.4, "", "1,600 times less probable than no effect"),
+        (7.0, "coulomb", "20 times less probable than the cause named"),
+    ],
+)
+def test_how_near_a_model_came_is_said_with_what_a_name_takes(odds, claimed, said):
+    selection = SimpleNamespace(odds={"coulomb": 10.0, "preload": odds}, claimed_model=claimed)
+    assert _comparison(selection, "preload") == said
 
 
 def test_the_place_of_a_misfit_is_told_by_torque_and_branch():

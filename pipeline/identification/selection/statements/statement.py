@@ -220,7 +220,7 @@ def _glance(verdict: Verdict, selection: Selection, remainder: Remainder, where:
 def _sureness(log_odds: float) -> str:
     """Probability of "no effect" in words."""
     decades = max(log_odds, 0.0) / np.log(10)
-    chance = "1 in a million" if decades >= 6 else f"1 in {10**decades:.2g}"
+    chance = "1 in a million" if decades >= 6 else f"1 in {_rounded(10**decades)}"
     return f"probability of no effect {'below ' if decades >= 6 else ''}{chance}"
 
 
@@ -233,4 +233,9 @@ def _comparison(selection: Selection, name: str) -> str:
         return f"more than a million times {'less' if decades > 0 else 'more'} probable than {other_model}"
     if decades < 0 and not selection.claimed_model:
         other_model += f"; a name takes {np.exp(NAMED_ODDS):.0f} times"
-    return f"{10 ** abs(decades):.2g} times {'less' if decades > 0 else 'more'} probable than {other_model}"
+    return f"{_rounded(10 ** abs(decades))} times {'less' if decades > 0 else 'more'} probable than {other_model}"
+
+
+def _rounded(ratio: float) -> str:
+    """A ratio to two digits, without an exponent."""
+    return f"{float(f'{ratio:.2g}'):,.10g}"
