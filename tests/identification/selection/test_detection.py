@@ -55,7 +55,6 @@ def draws_of(alike):
 
 @pytest.mark.parametrize(("draws", "least"), [pytest.param(25, 0.85, marks=pytest.mark.attack), (8, 0.75)])
 @pytest.mark.parametrize("alike", [0.0, 0.9])
-@pytest.mark.long
 def test_an_effect_of_either_size_is_noticed_or_named_in_at_least_90_percent_of_draws(alike, draws, least):
     columns, rng = draws_of(alike)
     effects = {name: candidates()[name] for name in NAMES}

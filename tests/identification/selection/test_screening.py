@@ -8,10 +8,12 @@ import pytest
 from linear_unit import LinearFitter, linear_data, model_of
 from synthetic_unit import CRANKS, Bench, exactly_known, make_unit, problem_of
 
+from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Vector, values_at_shares
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection import ripples
+from pipeline.identification.selection.fitted_numbers import intervals
 from pipeline.identification.selection.model_selection import Selector
 from pipeline.identification.selection.ripples import _Search
 from pipeline.identification.selection.screening import (
@@ -166,6 +168,42 @@ def test_a_ripple_over_one_position_is_looked_at_as_any_effect_and_first_in_two_
         look.starts(effect)
     np.testing.assert_allclose(seen[0] + seen[1], 1.0)
     assert np.linalg.norm(seen[0] - seen[1]) > 0
+
+
+def test_a_ripple_starts_with_the_phases_and_the_size_that_it_was_looked_at_with(tmp_path, condensed):
+    problem = exactly_known(problem_of(make_unit(tmp_path / "u", {"coulomb": (0.3,)}, THREE, condensed), condensed))
+    fitter, effect = Fitter(problem), candidates()["motor_cogging"].of_positions(3)
+    asked_phases = {0: 0.4, 1: 2.9, 2: -1.7}
+    for cells in (np.ones(len(problem.data), bool), problem.data.position > 0):
+        base = fitter.fit(Model(), cells, fitter.start(Model()), 1)
+        look = Screening(fitter, cells, base, problem.data.sigma)
+        phases = {position: asked_phases[position] for position in look.positions}
+        start = _Search(look, effect).start(4.3, 0.2, phases)
+        instrument = effect.apply(Instrument(), values_at_shares(problem.bounds(effect), start.shares).tolist())
+        for position, phase in phases.items():
+            ripple = instrument.ripple_at(position)
+            assert ripple.amplitude == pytest.approx(200.0)  # N mm
+            assert np.cos(ripple.phase - phase) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("positions", "starts"), [([0], "fitted"), ([0, 1, 2], [(80.0, "start")])])
+def test_what_is_faint_grows_with_the_phases_that_noise_may_choose(positions, starts, monkeypatch):
+    """Noise exceeds 15 with one phase as often as 23 with those of three positions."""
+    search = SimpleNamespace(
+        waves=[4.2], small_ripple=lambda _: (20.0, 0.1, {}), start=lambda *_: "start", fitted_starts=lambda: "fitted"
+    )
+    monkeypatch.setattr(ripples, "_Search", lambda *_: search)
+    assert ripples.ripple_starts(SimpleNamespace(positions=positions, base_misfit=100.0), None) == starts
+
+
+def test_phases_of_positions_are_no_numbers_of_a_page():
+    effect = candidates()["motor_cogging"].of_positions(3)
+    unknowns = Vector(np.zeros(0), np.full(5, 0.4), np.zeros(0))
+    fit = SimpleNamespace(model=Model((effect,)), unknowns=unknowns)
+    trial = SimpleNamespace(fit=fit, evidence=SimpleNamespace(deviations=np.full(5, 0.01)), other_solutions=())
+    turns = np.pi, 5 * np.pi
+    fitter = SimpleNamespace(bounds=lambda _: ((-1.0, 1.0), (-1.0, 1.0), (4.0, 4.5), turns, turns))
+    assert [number.name for number in intervals(fitter, trial)] == ["cosine_Nm", "sine_Nm", "log_waves"]
 
 
 def test_an_effect_is_looked_at_in_all_directions_and_further_in_the_best_two():
