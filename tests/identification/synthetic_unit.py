@@ -72,6 +72,13 @@ class Bench:
         return np.minimum(np.arange(len(self.turns) - 1) // 2, self.cycles - 1)
 
 
+def _model_of(effects: Mapping[str, Sequence[float]], n_positions: int) -> Model:
+    """The effects by their names; one with more values than parameters has its own phase at each position."""
+    library = candidates()
+    own_phases = any(len(values) > len(library[name].parameters) for name, values in effects.items())
+    return Model(tuple(library[name].of_positions(n_positions) if own_phases else library[name] for name in effects))
+
+
 def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench, condensed: Condensed) -> Path:
     """A unit's folder: one drawn from the quick study, with the ``effects`` by their names and values."""
     rng = np.random.default_rng(bench.seed)
@@ -79,10 +86,7 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
     sampled = draw(study, bench.sample, bench.sample + 1)
     item = assembly.errors(sampled)
     errors = type(item)(**{name: np.repeat(values, bench.cycles, axis=0) for name, values in vars(item).items()})
-    library = candidates()
-    if any(len(numbers) > len(library[name].parameters) for name, numbers in effects.items()):
-        library = {name: library[name].of_positions(len(bench.cranks)) for name in effects}
-    model = Model(tuple(library[name] for name in effects))
+    model = _model_of(effects, len(bench.cranks))
     values = [value for own_value in effects.values() for value in own_value]
     number = np.arange(bench.cycles, dtype=float)
     conditions = Conditions(number, bench.warming * number)

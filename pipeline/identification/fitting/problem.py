@@ -140,7 +140,7 @@ class Problem:
         """Bounds of the effects that were asked for, by name and number of parameters: a fit asks at every step."""
         return {}
 
-    def testable(self, offered: Mapping[str, Candidate], cells: Truth) -> dict[str, Candidate]:
+    def candidates_for(self, offered: Mapping[str, Candidate], cells: Truth) -> dict[str, Candidate]:
         """Those of some effects that some cells (n_cells,) can test, with the parameters that this unit gives them."""
         count = len(self.forward.courses)
         return {

@@ -61,7 +61,7 @@ class Selector:
     def __init__(self, fitter: Fitter, visible: Truth, most_effects: int = MOST_EFFECTS):
         self.fitter, self.problem = fitter, fitter.problem
         self.most_effects = most_effects
-        self.testable = self.problem.testable(candidates(), visible)
+        self.testable = self.problem.candidates_for(candidates(), visible)
 
     def trained_on(self, training: Truth) -> "Selector":
         """A selector that knows nothing of other cells than the training ones (n_cells,), not even their noise.

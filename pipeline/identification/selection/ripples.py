@@ -27,17 +27,18 @@ WAVE_STEP: Shortcut = 0.75
 WAVE_PHASES: ShortcutCount = 5
 """Phases of each."""
 SIZES: ShortcutGrid = (0.09, 0.13, 0.18, 0.25, 0.35, 0.5, 0.75, 1.0, 1.3, 1.6, 2.0)
-"""Sizes of a ripple, in those that the residual asks; it asks more where the model without effects is far off."""
+"""Sizes of a ripple that are tried, as multiples of the one that would explain the residual by the slope of the curve.
+That one is too large if the model without effects is far off."""
 COARSER: ShortcutCount = 5
-"""So many times fewer periods tell near which of these sizes the best one is."""
+"""Every fifth period is tried with all sizes; then all periods are tried with the best size and its two neighbours."""
 FAINT: Shortcut = 15.0
-"""Fall of the sum of squares by a small ripple at one position, of the best period and with a wider loop, below which
-none is looked for in full: of noise alone the best of 75 periods exceeds it in a tenth of the units. At several
-positions with their own phases it is the fall that noise exceeds as often."""
+"""Fall of the sum of squares by the best small ripple at one position below which no full search is made. With noise
+alone the best of 75 periods exceeds it in a tenth of the units. For several positions, each with its own phase, the
+fall that noise exceeds as often is used."""
 PERIODS: ShortcutCount = 6
 """The best periods, which are fitted on."""
 FOLLOWED: ShortcutCount = 3
-"""Those of them that are fitted on after one step."""
+"""Of these, the number that is fitted further after one step."""
 
 
 def ripple_starts(screening: "Screening", effect: Candidate) -> list[tuple[float, Vector]]:
@@ -95,8 +96,8 @@ class _Search:
     def fitted_starts(self) -> list[tuple[float, Vector]]:
         """The best periods, after a few steps of a fit of each.
 
-        The size is about what it takes to move the angle, by the slope of the curve, as far as the base is off. How
-        wide the loop becomes tells it better, whatever the period: the right period stands out at the right size alone.
+        A first size follows from the residual and the slope of the curve. The width of the loop shows the size better,
+        whatever the period. The right period is clearly the best only at about the right size.
         """
         screening = self.screening
         probes = self._probes()
