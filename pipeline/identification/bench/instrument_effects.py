@@ -10,7 +10,6 @@ from pipeline.identification.bench.load_path import Instrument
 from pipeline.model.effects import Parameter
 from pipeline.model.effects.effect import CRANKS, LOOPS, RATE, TIME, TORQUES, EffectDescription
 from pipeline.model.load_history.friction.output_path import Ripple
-from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import NMM_PER_NM
 
 FEWEST_WAVES = 4
@@ -18,6 +17,8 @@ FEWEST_WAVES = 4
 
 MOST_WAVES: Fineness = 60
 """The same at most: finer ones are far from any motor's, and the search over them is long."""
+
+ARCMINUTES_A_TURN = 360 * 60
 
 PHASES = np.pi, 5 * np.pi
 """Bounds of a phase [rad]: two turns, so that a fit may pass the end of one, and no zero among them, which is a phase
@@ -56,14 +57,14 @@ class InstrumentEffect(EffectDescription):
         )
 
 
-def _log_wave_number(waves: float, span: float) -> float:
-    """Decimal logarithm of the waves per radian that are so many over a range of the angle [arcmin]."""
-    return float(np.log10(2 * np.pi * waves * ARCMIN / span))
+def _waves_per_turn(waves: float, span: float) -> float:
+    """Waves per turn of the output that are so many over a range of the angle [arcmin]."""
+    return waves * ARCMINUTES_A_TURN / span
 
 
 def _ripple(instrument: Instrument, values: Sequence[float]) -> Instrument:
     cosine, sine, waves, *phases = values
-    ripple = Ripple(NMM_PER_NM * float(np.hypot(cosine, sine)), 10.0**waves, float(np.arctan2(cosine, sine)))
+    ripple = Ripple(NMM_PER_NM * float(np.hypot(cosine, sine)), waves, float(np.arctan2(cosine, sine)))
     return replace(instrument, ripple=ripple, ripple_phases=tuple(phases))
 
 
@@ -154,7 +155,7 @@ EFFECTS = (
         parameters=(
             Parameter("cosine_Nm", "N m", "amplitude, referred to the output"),
             Parameter("sine_Nm", "N m", "amplitude a quarter of its period on"),
-            Parameter("log_waves", "1", "decimal logarithm of the number of waves per radian of the output"),
+            Parameter("waves_per_turn", "1", "waves per turn of the output"),
         ),
         changes="torque in the reducer, with the angle of the output",
         signature="a staircase of constant step in the angle, most where the curve is steep",
@@ -165,7 +166,7 @@ EFFECTS = (
         bounds=lambda rated_torque, span, hours, waves: (
             (-0.15 * rated_torque, 0.15 * rated_torque),
             (-0.15 * rated_torque, 0.15 * rated_torque),
-            (_log_wave_number(FEWEST_WAVES, span), _log_wave_number(min(waves, MOST_WAVES), span)),
+            (_waves_per_turn(FEWEST_WAVES, span), _waves_per_turn(min(waves, MOST_WAVES), span)),
         ),
         apply=_ripple,
         needs=frozenset({CRANKS, LOOPS}),

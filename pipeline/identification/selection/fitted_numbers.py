@@ -110,6 +110,9 @@ def intervals(fitter: Fitter, trial: Trial) -> tuple[FittedParameter, ...]:
     The posterior holds noise, the structure beside the model and the priors of calibrated numbers and tolerances
     (``evidence``); a share ``FORM`` of its own size is added to the deviation of what grows with an effect. The
     interval reaches over those of other solutions that are nearly as probable.
+
+    A size that cannot be negative and was fitted as zero has the interval of half a normal density from zero up. That
+    is too wide where the misfit falls steeply towards zero.
     """
     fit, bounds = trial.fit, fitter.bounds(trial.fit.model)
     low_ends, high_ends = zip(*(_ends(solution, bounds) for solution in (trial, *trial.other_solutions)), strict=True)
@@ -120,7 +123,8 @@ def intervals(fitter: Fitter, trial: Trial) -> tuple[FittedParameter, ...]:
     for number, (effect_name, parameter) in enumerate(parameters):
         if parameter.of_position:
             continue
-        at_bound = not 1e-6 < fit.unknowns.shares[number] < 1 - 1e-6
+        is_none = bounds[number][0] == 0 and fit.unknowns.shares[number] == 0
+        at_bound = not is_none and not 1e-6 < fit.unknowns.shares[number] < 1 - 1e-6
         note = "at the bound of what the library allows: no interval" if at_bound else ""
         value, ci_low, ci_high = (float(vector[number]) for vector in values)
         if at_bound:

@@ -13,11 +13,10 @@ from scipy.special import chdtrc, chdtri
 
 from pipeline.arrays import Real
 from pipeline.constant_kinds import Shortcut, ShortcutCount, ShortcutGrid
-from pipeline.identification.bench.instrument_effects import InstrumentEffect
+from pipeline.identification.bench.instrument_effects import ARCMINUTES_A_TURN, InstrumentEffect
 from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Vector, values_at_shares
 from pipeline.identification.fitting.problem import Candidate, Model
-from pipeline.model.load_history.load_cycle import ARCMIN
 
 if TYPE_CHECKING:
     from pipeline.identification.selection.screening import Screening
@@ -59,7 +58,7 @@ class _Search:
 
     Attributes
     ----------
-    waves : (n_waves,) decimal logarithms of the numbers of waves per radian that are looked at.
+    waves : (n_waves,) waves per turn of the output that are looked at.
     """
 
     def __init__(self, screening: "Screening", effect: Candidate):
@@ -68,8 +67,7 @@ class _Search:
         self.bounds = self.fitter.problem.bounds(effect)
         self.model = Model((*screening.base.model.effects, effect))
         self.slope = self.fitter.slopes(screening.base)
-        (low, high), turn = self.bounds[2], 2 * np.pi * ARCMIN / self.fitter.problem.span
-        self.waves = np.log10(np.arange(10**low / turn, 10**high / turn, WAVE_STEP) * turn)
+        self.waves = np.arange(*self.bounds[2], WAVE_STEP * ARCMINUTES_A_TURN / self.fitter.problem.span)
 
     def small_ripple(self, wave: float) -> tuple[float, float, dict[int, float]]:
         """Fall of the sum of squares by a small ripple of some waves, its size [N m], and its phase [rad] by position.
@@ -80,7 +78,7 @@ class _Search:
         screening, data = self.screening, self.fitter.problem.data
         goal = screening.unfollowed_part(screening.residual_left)
         angle = data.angle - screening.base.predicted_angle + screening.base_angle
-        phase = 10**wave * angle / ARCMIN
+        phase = 2 * np.pi * wave * angle / ARCMINUTES_A_TURN
         columns = [
             np.where(data.position == position, self.slope * shape, 0.0)
             for position in self.positions

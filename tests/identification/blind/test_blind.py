@@ -144,7 +144,12 @@ def test_no_unit_asks_for_what_no_verdict_may_claim(smallest, monkeypatch):
     monkeypatch.setattr(generating, "candidates", lambda: {"creep": creep})
     monkeypatch.setattr(generating, "draw_shape", lambda rng, bounds: (np.array([1.0, 0.0]), np.array([0.0, 0.69])))
     yardstick = SimpleNamespace(
-        problem=SimpleNamespace(why_not=lambda _: "", bounds=lambda _: ((0.0, 1.0), (0.05, 1e4)), record={TIME: 100.0}),
+        problem=SimpleNamespace(
+            training=None,
+            candidates_for=lambda offered, _: offered,
+            bounds=lambda _: ((0.0, 1.0), (0.05, 1e4)),
+            record={TIME: 100.0},
+        ),
         size=lambda change: 1e3,
     )
     draw = generating._Draw(smallest, 1, 0)

@@ -90,8 +90,8 @@ def test_waves_are_no_finer_than_the_rows_of_a_branch_resolve(exact_unit):
     for rows, waves in ((4, cells), (1, cells / 4)):
         problem = replace(exact_unit, data=replace(data, count=np.full(len(data), rows)))
         assert problem.resolved_waves == pytest.approx(waves)
-        wave_number = 10.0 ** problem.bounds(cogging)[2][1]
-        assert wave_number * problem.span / ARCMIN == pytest.approx(2 * np.pi * min(waves, MOST_WAVES))
+        waves_per_turn = problem.bounds(cogging)[2][1]
+        assert waves_per_turn * problem.span / 21600 == pytest.approx(min(waves, MOST_WAVES))
     third = replace(exact_unit, data=replace(data, count=(np.arange(len(data)) % 12 == 0).astype(np.int64)))
     assert third.why_not(cogging) == "a branch has too few rows"
 

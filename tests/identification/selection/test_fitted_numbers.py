@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from linear_problem import BOUNDS, fitter_at
-from scipy.stats import chi2, norm
+from scipy.stats import chi2, halfnorm, norm
 
 from pipeline.identification.fitting.parameters import Vector
 from pipeline.identification.fitting.problem import Model, candidates
@@ -57,6 +57,15 @@ def test_one_of_two_sizes_of_an_effect_may_be_zero():
     assert loading.ci_low == 0.0
     assert loading.ci_high == pytest.approx(0.5 * (0.02 + norm.ppf(0.975) * 0.05), rel=1e-3)
     assert 0.1 < unloading.ci_low < 0.2
+
+
+def test_a_size_that_cannot_be_negative_and_is_zero_has_an_interval_from_zero_up():
+    bounds, unknowns = [(0.0, 0.5)] * 2, Vector(np.zeros(0), np.array([0.0, 0.4]), np.zeros(0))
+    fit = SimpleNamespace(model=Model((candidates()["directional_load_friction"],)), unknowns=unknowns)
+    trial = Trial(fit, SimpleNamespace(deviations=np.array([0.05, 0.05])), 1.0)
+    loading, _ = intervals(SimpleNamespace(bounds=lambda model: bounds), trial)
+    assert (loading.value, loading.ci_low, loading.note) == (0.0, 0.0, "")
+    assert loading.ci_high == pytest.approx(0.5 * halfnorm.ppf(0.95, scale=0.05), rel=1e-6)
 
 
 def test_an_interval_reaches_over_other_solutions_that_are_nearly_as_probable():

@@ -178,7 +178,7 @@ def test_a_ripple_starts_with_the_phases_and_the_size_that_it_was_looked_at_with
         base = fitter.fit(Model(), cells, fitter.start(Model()), 1)
         look = Screening(fitter, cells, base, problem.data.sigma)
         phases = {position: asked_phases[position] for position in look.positions}
-        start = _Search(look, effect).start(4.3, 0.2, phases)
+        start = _Search(look, effect).start(20_000.0, 0.2, phases)
         instrument = effect.apply(Instrument(), values_at_shares(problem.bounds(effect), start.shares).tolist())
         for position, phase in phases.items():
             ripple = instrument.ripple_at(position)
@@ -190,7 +190,7 @@ def test_a_ripple_starts_with_the_phases_and_the_size_that_it_was_looked_at_with
 def test_what_is_faint_grows_with_the_phases_that_noise_may_choose(positions, starts, monkeypatch):
     """Noise exceeds 15 with one phase as often as 23 with those of three positions."""
     search = SimpleNamespace(
-        waves=[4.2], small_ripple=lambda _: (20.0, 0.1, {}), start=lambda *_: "start", fitted_starts=lambda: "fitted"
+        waves=[1e5], small_ripple=lambda _: (20.0, 0.1, {}), start=lambda *_: "start", fitted_starts=lambda: "fitted"
     )
     monkeypatch.setattr(ripples, "_Search", lambda *_: search)
     assert ripples.ripple_starts(SimpleNamespace(positions=positions, base_misfit=100.0), None) == starts
@@ -202,8 +202,8 @@ def test_phases_of_positions_are_no_numbers_of_a_page():
     fit = SimpleNamespace(model=Model((effect,)), unknowns=unknowns)
     trial = SimpleNamespace(fit=fit, evidence=SimpleNamespace(deviations=np.full(5, 0.01)), other_solutions=())
     turns = np.pi, 5 * np.pi
-    fitter = SimpleNamespace(bounds=lambda _: ((-1.0, 1.0), (-1.0, 1.0), (4.0, 4.5), turns, turns))
-    assert [number.name for number in intervals(fitter, trial)] == ["cosine_Nm", "sine_Nm", "log_waves"]
+    fitter = SimpleNamespace(bounds=lambda _: ((-1.0, 1.0), (-1.0, 1.0), (1e4, 4e4), turns, turns))
+    assert [number.name for number in intervals(fitter, trial)] == ["cosine_Nm", "sine_Nm", "waves_per_turn"]
 
 
 def test_an_effect_is_looked_at_in_all_directions_and_further_in_the_best_two():

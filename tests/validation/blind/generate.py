@@ -236,11 +236,8 @@ class _Draw:
             return None
 
     def _library(self, yardstick: Yardstick, kind: str) -> tuple[list[Real], dict[str, Any]]:
-        library = {
-            name: effect
-            for name, effect in candidates().items()
-            if self.unit.knows(name) and not yardstick.problem.why_not(effect)
-        }
+        known = {name: effect for name, effect in candidates().items() if self.unit.knows(name)}
+        library = yardstick.problem.candidates_for(known, yardstick.problem.training)
         chosen: dict[str, tuple[tuple[float, ...], float]] = {}
         effect_count = 2 if kind == TWO else 1
         for _ in range(REDRAWS):
@@ -269,7 +266,12 @@ class _Draw:
         values = [value for values_of_effect, _ in chosen.values() for value in values_of_effect]
         angles = self.unit.angles([library[name] for name in chosen], values)
         effects = [
-            {"name": name, "values": list(values_of_effect), "size_over_noise": size}
+            {
+                "name": name,
+                "values": list(values_of_effect[: len(candidates()[name].parameters)]),
+                "values_of_positions": list(values_of_effect[len(candidates()[name].parameters) :]),
+                "size_over_noise": size,
+            }
             for name, (values_of_effect, size) in chosen.items()
         ]
         smallest_size = min(size for _, size in chosen.values())

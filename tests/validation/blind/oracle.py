@@ -62,8 +62,9 @@ def distances(unit_made: Made, folder: Path, root: Path) -> dict[str, float]:
     if unit_made.truth["kind"] == OUTSIDE_KIND:
         curves = over_cells(np.concatenate(unit_made.angles))
     else:
-        model = Model((candidates()[true],))
-        shares = shares_of_values(fitter.bounds(model), unit_made.truth["effects"][0]["values"])
+        testable, (facts,) = problem.candidates_for(candidates(), problem.training), unit_made.truth["effects"]
+        model = Model((testable[true],))
+        shares = shares_of_values(fitter.bounds(model), [*facts["values"], *facts["values_of_positions"]])
         curves = fitter.predict(model, fitter.start(model, shares)).angle
     problem = replace(problem, data=replace(problem.data, angle=curves))
     fitter, all_cells = Fitter(problem), np.ones(len(problem.data), bool)

@@ -1,7 +1,7 @@
 """The generator's own solution of a unit on its ramps: a fine frictionless curve, with friction every row a step."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,8 +81,9 @@ class TrueUnit:
         encoder_place = encoder_places(self.bench, self.study.design.cycloid.lobes)
         turns = float(self.study.design.cycloid.lobes) if self.bench.locked == "output" else 1.0
         angles = []
-        for drive, ramp, encoder_angle in zip(drives, self.bench.ramps, encoder_place, strict=True):
-            angle = _solved(drive, ramp, instrument)
+        positions = zip(drives, self.bench.ramps, encoder_place, strict=True)
+        for number, (drive, ramp, encoder_angle) in enumerate(positions):
+            angle = _solved(drive, ramp, replace(instrument, ripple=instrument.ripple_at(number)))
             encoder_reading = turns * angle + encoder_angle
             elapsed = ramp.time + (ramp.begin if self.bench.common else 0.0)
             read = ARCMIN * angle + instrument.drift * elapsed / SECONDS_AN_HOUR

@@ -34,7 +34,7 @@ ROOT_SHARE = 1e-15
 
 @dataclass(frozen=True)
 class Ripple:
-    """Torque [N mm] that depends on the output's angle: amplitude sin(waves angle + phase), waves per radian.
+    """Torque [N mm] that depends on the output's angle: amplitude sin(waves angle + phase), waves per turn.
 
     Raises
     ------
@@ -48,7 +48,7 @@ class Ripple:
 
     def __post_init__(self) -> None:
         if self.amplitude < 0 or self.waves <= 0:
-            raise ValueError(f"a ripple of {self.amplitude} N mm and {self.waves} waves/rad: both must be positive")
+            raise ValueError(f"a ripple of {self.amplitude} N mm and {self.waves} waves a turn: both must be positive")
 
 
 class OutputPath(NamedTuple):
