@@ -10,15 +10,13 @@ from pipeline.identification.bench.load_path import Instrument
 from pipeline.model.effects import Parameter
 from pipeline.model.effects.effect import CRANKS, LOOPS, RATE, TIME, TORQUES, EffectDescription
 from pipeline.model.load_history.friction.output_path import Ripple
-from pipeline.model.units import NMM_PER_NM
+from pipeline.model.units import ARCMIN, NMM_PER_NM
 
 FEWEST_WAVES = 4
 """Waves of a ripple over the measured range of the angle: with fewer it is no staircase."""
 
 MOST_WAVES: Fineness = 60
 """The same at most: finer ones are far from any motor's, and the search over them is long."""
-
-ARCMINUTES_A_TURN = 360 * 60
 
 PHASES = np.pi, 5 * np.pi
 """Bounds of a phase [rad]: two turns, so that a fit may pass the end of one, and no zero among them, which is a phase
@@ -59,7 +57,7 @@ class InstrumentEffect(EffectDescription):
 
 def _waves_per_turn(waves: float, span: float) -> float:
     """Waves per turn of the output that are so many over a range of the angle [arcmin]."""
-    return waves * ARCMINUTES_A_TURN / span
+    return float(2 * np.pi * waves * ARCMIN / span)
 
 
 def _ripple(instrument: Instrument, values: Sequence[float]) -> Instrument:

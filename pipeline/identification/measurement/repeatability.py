@@ -287,9 +287,8 @@ def _from_neighbours(cells: Cells) -> list[Real]:
             continue
         with np.errstate(divide="ignore", invalid="ignore"):
             share = (torque[1:-1] - torque[:-2]) / (torque[2:] - torque[:-2])
-        residual = angle[1:-1] - (1 - share) * angle[:-2] - share * angle[2:]
-        is_between = (share > 0) & (share < 1)
-        neighbour_differences.append(
-            residual[is_between] / np.sqrt(1 + share[is_between] ** 2 + (1 - share[is_between]) ** 2)
-        )
+        before = np.flatnonzero((share > 0) & (share < 1))
+        share = share[before]
+        residual = angle[before + 1] - (1 - share) * angle[before] - share * angle[before + 2]
+        neighbour_differences.append(residual / np.sqrt(1 + share**2 + (1 - share) ** 2))
     return [values for values in neighbour_differences if values.size]

@@ -16,7 +16,7 @@ named if and only if
 
 A further effect is named where the model with it is more probable than the best with fewer by the odds of (a): of
 loops two at most, the second explaining more than the form of the model may leave of the misfit; of records any number.
-Named together, as a class, are models at least a twentieth as probable as the best; one has the odds of (a) and (e).
+Named together, as a class, are models less probable than the best by less than the odds of (a); one has them itself.
 """
 
 from abc import ABC, abstractmethod
@@ -40,10 +40,10 @@ from pipeline.statistics.resampling import LEVEL
 T = TypeVar("T")
 
 ODDS = float(np.log((1 - LEVEL) / LEVEL))
-"""Logarithm of the odds of 19 to 1, within which models are named together and from which data call for more."""
+"""Logarithm of the odds of 19 to 1, from which data call for more than a model."""
 NAMED_ODDS = float(np.log(999))
-"""The same of 999 to 1: of a name over "no effect", of a second effect over the first alone. Calibrated: of 120 spent
-units from outside no name of smaller odds was right, and 27 of larger odds were."""
+"""The same of 999 to 1: of a name over "no effect", of a second effect over the first alone, of an effect over others,
+which are named together within them. Calibrated: of 120 spent units from outside no name of smaller odds was right."""
 MOST_NAMED = 2
 """Effects that are named together; more only describe."""
 LARGEST_CLASS = 3
@@ -251,11 +251,11 @@ class Rule(ABC, Generic[T]):
     ) -> tuple[dict[str, str], tuple[str, ...]]:
         """Reasons why models near a leading one are not named, empty for those that may be; and the named class.
 
-        One member has the odds by itself, over no effect and over fewer effects. The others need only be within the
-        odds of a class.
+        One member has the odds by itself, over no effect and over fewer effects. The others need only be as probable
+        as that one, to the odds.
         """
         tried, by_odds = {"": base, **trials}, sorted(odds, key=lambda name: -odds[name])
-        close_models = [n for n in by_odds if _size(n) == _size(leader) and odds[n] >= odds[leader] - ODDS]
+        close_models = [n for n in by_odds if _size(n) == _size(leader) and odds[n] >= odds[leader] - NAMED_ODDS]
         candidates = [name for name in close_models if odds[name] >= odds_over_fewer(leader, odds)]
         reasons = {name: next(self.objections(trials[name], tried), "") for name in candidates}
         best = next((name for name in candidates if not reasons[name]), None)

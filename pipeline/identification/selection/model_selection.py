@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -214,7 +213,7 @@ class Selector:
         trials, leaders = dict(selection.trials), set[str]()
         for odds in (selection.odds, self._known_odds(selection, tries)):
             best_model = best_of(odds)
-            leaders |= {name for name in odds if best_model and odds[name] >= odds[best_model] - 2 * ODDS}
+            leaders |= {name for name in odds if best_model and odds[name] >= odds[best_model] - NAMED_ODDS}
         for name in [name for name in selection.odds if name in leaders and name in promises]:
             model, base = trials[name].fit.model, selection.base
             fits = [self.fitter.fit(model, tries.cells, start, base_fit=base.fit) for start in promises[name].starts]
@@ -239,7 +238,8 @@ class Selector:
                 known, best = trials[name], max(odds[other] for other in names)
                 least = max(NAMED_ODDS, odds_over_fewer(name, odds))
                 largest_gain = max(ODDS, 0.5 * (known.fit.cost - np.count_nonzero(tries.cells)))
-                leads = name == known_leader or odds[name] + largest_gain >= (best - ODDS if best >= least else least)
+                asked = best - NAMED_ODDS if best >= least else least
+                leads = name == known_leader or odds[name] + largest_gain >= asked
                 if leads and not known.is_refined:
                     fit = self._refine(known.fit, tries.cells, known.fit.unknowns)
                     solutions = [self.trial(fit, tries.cells, tries.covariance, base), known, *known.other_solutions]
@@ -248,21 +248,25 @@ class Selector:
         return tries.judge.select(base, trials, selection.promised_misfits)
 
     def _with_twins(self, selection: Selection, tries: Tries) -> Selection:
-        """The selection with pairs in which an effect that looks like a member of the best pair takes its place.
+        """The selection with models in which an effect that looks like a member of the best one takes its place.
 
-        Where one of them stands for the other, both belong to the class; which was fitted first is chance.
+        They are fitted from the numbers and tolerances of the best model. From elsewhere a fit may end at a kink, and
+        an effect must not win by a start that those which look like it did not have.
         """
-        best_model = selection.trials[selection.best_model].fit.model if selection.best_model else Model()
-        for effect, other in permutations(best_model.effects, 2):
-            new_twins = [
-                name
-                for name in twins(effect.name)
-                if name in self.testable and name != other.name and _pair_name(name, other.name) not in selection.trials
-            ]
-            if new_twins and other.name in selection.trials:
-                single = selection.trials[other.name]
-                selection, _ = self._extended(selection, single, tries, new_twins)
+        best = selection.trials[selection.best_model].fit if selection.best_model else selection.base.fit
+        for effect in best.model.effects:
+            others = {name for name in selection.best_model.split("+") if name != effect.name}
+            names = [name for name in twins(effect.name) if name in self.testable and name not in others]
+            if names:
+                left = self.trial(self._without(best, effect.name, tries.cells), tries.cells, tries.covariance)
+                selection, _ = self._extended(selection, left, tries, names)
         return selection
+
+    def _without(self, fit: Fit, effect: str, cells: Truth) -> Fit:
+        """The model without an effect, at the numbers and tolerances of a fit with it."""
+        is_kept = np.array([part.name != effect for part in fit.model.effects for _ in part.parameters])
+        model = Model(tuple(part for part in fit.model.effects if part.name != effect))
+        return self.fitter.fit(model, cells, replace(fit.unknowns, shares=fit.unknowns.shares[is_kept]), 0)
 
     def _with_reductions(self, selection: Selection, tries: Tries) -> Selection:
         """The selection with single effects fitted from where the best pairs led to.
@@ -321,6 +325,8 @@ class Selector:
             promises = dict(sorted(promises.items(), key=lambda item: item[1].misfit)[:ADDITIONS])
         fits = [fit for fit in self.fits(current.fit, tries.cells, promises) if np.isfinite(fit.cost)]
         added_trials = {fit.model.name: self.trial(fit, tries.cells, tries.covariance, current) for fit in fits}
+        known = {name: selection.trials[name] for name in added_trials if name in selection.trials}
+        added_trials |= {name: most_probable([trial, added_trials[name]]) for name, trial in known.items()}
         trials = {**selection.trials, **added_trials}
         further = max(added_trials.values(), key=lambda trial: trial.evidence.value, default=current)
         return tries.judge.select(selection.base, trials, selection.promised_misfits), further
@@ -387,10 +393,6 @@ class Selector:
         declared_unknowns = self.fitter.start(fit.model, fit.unknowns.shares)
         refit = self.fitter.fit_from_best(fit.model, cells, [declared_unknowns], rival_cost=rival_cost)
         return refit if refit.sound and refit.cost < fit.cost else fit
-
-
-def _pair_name(name: str, second_name: str) -> str:
-    return "+".join(sorted((name, second_name)))
 
 
 def _rival_cost(fits: Sequence[Fit]) -> float:

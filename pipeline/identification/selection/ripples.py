@@ -13,10 +13,11 @@ from scipy.special import chdtrc, chdtri
 
 from pipeline.arrays import Real
 from pipeline.constant_kinds import Shortcut, ShortcutCount, ShortcutGrid
-from pipeline.identification.bench.instrument_effects import ARCMINUTES_A_TURN, InstrumentEffect
+from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Vector, values_at_shares
 from pipeline.identification.fitting.problem import Candidate, Model
+from pipeline.model.units import ARCMIN
 
 if TYPE_CHECKING:
     from pipeline.identification.selection.screening import Screening
@@ -67,7 +68,7 @@ class _Search:
         self.bounds = self.fitter.problem.bounds(effect)
         self.model = Model((*screening.base.model.effects, effect))
         self.slope = self.fitter.slopes(screening.base)
-        self.waves = np.arange(*self.bounds[2], WAVE_STEP * ARCMINUTES_A_TURN / self.fitter.problem.span)
+        self.waves = np.arange(*self.bounds[2], WAVE_STEP * 2 * np.pi * ARCMIN / self.fitter.problem.span)
 
     def small_ripple(self, wave: float) -> tuple[float, float, dict[int, float]]:
         """Fall of the sum of squares by a small ripple of some waves, its size [N m], and its phase [rad] by position.
@@ -78,7 +79,7 @@ class _Search:
         screening, data = self.screening, self.fitter.problem.data
         goal = screening.unfollowed_part(screening.residual_left)
         angle = data.angle - screening.base.predicted_angle + screening.base_angle
-        phase = 2 * np.pi * wave * angle / ARCMINUTES_A_TURN
+        phase = wave * angle / ARCMIN
         columns = [
             np.where(data.position == position, self.slope * shape, 0.0)
             for position in self.positions

@@ -216,11 +216,11 @@ class Screening:
 
 
 def _directions(zero: Real, grows: Truth) -> list[Real]:
-    """Directions (n_parameters,) from no effect: both senses of one parameter, phases of two; none of other effects."""
+    """Directions (n_parameters,) from no effect: senses of one parameter, phases of two; none of other effects."""
+    if len(grows) == 1 and grows[0]:
+        return [np.array([sense]) for sense in (1.0, -1.0) if sense > 0 or zero[0] > 0]
     if not np.all(grows & (zero > 0)) or len(grows) > 2:
         return []
-    if len(grows) == 1:
-        return [np.array([1.0]), np.array([-1.0])]
     return [np.array([np.cos(phase), np.sin(phase)]) for phase in 2 * np.pi * np.arange(PHASES) / PHASES]
 
 

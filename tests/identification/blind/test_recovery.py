@@ -109,3 +109,22 @@ def test_what_looks_like_a_member_of_the_best_pair_takes_its_place(tmp_path, con
     selection = selector.select(all_cells)
     pairs = {name for name in selection.trials if "coulomb" in name.split("+") and "+" in name}
     assert pairs == {"coulomb+pin_radius_error", "coulomb+preload", "coulomb+pin_circle_error"}
+
+
+def test_what_looks_like_the_best_effect_is_fitted_from_its_numbers_too(tmp_path, condensed):
+    """A fit that ended early does not leave the class to the effect whose fit did not."""
+    problem = exactly_known(problem_of(make_unit(tmp_path / "u", {"preload": (8.0,)}, TWO, condensed), condensed))
+    cells = np.ones(len(problem.data), bool)
+    selector = Selector(Fitter(problem), cells)
+    fitter, tries = selector.fitter, selector._tries(cells)
+    selector.testable = {name: selector.testable[name] for name in ("preload", "pin_radius_error")}
+    base = selector.trial(fitter.fit(Model(), cells, fitter.start(Model())), cells, tries.covariance)
+    models = {name: Model((effect,)) for name, effect in selector.testable.items()}
+    early = fitter.fit(models["pin_radius_error"], cells, fitter.start(models["pin_radius_error"]), 0)
+    fits = {"preload": fitter.fit(models["preload"], cells, fitter.start(models["preload"])), early.model.name: early}
+    trials = {name: selector.trial(fit, cells, tries.covariance, base) for name, fit in fits.items()}
+    selection = tries.judge.select(base, trials, {})
+    assert selection.members == ("preload",)
+    with_twins = selector._with_twins(selection, tries)
+    assert set(with_twins.members) == {"preload", "pin_radius_error"}
+    assert with_twins.trials["pin_radius_error"].fit.values == pytest.approx([8.0], rel=0.03)

@@ -145,14 +145,14 @@ def test_a_pair_is_named_where_it_beats_the_best_single_effect_by_the_odds():
 
 
 def test_a_class_has_the_odds_by_its_best_member_and_the_others_by_their_distance_from_it():
-    """One member has the odds by itself; the others are as probable but for less than the odds of a class."""
+    """One member has the odds by itself; the others are as probable but for less than the odds."""
     best, second = Known(SINGLE + NAMED_ODDS + 0.1), {"value": SINGLE + NAMED_ODDS - 1.0}
     pair = 40.0 + PAIR - SINGLE + NAMED_ODDS
     for less, members in ((0.0, ("coulomb", "preload")), (1.0, ("coulomb",))):  # with no more structure than the form
         limited = Known(**second, limited=second["value"] - less)
         trials = {"coulomb": trial("coulomb", best), "preload": trial("preload", limited)}
         assert judged(trials).members == members
-    pairs = {"coulomb+preload": pair + 0.1, "coulomb+rayleigh": pair - 1.0, "presliding+rayleigh": pair - ODDS}
+    pairs = {"coulomb+preload": pair + 0.1, "coulomb+rayleigh": pair - 1.0, "presliding+rayleigh": pair - NAMED_ODDS}
     trials = {name: trial(name, Known(value), rms=0.9) for name, value in pairs.items()}
     trials["coulomb"] = trial("coulomb", Known(40.0))
     assert judged(trials).members == ("coulomb+preload", "coulomb+rayleigh")
@@ -190,8 +190,8 @@ def test_a_pair_near_the_best_one_is_not_named_where_the_best_single_effect_is_a
 def test_models_within_the_odds_are_one_class():
     trials = {
         "coulomb": trial("coulomb", Known(40.0)),
-        "presliding": trial("presliding", Known(40.0 - ODDS + 0.01)),
-        "rayleigh": trial("rayleigh", Known(40.0 - ODDS - 0.01)),
+        "presliding": trial("presliding", Known(40.0 - NAMED_ODDS + 0.01)),
+        "rayleigh": trial("rayleigh", Known(40.0 - NAMED_ODDS - 0.01)),
     }
     assert judged(trials).members == ("coulomb", "presliding")
     assert judged(trials).nearest_model == "rayleigh"

@@ -12,7 +12,7 @@ from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.covariance import Structure
-from pipeline.identification.selection.criteria import LARGEST_CLASS, NAMED_ODDS, ODDS, Trial, prior_log_odds
+from pipeline.identification.selection.criteria import LARGEST_CLASS, NAMED_ODDS, Trial, prior_log_odds
 from pipeline.identification.selection.evidence import PRIOR_WIDTHS
 from pipeline.statistics.resampling import CONFIDENCE
 
@@ -187,9 +187,10 @@ class _Sought:
         size = abs(self._values(self.amplitude)[self.grows])
         bound = max(abs(low_or_high) for low_or_high in self.bounds[self.grows])
         noticed_size = size * self._needed_share(self.structure)
-        as_probable = [self._share_for(cost - ODDS, information) for cost, information in rivals]
-        told_apart = sorted((self._share_for(cost + ODDS, information) for cost, information in rivals), reverse=True)
-        named_size = max([noticed_size, *(size * share for share in as_probable + told_apart[LARGEST_CLASS - 1 :])])
+        as_probable = [self._share_for(cost - NAMED_ODDS, information) for cost, information in rivals]
+        told_apart = [self._share_for(cost + NAMED_ODDS, information) for cost, information in rivals]
+        needed = as_probable + sorted(told_apart, reverse=True)[LARGEST_CLASS - 1 :]
+        named_size = max([noticed_size, *(size * share for share in needed)])
         noticed_size = float(min(noticed_size, bound)) if self.is_noticed else float("nan")
         named_size = float(named_size) if self.is_noticed and named_size <= bound else float("nan")
         return DetectionLimit(self.effect.name, parameter.name, parameter.unit, noticed_size, named_size)

@@ -161,8 +161,15 @@ def _sentence(
     if verdict.verdict == IDENTIFIED:
         return f"The unit shows {titles} ({numbers}): {gain}."
     if len(names) > LARGEST_CLASS:
-        return f"An effect is there ({gain}), but {len(names)} of the library explain it equally well: unresolved."
+        return f"An effect is there ({gain}), but {len(names)} of the library are about as probable: unresolved."
+    titles = "; ".join([title_of(names[0]), *(_less_probable(name, names[0], selection) for name in names[1:])])
     return f"The unit shows one of these, which the data do not distinguish: {titles} ({gain})."
+
+
+def _less_probable(name: str, best_name: str, selection: Selection) -> str:
+    """The title of a further member of a class, and how much less probable than the first it is."""
+    ratio = np.exp(selection.odds[best_name] - selection.odds[name])
+    return f"{title_of(name)}, {_rounded(ratio)} times less probable" if ratio >= 2 else title_of(name)
 
 
 def _number(p: FittedParameter) -> str:
