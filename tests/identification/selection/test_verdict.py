@@ -83,6 +83,16 @@ def test_terms_of_the_verdict(name):
     assert "rayleigh" in glance["Next candidate"] or "hysteresis" in glance["Next candidate"]
 
 
+@pytest.mark.parametrize(
+    ("behind", "said"), [(4.5, ", 90 times less probable ("), (0.5, " (")]
+)
+def test_how_much_less_probable_a_further_member_of_a_class_is(behind, said):
+    selection = selection_of(("coulomb", "seat_compliance"))
+    selection.odds["seat_compliance"] -= behind
+    result = judge(fitter(), selection, np.ones(4, bool))
+    assert f"{title_of('seat_compliance')}{said}" in statement(result, selection).sentence
+
+
 @pytest.mark.parametrize(("expected", "to_noise", "said"), [(3.0, 5.0, True), (3.0, 1.0, False), (1.0, 5.0, False)])
 def test_what_a_right_model_would_leave_is_said_where_both_are_above_the_noise(expected, to_noise, said):
     selection = selection_of(())
