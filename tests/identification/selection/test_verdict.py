@@ -7,6 +7,7 @@ import pytest
 from measured_bench import ROOT, measured, write_unit
 from test_criteria import Known, trial
 
+from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.identify import FaultyUnit, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.criteria import Selection
@@ -81,6 +82,14 @@ def test_terms_of_the_verdict(name):
     assert ("no cause named" in glance["Cause"]) == (not members)
     assert ("How sure" in glance) == ("How large" in glance) == bool(members)
     assert "rayleigh" in glance["Next candidate"] or "hysteresis" in glance["Next candidate"]
+
+
+def test_the_advice_for_a_class_of_pairs_is_on_what_they_do_not_share():
+    members = ("coulomb+torque_zero", "coulomb+seat_compliance")
+    selection = selection_of(members)
+    advice = statement(judge(fitter(), selection, np.ones(4, bool)), selection).advice
+    for name, is_told in (("coulomb", False), ("torque_zero", True), ("seat_compliance", True)):
+        assert (candidates()[name].told_apart_by in advice) == is_told
 
 
 @pytest.mark.parametrize(

@@ -196,8 +196,10 @@ def _advice(verdict: Verdict, selection: Selection) -> str:
 
 
 def _measurements(names: Sequence[str]) -> str:
-    parts = [part for name in names for part in name.split("+")]
-    return "; or ".join(candidates()[part].told_apart_by for part in dict.fromkeys(parts))
+    """What tells the effects of a class apart, or the effects of its only member from others."""
+    parts = list(dict.fromkeys(part for name in names for part in name.split("+")))
+    in_all = [part for part in parts if all(part in name.split("+") for name in names)] if len(names) > 1 else []
+    return "; or ".join(candidates()[part].told_apart_by for part in parts if part not in in_all)
 
 
 def _glance(verdict: Verdict, selection: Selection, remainder: Remainder, where: str) -> tuple[tuple[str, str], ...]:
