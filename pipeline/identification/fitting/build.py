@@ -43,15 +43,21 @@ WAYS, STILL_ALONE = frozenset({LOOPS, RATE, STILL}), frozenset({STILL})
 """Needs of effects that a crank which turns under a held torque, or within a loop, does not meet."""
 RESOLUTION = 0.02
 """Share of the noise floor by which the modes of the tolerances that are left out move the nominal curves together."""
+BEARING_STIFFNESS = "bearing.stiffness_N_per_mm_power"
+"""Key of the stiffness of the input bearing."""
 
 
 def refittable_keys(design: Design) -> tuple[str, ...]:
-    """Keys of the calibrated numbers that can be refitted without a new mesh."""
+    """Keys of the numbers that are refitted: calibrated ones that need no new mesh, and a chosen bearing stiffness.
+
+    No drawing states the stiffness of a bearing, so a chosen one is an estimate, as those of the contacts are.
+    """
     return tuple(
         sorted(
             key
             for key, provenance in design.provenance.items()
-            if provenance.status == "calibrated" and not key.startswith(MESHED_SECTIONS)
+            if (provenance.status == "calibrated" and not key.startswith(MESHED_SECTIONS))
+            or (provenance.status == "chosen" and key == BEARING_STIFFNESS)
         )
     )
 

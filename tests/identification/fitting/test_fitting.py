@@ -96,6 +96,13 @@ def test_waves_are_no_finer_than_the_rows_of_a_branch_resolve(exact_unit):
     assert third.why_not(cogging) == "a branch has too few rows"
 
 
+def test_an_effect_that_no_study_of_two_disks_can_have_is_not_testable_on_them(exact_unit):
+    clearance = candidates()["bearing_clearance"]
+    assert exact_unit.why_not(clearance) == ""
+    two_disks = SimpleNamespace(reducer=SimpleNamespace(n_disks=2))
+    assert replace(exact_unit, drives=lambda *_: two_disks).why_not(clearance) == "it is solved for one disk, not for 2"
+
+
 def test_an_eccentric_encoder_takes_a_position_more_than_its_wave_has_numbers(exact_unit):
     """Zero, amplitude and phase follow the offsets of any three positions; on the crank a loop shows the slope, too."""
     encoder, data = candidates()["encoder_eccentricity"], exact_unit.data

@@ -168,3 +168,13 @@ def test_laws_of_another_curvature_are_alike_at_the_usual_force_of_the_pins_or_o
     expected = np.pi * torque / (2 * len(centres) * np.abs(centres[0]) * study.design.disk.count)
     np.testing.assert_allclose(usual[reducer.n_pins :], expected, rtol=0.04)
     assert np.all(usual[: reducer.n_pins] < 0.5 * expected)
+
+
+@pytest.mark.parametrize(
+    ("status", "is_refitted"), [("calibrated", True), ("chosen", True), ("published", False), ("given", False)]
+)
+def test_a_bearing_is_refitted_unless_somebody_states_its_stiffness(status, is_refitted):
+    design = load_study("pin_in_hole", ROOT).design
+    provenance = design.provenance[build.BEARING_STIFFNESS].model_copy(update={"status": status})
+    design = design.model_copy(update={"provenance": {**design.provenance, build.BEARING_STIFFNESS: provenance}})
+    assert (build.BEARING_STIFFNESS in build.refittable_keys(design)) == is_refitted
