@@ -30,6 +30,8 @@ BETWEEN_ROWS: Unit = 12**-0.5
 """Rms of the distance of a place that is anywhere between two rows from their middle [rows]."""
 PLACE: Unit = 24**-0.5
 """Rms of what half a row reaches beyond a place that is anywhere between two rows [rows]."""
+SURE_STEP = 3 * 2**0.5
+"""Step of the torque, in the noise of a row, from which it is no noise: three standard deviations of a difference."""
 PLACES: Fineness = 400
 """Torques at which the posterior of the torque is evaluated at which the play is crossed."""
 SECTORS = 8
@@ -46,9 +48,9 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
     floor = max(noise.floor.value, LEAST_FLOOR)
     kinds = np.column_stack([blocks.position, blocks.kind])
     branch = np.unique(kinds, axis=0, return_inverse=True)[1].ravel()[cells.block]
-    slope, _ = _slopes(cells)
-    steeper_square = np.maximum(slope**2 - np.median(slope[training]) ** 2, 0.0)
     row_torque_noise = float(np.nan_to_num(noise.torque_noise_Nm))
+    slope, _ = _slopes(cells, row_torque_noise)
+    steeper_square = np.maximum(slope**2 - np.median(slope[training]) ** 2, 0.0)
     torque_noise = row_torque_noise / np.sqrt(cells.count)
     usual_share = np.mean(1 / cells.count[training])
     white = min(np.nan_to_num(noise.row_scatter_arcmin), floor / np.sqrt(usual_share))
@@ -107,23 +109,32 @@ def _of_turns(measurement: TurningMeasurement, training: Truth) -> TurningData:
     )
 
 
-def _slopes(cells: Cells) -> tuple[Real, Real]:
+def _slopes(cells: Cells, least_step: float = 0.0) -> tuple[Real, Real]:
     """Largest slope [arcmin/(N m)] and distance [N m] of each cell to its neighbours, each (n_cells,)."""
-    of_links, step = _slopes_of_links(cells)
+    of_links, step = _slopes_of_links(cells, least_step)
     return _larger_beside(of_links), _larger_beside(step)
 
 
-def _slopes_of_links(cells: Cells) -> tuple[Real, Real]:
-    """Slope [arcmin/(N m)] and distance [N m] from each cell to the next, each (n_cells - 1,); 0 where not linked."""
-    is_linked = _is_linked(cells)
+def _slopes_of_links(cells: Cells, least_step: float = 0.0) -> tuple[Real, Real]:
+    """Slope [arcmin/(N m)] and distance [N m] from each cell to the next, each (n_cells - 1,); 0 where not linked.
+
+    Torques that are nearer than ``least_step`` [N m], as where a bench holds the torque, count as that far apart: the
+    slope between them is noise over noise.
+    """
+    is_linked = _is_linked(cells, least_step)
     step = np.where(is_linked, np.abs(np.diff(cells.torque_mean)), 0.0)
-    return np.where(is_linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0), step
+    slope = np.where(is_linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, max(least_step, 1e-9)), 0.0)
+    return slope, step
 
 
-def _is_linked(cells: Cells) -> Truth:
-    """Whether the torque goes on in its sense from each cell to the next (n_cells - 1,), through the end of a cycle."""
+def _is_linked(cells: Cells, least_step: float = 0.0) -> Truth:
+    """Whether the torque goes on in its sense from each cell to the next (n_cells - 1,), through the end of a cycle.
+
+    Or is nearer to it than ``least_step`` [N m].
+    """
     is_same_branch = (np.diff(cells.position) == 0) & (np.diff(cells.direction) == 0)
-    return np.array(is_same_branch & (np.diff(cells.torque_mean) * cells.direction[1:] > 0))
+    change = np.diff(cells.torque_mean)
+    return np.array(is_same_branch & ((change * cells.direction[1:] > 0) | (np.abs(change) < least_step)))
 
 
 def _larger_beside(of_links: Real) -> Real:
@@ -191,7 +202,7 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
     cells reach to the middle of the two: ``PLACE`` of a row of each, and as many rows as the noise of the torque hides.
     Where a record ends or begins there, a jump of another branch tells the height, between two cells or within one.
     """
-    height, step = jumps_between(cells, height_within), np.abs(np.diff(cells.torque_mean))
+    height, step = jumps_between(cells, height_within, torque_noise), np.abs(np.diff(cells.torque_mean))
     jumps_within = height_within > PLAY_SHARE * _ranges(cells)
     _, width = _slopes(cells)
     errors, row_errors = np.zeros(len(cells)), np.zeros(len(cells))
@@ -221,10 +232,14 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
     return errors, row_errors
 
 
-def jumps_between(cells: Cells, height_within: Real) -> Real:
-    """Height [arcmin] (n_cells - 1,) of the way through the play from each cell to the next; 0 where there is none."""
+def jumps_between(cells: Cells, height_within: Real, torque_noise: float) -> Real:
+    """Height [arcmin] (n_cells - 1,) of the way through the play from each cell to the next; 0 where there is none.
+
+    The slope beside it is taken between torques that differ by more than their noise, ``torque_noise`` of a row [N m].
+    """
     slope, step = _slopes_of_links(cells)
-    usual_slope = np.maximum(_usual_after(slope, cells), _usual_after(slope[::-1], cells)[::-1])
+    beside, _ = _slopes_of_links(cells, SURE_STEP * torque_noise)
+    usual_slope = np.maximum(_usual_after(beside, cells), _usual_after(beside[::-1], cells)[::-1])
     smallest = PLAY_SHARE * _ranges(cells)
     jumps_within = height_within > smallest
     is_smooth = (step > 0) & (usual_slope > 0) & ~(jumps_within[:-1] | jumps_within[1:])
@@ -256,7 +271,7 @@ def side_errors(cells: Cells, training: Truth, torque_noise: float) -> Real:
     the last row before each jump and below the first row after it, but for normal noise. The posterior mean and the
     standard deviation of this torque follow from all jumps of the sense.
     """
-    height, torque = jumps_between(cells, np.zeros(len(cells))), cells.torque_mean * cells.direction
+    height, torque = jumps_between(cells, np.zeros(len(cells)), torque_noise), cells.torque_mean * cells.direction
     errors = np.zeros(len(cells))
     for sense in np.unique(cells.direction):
         is_of_sense = cells.direction == sense

@@ -12,6 +12,7 @@ from pipeline.identification.fitting.cells_in_noise import (
     PLACE,
     STEP_SCATTER,
     _lies_beyond,
+    _slopes,
     data_of,
     jumps_between,
     place_errors,
@@ -257,6 +258,20 @@ def test_the_place_of_a_jump_that_no_row_narrows_is_anywhere_between_two_rows():
 def test_a_row_within_a_jump_makes_it_two_jumps():
     read = np.arange(-5.0, 6.0)
     alone = rows_alone(read, 2.0 * np.sign(read) + 0.01 * read, np.zeros(11))
-    heights = jumps_between(alone, np.zeros(len(alone)))
+    heights = jumps_between(alone, np.zeros(len(alone)), 0.0)
     np.testing.assert_allclose(heights[heights > 0], 2.0, rtol=0.01)
     np.testing.assert_array_equal(np.flatnonzero(heights), [4, 5])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_torque_that_is_held_hides_no_jump_and_makes_no_slope(seed):
+    """Three rows at each of eleven torques: between the rows of one torque, noise over noise says nothing."""
+    rng = np.random.default_rng(seed)
+    held = np.repeat(np.arange(-5.0, 6.0) + 0.5, 3)
+    read = held + 0.05 * rng.standard_normal(33)
+    staircase = rows_alone(read, 2.0 * np.sign(held) + 0.03 * rng.standard_normal(33), np.zeros(33))
+    heights = jumps_between(staircase, np.zeros(33), 0.05)
+    np.testing.assert_array_equal(np.flatnonzero(heights), [14])
+    assert heights[14] == pytest.approx(4.0, rel=0.15)
+    away = np.abs(held) > 1.0
+    assert np.all(0.05 * _slopes(staircase, 0.05)[0][away] < 0.15)

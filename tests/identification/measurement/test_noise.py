@@ -31,6 +31,13 @@ def test_scatter_of_a_ramp_with_noise(sigma, slope, seed):
     assert high_frequency_scatter(values, [slice(0, 2000), slice(2000, 4000)]) == pytest.approx(sigma, rel=0.1)
 
 
+@pytest.mark.parametrize(("rows", "most"), [(3, 1.8), (6, 1.3)])
+def test_scatter_of_a_staircase_is_that_of_its_rows_and_not_its_steps(rows, most):
+    """Where two of three differences are noise their median is the noise's upper quartile."""
+    values = np.repeat(40.0 * np.arange(600), rows) + np.random.default_rng(1).standard_normal(600 * rows)
+    assert 0.9 < high_frequency_scatter(values, [slice(None)]) < most
+
+
 def test_floor_of_independent_noise_is_that_of_the_cells(tmp_path):
     noise, averaged = noise_of(tmp_path, measured(cycles=8, per_branch=400, noise=0.2))
     expected = 0.2 * np.sqrt(np.mean(1 / averaged.count))
