@@ -9,7 +9,7 @@ play was crossed, as surely as its rows and its repeats do.
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.special import log_ndtr, ndtr
+from scipy.special import log_ndtr, ndtr, ndtri
 
 from pipeline.arrays import Real, Truth, Whole
 from pipeline.constant_kinds import Fineness, Rounding, Unit
@@ -19,6 +19,7 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.repeated_branches import PLAY_SHARE
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 from pipeline.model.units import TURN_DEG
+from pipeline.statistics.resampling import CONFIDENCE
 
 JUMP = 2.0
 """Scatter within a cell over the usual one beyond which the angle jumped in it: through the play, or a slip."""
@@ -30,8 +31,6 @@ BETWEEN_ROWS: Unit = 12**-0.5
 """Rms of the distance of a place that is anywhere between two rows from their middle [rows]."""
 PLACE: Unit = 24**-0.5
 """Rms of what half a row reaches beyond a place that is anywhere between two rows [rows]."""
-SURE_STEP = 3 * 2**0.5
-"""Step of the torque, in the noise of a row, from which it is no noise: three standard deviations of a difference."""
 PLACES: Fineness = 400
 """Torques at which the posterior of the torque is evaluated at which the play is crossed."""
 SECTORS = 8
@@ -235,10 +234,11 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
 def jumps_between(cells: Cells, height_within: Real, torque_noise: float) -> Real:
     """Height [arcmin] (n_cells - 1,) of the way through the play from each cell to the next; 0 where there is none.
 
-    The slope beside it is taken between torques that differ by more than their noise, ``torque_noise`` of a row [N m].
+    The slope beside it is taken between torques that differ by more than those of two rows at one torque do, each with
+    a noise of ``torque_noise`` [N m].
     """
     slope, step = _slopes_of_links(cells)
-    beside, _ = _slopes_of_links(cells, SURE_STEP * torque_noise)
+    beside, _ = _slopes_of_links(cells, float(ndtri(0.5 * (1 + CONFIDENCE))) * np.sqrt(2) * torque_noise)
     usual_slope = np.maximum(_usual_after(beside, cells), _usual_after(beside[::-1], cells)[::-1])
     smallest = PLAY_SHARE * _ranges(cells)
     jumps_within = height_within > smallest
