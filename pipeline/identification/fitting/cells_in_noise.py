@@ -117,8 +117,8 @@ def _slopes(cells: Cells, least_step: float = 0.0) -> tuple[Real, Real]:
 def _slopes_of_links(cells: Cells, least_step: float = 0.0) -> tuple[Real, Real]:
     """Slope [arcmin/(N m)] and distance [N m] from each cell to the next, each (n_cells - 1,); 0 where not linked.
 
-    Torques that are nearer than ``least_step`` [N m], as where a bench holds the torque, count as that far apart: the
-    slope between them is noise over noise.
+    Torques that differ by less than ``least_step`` [N m], as where a bench holds the torque, count as ``least_step``
+    apart, since otherwise the slope between them would be noise divided by noise.
     """
     is_linked = _is_linked(cells, least_step)
     step = np.where(is_linked, np.abs(np.diff(cells.torque_mean)), 0.0)
@@ -127,9 +127,9 @@ def _slopes_of_links(cells: Cells, least_step: float = 0.0) -> tuple[Real, Real]
 
 
 def _is_linked(cells: Cells, least_step: float = 0.0) -> Truth:
-    """Whether the torque goes on in its sense from each cell to the next (n_cells - 1,), through the end of a cycle.
+    """Whether each cell and the next (n_cells - 1,) follow each other on a branch, also through the end of a cycle.
 
-    Or is nearer to it than ``least_step`` [N m].
+    The torque changes in the sense of the branch from one to the other, or by less than ``least_step`` [N m].
     """
     is_same_branch = (np.diff(cells.position) == 0) & (np.diff(cells.direction) == 0)
     change = np.diff(cells.torque_mean)
@@ -234,8 +234,8 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
 def jumps_between(cells: Cells, height_within: Real, torque_noise: float) -> Real:
     """Height [arcmin] (n_cells - 1,) of the way through the play from each cell to the next; 0 where there is none.
 
-    The slope beside it is taken between torques that differ by more than those of two rows at one torque do, each with
-    a noise of ``torque_noise`` [N m].
+    The usual slope beside a jump is taken over at least the difference that noise of the torque, ``torque_noise`` [N m]
+    a row, makes between two rows at the same torque (95 %).
     """
     slope, step = _slopes_of_links(cells)
     beside, _ = _slopes_of_links(cells, float(ndtri(0.5 * (1 + CONFIDENCE))) * np.sqrt(2) * torque_noise)

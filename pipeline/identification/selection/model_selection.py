@@ -250,8 +250,8 @@ class Selector:
     def _with_twins(self, selection: Selection, tries: Tries) -> Selection:
         """The selection with models in which an effect that looks like a member of the best one takes its place.
 
-        They are fitted from the numbers and tolerances of the best model. From elsewhere a fit may end at a kink, and
-        an effect must not win by a start that those which look like it did not have.
+        These models are fitted from the numbers and tolerances of the best one. From another start a fit may end at a
+        kink, and an effect must not be named because similar effects lacked its start.
         """
         best = selection.trials[selection.best_model].fit if selection.best_model else selection.base.fit
         for effect in best.model.effects:

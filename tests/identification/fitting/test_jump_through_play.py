@@ -275,3 +275,16 @@ def test_a_torque_that_is_held_hides_no_jump_and_makes_no_slope(seed):
     assert heights[14] == pytest.approx(4.0, rel=0.15)
     away = np.abs(held) > 1.0
     assert np.all(0.05 * _slopes(staircase, 0.05)[0][away] < 0.15)
+
+
+def test_cells_of_a_held_torque_are_known_as_well_as_others(tmp_path):
+    """Slopes between rows of one torque would give three in ten cells an error of more than three floors."""
+    table = measured(cycles=3, per_branch=30, noise=0.0)
+    staircase = table.loc[np.repeat(table.index, 3)].reset_index(drop=True)
+    rng = np.random.default_rng(0)
+    staircase["torque_Nm"] += 0.05 * rng.standard_normal(len(staircase))
+    staircase["angle_arcmin"] += 0.02 * rng.standard_normal(len(staircase))
+    measurement = Measurement.read(load_measured_unit(write_unit(tmp_path / "u", {"rows.csv": staircase}), ROOT))
+    data = data_of(measurement, np.ones(len(measurement.cells), bool))
+    loaded = np.abs(data.torque) > 3.0
+    assert np.mean(data.sigma[loaded] > 3 * data.noise) < 0.05

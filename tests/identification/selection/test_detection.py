@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from linear_unit import LinearFitter, linear_data, model_of
+from scipy.stats import norm
 
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection.covariance import Covariance, parts_of
-from pipeline.identification.selection.criteria import Judge, Trial
+from pipeline.identification.selection.criteria import NAMED_ODDS, Judge, Trial
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.statements import detection
 from pipeline.identification.selection.statements.detection import detection_limits
+from pipeline.statistics.resampling import CONFIDENCE
 
 DATA = linear_data(positions=3, cycles=3, branches=2, cells=20, sigma=0.1)
 EVERYTHING = np.ones(len(DATA), bool)
@@ -90,3 +92,18 @@ def test_a_usual_size_is_noticed_earlier_by_a_prior_that_is_not_as_wide_as_its_r
     with_all = detection_limits(fitter, base, effects)[0].noticed
     monkeypatch.setattr(detection, "PRIOR_WIDTHS", (1.0,))
     assert with_all < 0.995 * detection_limits(fitter, base, effects)[0].noticed
+
+
+def test_a_name_takes_the_odds_over_a_rival_that_costs_less_and_over_all_but_two():
+    sought = object.__new__(detection._Sought)
+    sought.effect, sought.grows, sought.bounds = candidates()["coulomb"], 0, ((0.0, 6.0),)
+    sought.amplitude, sought.scatter, sought.is_noticed, sought.structure = 0.5, 1.0, True, None
+    sought._needed_share = lambda _: 0.01
+
+    def size(odds, information):
+        return 3.0 * (np.sqrt(2 * odds) + norm.ppf(CONFIDENCE)) / np.sqrt(information)
+
+    assert sought.limit([(NAMED_ODDS - 0.1, 400.0)]).named == pytest.approx(0.03)
+    assert sought.limit([(20.0, 400.0)]).named == pytest.approx(size(20.0 - NAMED_ODDS, 400.0))
+    rivals = [(0.0, 400.0), (0.0, 100.0), (0.0, 25.0)]
+    assert sought.limit(rivals).named == pytest.approx(size(NAMED_ODDS, 400.0))
