@@ -48,7 +48,7 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
     kinds = np.column_stack([blocks.position, blocks.kind])
     branch = np.unique(kinds, axis=0, return_inverse=True)[1].ravel()[cells.block]
     row_torque_noise = float(np.nan_to_num(noise.torque_noise_Nm))
-    slope, _ = _slopes(cells, row_torque_noise)
+    slope, _ = _slopes(cells, _noise_between_rows(row_torque_noise))
     steeper_square = np.maximum(slope**2 - np.median(slope[training]) ** 2, 0.0)
     torque_noise = row_torque_noise / np.sqrt(cells.count)
     usual_share = np.mean(1 / cells.count[training])
@@ -106,6 +106,11 @@ def _of_turns(measurement: TurningMeasurement, training: Truth) -> TurningData:
         crank=crank,
         per_turn=TURN_DEG / measurement.motion.width,
     )
+
+
+def _noise_between_rows(torque_noise: float) -> float:
+    """Difference [N m] that noise of the torque of a row [N m] makes between two rows at the same torque (95 %)."""
+    return float(ndtri(0.5 * (1 + CONFIDENCE)) * np.sqrt(2) * torque_noise)
 
 
 def _slopes(cells: Cells, least_step: float = 0.0) -> tuple[Real, Real]:
@@ -234,11 +239,10 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
 def jumps_between(cells: Cells, height_within: Real, torque_noise: float) -> Real:
     """Height [arcmin] (n_cells - 1,) of the way through the play from each cell to the next; 0 where there is none.
 
-    The usual slope beside a jump is taken over at least the difference that noise of the torque, ``torque_noise`` [N m]
-    a row, makes between two rows at the same torque (95 %).
+    The usual slope beside a jump is taken over at least the ``_noise_between_rows`` of ``torque_noise`` [N m].
     """
     slope, step = _slopes_of_links(cells)
-    beside, _ = _slopes_of_links(cells, float(ndtri(0.5 * (1 + CONFIDENCE))) * np.sqrt(2) * torque_noise)
+    beside, _ = _slopes_of_links(cells, _noise_between_rows(torque_noise))
     usual_slope = np.maximum(_usual_after(beside, cells), _usual_after(beside[::-1], cells)[::-1])
     smallest = PLAY_SHARE * _ranges(cells)
     jumps_within = height_within > smallest
