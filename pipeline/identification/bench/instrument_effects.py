@@ -108,7 +108,7 @@ EFFECTS = (
         signature="loops open with slow loading, most where the curve is steep",
         confused_with=("creep",),
         told_apart_by="the torque sensor under a known weight, read for as long as a loop takes",
-        bounds=lambda rated_torque, span, hours, waves: ((-0.1, 0.1), (0.05, 1e4)),
+        bounds=lambda rated_torque, span, hours, waves: ((-0.3, 0.3), (0.05, 1e4)),
         apply=lambda instrument, values: replace(instrument, torque_creep=(values[0], values[1])),
         needs=frozenset({TIME, RATE, LOOPS, TORQUES}),
     ),

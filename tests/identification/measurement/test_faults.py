@@ -208,15 +208,18 @@ def read_late(torque, share):
     return torque + share * (late - torque)
 
 
-@pytest.mark.parametrize("share", [0.05, DELAYED_SHARE])
+@pytest.mark.parametrize("share", [0.05, 0.1, DELAYED_SHARE])
 def test_a_delay_of_the_torque_does_less_work_than_is_allowed_for_it(share):
     """An elastic drive with play: the loop runs the other way round, as no drive's does."""
     torque = np.tile(np.concatenate([np.linspace(a, b, 41)[1:] for a, b in ((0, 12), (12, -12), (-12, 0))]), 2)
     angle, one_cycle = torque / 50 + 0.5 * np.tanh(4 * torque), np.zeros(len(torque), int)
-    read = read_late(torque, share)
+    read, time = read_late(torque, share), np.arange(len(torque), dtype=float)
     assert gains_energy(read, angle, one_cycle)
-    assert not gains_energy(read, angle, one_cycle, DELAYED_SHARE)
-    assert gains_energy(angle[::-1], read[::-1] + 4 * np.sign(read_late(torque, 1.0)), one_cycle, DELAYED_SHARE)
+    assert not gains_energy(read, angle, one_cycle, time)
+    net = torque - 2 * np.sign(np.gradient(torque))
+    rubbing = net / 50 + 0.5 * np.tanh(4 * net)
+    assert not gains_energy(torque, rubbing, one_cycle, time)
+    assert gains_energy(rubbing, torque, one_cycle, time)
 
 
 def test_a_torque_that_is_read_late_is_a_fault_only_where_no_time_is_told(tmp_path):

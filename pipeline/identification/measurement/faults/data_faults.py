@@ -245,8 +245,8 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
 
 def _gains_energy(rows: Rows, loop: Truth) -> bool:
     """Whether rows of a position give back more work than they take. Timed rows may hold a lag of the sensor."""
-    delayed_share = 0.0 if rows.time is None else shape_faults.DELAYED_SHARE
-    return shape_faults.gains_energy(rows.torque[loop], rows.angle[loop], rows.cycle[loop], delayed_share)
+    time = None if rows.time is None else rows.time[loop]
+    return shape_faults.gains_energy(rows.torque[loop], rows.angle[loop], rows.cycle[loop], time)
 
 
 def _angle_falls(rows: Rows, file_rows: Index) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.arrays import Real, Whole
 from pipeline.config.designs.design import Design
-from pipeline.constant_kinds import Shown, ShownRange, Unit
+from pipeline.constant_kinds import Fineness, Shown, ShownRange, Unit
 from pipeline.identification.measurement.columns import ANGLE_UNITS, TORQUE_UNITS
 from pipeline.identification.measurement.enough import BENT, FEWEST_COMPARED, LOADED_SHARE, SURE
 from pipeline.identification.measurement.repeated_branches import Loop, loop_distance
@@ -88,8 +88,10 @@ LOW = 0.2
 CLOSED_SHARE = 0.02
 """Torque, in parts of its range, up to which a drive counts as unloaded. Half of it, of the range of the angle, is the
 work on the way that closes a loop there."""
-DELAYED_SHARE = 0.1
+DELAYED_SHARE = 0.3
 """Share of the torque that a sensor may read with a delay: the range of the library's ``torque_creep``."""
+DELAYS: Fineness = 24
+"""Time constants from a row to all of a record with which the work of such a sensor is computed."""
 OF_MEDIAN_BEND: Unit = 1 / (0.67449 * 6**0.5)
 """Standard deviation of noise over the median size of its second differences from row to row."""
 FEWEST_ROWS = 20
@@ -130,13 +132,13 @@ def columns_exchanged(torque: Real, angle: Real) -> bool:
     return _bend(torque, angle) < 1 / BENT and _bend(angle, torque) > BENT
 
 
-def gains_energy(torque: Real, angle: Real, cycle: Whole, delayed_share: float = 0.0) -> bool:
+def gains_energy(torque: Real, angle: Real, cycle: Whole, time: Real | None = None) -> bool:
     """Whether closed loops of rows in time order give back more work than they take.
 
     Parameters
     ----------
     torque, angle, cycle : (n,) of the rows of a position; ``cycle`` numbers its cycles.
-    delayed_share : of the torque, that its sensor may read with a delay.
+    time : (n,) [s] of rows whose sensor may read a part of the torque with a delay; None if it may not.
 
     Notes
     -----
@@ -146,8 +148,8 @@ def gains_energy(torque: Real, angle: Real, cycle: Whole, delayed_share: float =
     There the way that closes it does no work, whatever the angle drifts by. A drift does work under load. Whether it
     goes on through the cycles, or in the pauses between them alone, the record does not say: either is taken off, and
     work has to be given back both times. Noise of the angle does work, too, in proportion to the steps of the
-    torque. So does a sensor that reads a share of the torque with a delay: on each way of the angle through its range
-    at most this share of the largest torque. A record without a cycle of half of the torque's range is not judged.
+    torque, and so does a sensor that reads a part of the torque with a delay. A record without a cycle of half of the
+    torque's range is not judged.
     """
     noise = OF_MEDIAN_BEND * float(np.median(np.abs(np.diff(angle, 2)))) if len(angle) > 2 else 0.0
     begins = np.flatnonzero(np.diff(cycle)) + 1
@@ -155,10 +157,29 @@ def gains_energy(torque: Real, angle: Real, cycle: Whole, delayed_share: float =
     of_pauses[begins] = angle[begins] - angle[begins - 1]
     going_on = np.arange(len(angle)) * drift_per_row(torque, angle)
     of_noise = noise * float(np.sqrt(np.sum(np.diff(torque) ** 2) + 2 * np.sum(torque[begins] ** 2)))
-    ways = float(np.sum(np.abs(np.diff(torque)))) / max(float(np.ptp(torque)), np.finfo(float).tiny)
-    of_delay = delayed_share * float(np.max(np.abs(torque)) * np.ptp(angle)) * ways
-    limit = SURE * of_noise + of_delay
+    limit = SURE * of_noise + (0.0 if time is None else _work_of_delay(torque, angle, time))
     return all(_gives_back(torque, angle - drift, limit) for drift in (going_on, np.cumsum(of_pauses)))
+
+
+def _work_of_delay(torque: Real, angle: Real, time: Real) -> float:
+    """Largest work that rows (n,) owe to a sensor which adds ``DELAYED_SHARE`` of the torque with a delay.
+
+    What it adds follows the torque that it reads, as its share over one and that share, with a shorter time constant.
+    """
+    steps = np.maximum(np.diff(time, prepend=time[0]), 0.0)
+    shortest = float(np.median(steps[1:])) or np.finfo(float).tiny
+    rates = 1 / np.geomspace(shortest, max(float(np.ptp(time)), shortest), DELAYS)
+    late = np.zeros((len(torque), DELAYS))
+    for row in range(1, len(torque)):
+        late[row] = late[row - 1] + (torque[row] - late[row - 1]) * -np.expm1(-steps[row] * rates)
+    works = _loop_work(late.T, angle)
+    return DELAYED_SHARE / (1 + DELAYED_SHARE) * float(np.max(np.abs(works)))
+
+
+def _loop_work(torque: Real, angle: Real) -> Real:
+    """Work (...) of torques (..., n) along the angle (n,) of a way that its last row closes."""
+    work: Real = 0.5 * np.sum((torque + np.roll(torque, -1, axis=-1)) * (np.roll(angle, -1) - angle), axis=-1)
+    return work
 
 
 def _gives_back(torque: Real, angle: Real, limit: float) -> bool:
@@ -172,8 +193,7 @@ def _gives_back(torque: Real, angle: Real, limit: float) -> bool:
     torque, angle = torque[closed_part], angle[closed_part]
     if np.ptp(torque) < 0.5 * whole_range:
         return False
-    work = 0.5 * float(np.sum((torque + np.roll(torque, -1)) * (np.roll(angle, -1) - angle)))
-    return work < -max(0.5 * CLOSED_SHARE * float(np.ptp(torque) * np.ptp(angle)), limit)
+    return float(_loop_work(torque, angle)) < -max(0.5 * CLOSED_SHARE * float(np.ptp(torque) * np.ptp(angle)), limit)
 
 
 def drift_per_row(torque: Real, angle: Real) -> Real:
