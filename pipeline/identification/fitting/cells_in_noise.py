@@ -202,8 +202,8 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
 
     Notes
     -----
-    The play is crossed somewhere between the last row of one cell and the first row of the other, and the model's
-    cells reach to the middle of the two: ``PLACE`` of a row of each, and as many rows as the noise of the torque hides.
+    The play is crossed somewhere between the last row of one cell and the first row of the other, to ``PLACE`` of a row
+    of each, and as many rows as the noise of the torque hides.
     Where a record ends or begins there, a jump of another branch tells the height, between two cells or within one.
     """
     height, step = jumps_between(cells, height_within, torque_noise), np.abs(np.diff(cells.torque_mean))

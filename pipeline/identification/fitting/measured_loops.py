@@ -2,10 +2,12 @@
 
 import numpy as np
 
-from pipeline.arrays import Index, Real, Whole
+from pipeline.arrays import Index, Real, Truth, Whole
 from pipeline.constant_kinds import Fineness
 from pipeline.errors import InputError
+from pipeline.identification.fitting.cells_in_noise import jump_heights, jumps_between
 from pipeline.identification.generic.crank_loops import CrankLoops
+from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.faults.shape_faults import REVOLUTION
 from pipeline.identification.measurement.measurement import Measurement
 
@@ -16,17 +18,20 @@ PARTS: Fineness = 5
 def within_cells(measurement: Measurement, numbers: Index) -> Real:
     """Torques within cells (n, PARTS + 1) [N m], as many rows between any two.
 
-    Each row stands for its surroundings, as far as the torque went: no further than where it turned or ended. A cell of
-    one row is at its torque.
+    Each row stands for its surroundings, as far as the torque went: no further than where it turned or ended, and not
+    beyond its own torque where the play was crossed between it and the next cell. A cell of one row is at its torque.
     """
     rows, cells, usable = measurement.rows, measurement.cells, np.flatnonzero(measurement.usable)
     turns, leg = measurement.history.torque, measurement.history.leg[cells.block[numbers]]
     ends = np.array([turns[p][k : k + 2] for p, k in zip(cells.position[numbers], leg, strict=True)]).reshape(-1, 2)
+    lowest_torques, highest_torques = ends.min(axis=1), ends.max(axis=1)
+    crosses_below, crosses_above = (is_crossed[numbers] for is_crossed in _crossings_beside(cells))
+    lowest_torques[crosses_below], highest_torques[crosses_above] = np.inf, -np.inf
     first_row = np.searchsorted(usable, cells.first_row[numbers])
     shares = np.arange(PARTS + 1) / PARTS
     edges = []
     for start, count, lowest, highest in zip(
-        first_row, cells.count[numbers], ends.min(axis=1), ends.max(axis=1), strict=True
+        first_row, cells.count[numbers], lowest_torques, highest_torques, strict=True
     ):
         torque = np.sort(rows.torque[usable[start : start + count]])
         if count == 1:
@@ -39,6 +44,14 @@ def within_cells(measurement: Measurement, numbers: Index) -> Real:
         places = np.concatenate([[0.0, first_place], inner_places, [count - final_place, count]]) / count
         edges.append(np.interp(shares, places, known_torque))
     return np.array(edges)
+
+
+def _crossings_beside(cells: Cells) -> tuple[Truth, Truth]:
+    """Whether the play was crossed between each cell (n_cells,) and the one below it in torque, and the one above."""
+    is_crossed = jumps_between(cells, jump_heights(cells, np.ones(len(cells), bool)), 0.0) > 0
+    before, after = np.append(False, is_crossed), np.append(is_crossed, False)
+    rises = cells.direction > 0
+    return np.where(rises, before, after), np.where(rises, after, before)
 
 
 def _end(step: float, reach: float) -> tuple[float, float]:

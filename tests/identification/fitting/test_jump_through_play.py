@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from measured_bench import measured, path_of, write_unit
 from scipy.special import ndtr
@@ -206,6 +207,20 @@ def test_a_jump_between_two_cells_is_known_to_a_part_of_a_row(tmp_path, torque_n
     assert np.max(np.abs(misfit[beside])) > 10 * data.noise
     assert np.sqrt(np.mean((misfit / data.sigma)[beside] ** 2)) < 1.2
     assert np.median(data.sigma[~beside]) < 2 * data.noise
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_row_read_right_before_the_play_is_not_taken_for_one_beyond_it(tmp_path, direction):
+    """Benches that hold no torque near zero: one row 0.05 N m before the play, and the next 1.2 N m behind it."""
+    one_way = direction * np.concatenate([np.linspace(12.0, 1.2, 181), [0.05], np.linspace(-1.2, -12.0, 181)])
+    torque = np.tile(np.concatenate([one_way, -one_way[1:-1]]), 9)
+    number = np.repeat(np.arange(9), len(torque) // 9)
+    table = pd.DataFrame({"cycle": number % 3, "crank_deg": 90.0 * (number // 3), "torque_Nm": torque})
+    uneven = table.assign(angle_arcmin=np.where(torque > 0, 20.0, -20.0) + torque / 5)
+    measurement = Measurement.read(load_measured_unit(write_unit(tmp_path, {"rows.csv": uneven}), ROOT))
+    assert np.all(measurement.cells.count > 1)
+    data = data_of(measurement, np.ones(len(measurement.cells), bool))
+    assert np.max(np.abs(misfit_of_model(measurement, data))) < 0.1
 
 
 def test_cells_cut_short_where_the_torque_turns_have_the_mean_torque_of_their_rows(tmp_path):
