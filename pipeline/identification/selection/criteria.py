@@ -165,9 +165,9 @@ def form_limit(rms: float) -> float:
 def limits_beside_name(rms: float) -> tuple[float, float]:
     """Structure, in the noise of a cell, that may be left beside a name of a misfit of ``rms`` noises.
 
-    What is alike in all cycles, and what differs between them: contact law, mesh and cells do not.
+    What is alike in all cycles, and what differs between them: no contact law, no mesh, but the smallest size tried.
     """
-    return float(np.hypot(NO_EFFECT_LEFT, FORM * rms)), FORM * rms
+    return float(np.hypot(NO_EFFECT_LEFT, FORM * rms)), float(np.hypot(SIZES[1], FORM * rms))
 
 
 def prior_log_odds(n_effects: int, n_tried: int) -> float:
