@@ -159,13 +159,14 @@ def test_how_near_a_model_came_is_said_with_what_a_name_takes(odds, claimed, sai
     assert _comparison(selection, "preload") == said
 
 
-def test_the_place_of_a_misfit_is_told_by_torque_and_branch():
-    torque = np.tile(np.linspace(-12, 12, 121), 2)
+@pytest.mark.parametrize(("scale", "place"), [(1.0, "9.1"), (1000.0, "9100")])
+def test_the_place_of_a_misfit_is_told_by_torque_and_branch(scale, place):
+    torque = scale * np.tile(np.linspace(-12, 12, 121), 2)
     senses = np.repeat([1.0, -1.0], 121)
     data = SimpleNamespace(torque=torque, senses=senses, sigma=np.ones(242))
-    change = np.exp(-((torque - 9.0) ** 2)) * (senses < 0)
+    change = np.exp(-((torque / scale - 9.0) ** 2)) * (senses < 0)
     words = place_of_largest(data, change, np.ones(242, bool))
-    assert words == "largest near 9.1 N m on the branch of falling torque"
+    assert words == f"largest near {place} N m on the branch of falling torque"
 
 
 def test_unit_with_a_data_fault_has_no_model(tmp_path):

@@ -103,7 +103,12 @@ def place_of_largest(data: Data, change: Real, cells: Truth) -> str:
     largest_zone = int(np.argmax(size))
     in_zone = zone == largest_zone
     branch = "rising" if largest_zone % 2 else "falling"
-    return f"largest near {np.mean(torque[in_zone]):.2g} N m on the branch of {branch} torque"
+    return f"largest near {_in_figures(float(np.mean(torque[in_zone])), 2)} N m on the branch of {branch} torque"
+
+
+def _in_figures(value: float, count: int = 3) -> str:
+    """A value with so many figures, in full where it is large: 13600 for 1.36e+04."""
+    return f"{float(f'{value:.{count}g}'):.9g}"
 
 
 def _error(error: AngleError) -> str:
@@ -175,10 +180,10 @@ def _less_probable(name: str, best_name: str, selection: Selection) -> str:
 def _number(p: FittedParameter) -> str:
     effect = candidates().get(p.effect)
     meanings = {parameter.name: parameter.meaning for parameter in effect.parameters} if effect else {}
-    size = f"{meanings.get(p.name, p.name)} {p.value:.3g}{f' {p.unit}' if p.unit != '1' else ''}"
+    size = f"{meanings.get(p.name, p.name)} {_in_figures(p.value)}{f' {p.unit}' if p.unit != '1' else ''}"
     if np.isnan(p.ci_low):
         return f"{size}, no interval"
-    return f"{size}, {100 * CONFIDENCE:g} % interval {p.ci_low:.3g} to {p.ci_high:.3g}"
+    return f"{size}, {100 * CONFIDENCE:g} % interval {_in_figures(p.ci_low)} to {_in_figures(p.ci_high)}"
 
 
 def _advice(verdict: Verdict, selection: Selection) -> str:
