@@ -18,8 +18,8 @@ PARTS: Fineness = 5
 def within_cells(measurement: Measurement, numbers: Index) -> Real:
     """Torques within cells (n, PARTS + 1) [N m], as many rows between any two.
 
-    Each row stands for its surroundings, as far as the torque went: no further than where it turned or ended, and not
-    beyond its own torque where the play was crossed between it and the next cell. A cell of one row is at its torque.
+    Each row stands for its surroundings, as far as the torque went: no further than where it turned or ended. If the
+    play was crossed between two cells, each ends at its own row. A cell of one row is at the torque of that row.
     """
     rows, cells, usable = measurement.rows, measurement.cells, np.flatnonzero(measurement.usable)
     turns, leg = measurement.history.torque, measurement.history.leg[cells.block[numbers]]

@@ -165,7 +165,7 @@ def form_limit(rms: float) -> float:
 def limits_beside_name(rms: float) -> tuple[float, float]:
     """Structure, in the noise of a cell, that may be left beside a name of a misfit of ``rms`` noises.
 
-    What is alike in all cycles, and what differs between them: no contact law, no mesh, but the smallest size tried.
+    The part that is alike in all cycles, and the part that differs between them, at least the smallest size tried.
     """
     return float(np.hypot(NO_EFFECT_LEFT, FORM * rms)), float(np.hypot(SIZES[1], FORM * rms))
 

@@ -162,13 +162,14 @@ def gains_energy(torque: Real, angle: Real, cycle: Whole, time: Real | None = No
 
 
 def _work_of_delay(torque: Real, angle: Real, time: Real) -> float:
-    """Largest work that rows (n,) owe to a sensor which adds ``DELAYED_SHARE`` of the torque with a delay.
+    """Largest work, over all delays, of the part of the torque that a sensor reads with a delay at rows (n,).
 
-    What it adds follows the torque that it reads, as its share over one and that share, with a shorter time constant.
+    The sensor adds c times the delayed torque, c being ``DELAYED_SHARE``. By the torque that it reads this part is
+    c / (1 + c) of it, with a shorter delay. Where a time is unknown, none passes.
     """
-    steps = np.maximum(np.diff(time, prepend=time[0]), 0.0)
-    shortest = float(np.median(steps[1:])) or np.finfo(float).tiny
-    rates = 1 / np.geomspace(shortest, max(float(np.ptp(time)), shortest), DELAYS)
+    steps = np.nan_to_num(np.maximum(np.diff(time, prepend=time[0]), 0.0))
+    shortest = max(float(np.median(steps)), np.finfo(float).tiny)
+    rates = 1 / np.geomspace(shortest, max(float(np.sum(steps)), shortest), DELAYS)
     late = np.zeros((len(torque), DELAYS))
     for row in range(1, len(torque)):
         late[row] = late[row - 1] + (torque[row] - late[row - 1]) * -np.expm1(-steps[row] * rates)
@@ -177,7 +178,7 @@ def _work_of_delay(torque: Real, angle: Real, time: Real) -> float:
 
 
 def _loop_work(torque: Real, angle: Real) -> Real:
-    """Work (...) of torques (..., n) along the angle (n,) of a way that its last row closes."""
+    """Work (...) of torques (..., n) along the angle (n,) of a loop that goes back from its last row to its first."""
     work: Real = 0.5 * np.sum((torque + np.roll(torque, -1, axis=-1)) * (np.roll(angle, -1) - angle), axis=-1)
     return work
 
