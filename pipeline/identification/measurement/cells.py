@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.arrays import Real, Truth, Whole
 from pipeline.constant_kinds import Fineness
 from pipeline.identification.measurement.branches import BranchBlocks, monotone
-from pipeline.identification.measurement.enough import FEWEST_COMPARED
+from pipeline.identification.measurement.enough import FEWEST_COMPARED, UNLOADED_SHARE
 from pipeline.identification.measurement.rows import Rows
 
 CELLS_PER_SENSE: Fineness = 24
@@ -68,6 +68,9 @@ def cells(
     A row belongs to the cell of its place on the monotone (isotonic least-squares) fit of the torque over the block's
     rows: cells are then runs of rows in time, and noise of the torque does not bias their mean. A block with fewer than
     three usable rows has no cell.
+
+    The first branch of a position has none below ``UNLOADED_SHARE`` of the largest torque on its way up: where in the
+    play the drive stood before, and how far friction held it there, nobody knows. They remain in the load history.
     """
     owners: list[int] = []
     averages: list[tuple[float, ...]] = []
@@ -78,8 +81,11 @@ def cells(
         top = np.max(np.abs(rows.coordinate[in_position]), initial=0.0)
         levels_up = top * (np.arange(levels + 1) / levels) ** CELL_POWER
         edges = np.concatenate([-levels_up[:0:-1], levels_up])[1:-1]
-        for block in np.flatnonzero(blocks.position == position).tolist():
+        for number, block in enumerate(np.flatnonzero(blocks.position == position).tolist()):
             usable_rows = np.flatnonzero(usable[blocks.rows[block]]) + blocks.start[block]
+            if number == 0:
+                is_loaded = np.abs(rows.coordinate[usable_rows]) > UNLOADED_SHARE * top
+                usable_rows = usable_rows[int(np.argmax(is_loaded)) if np.any(is_loaded) else 0 :]
             if usable_rows.size < FEWEST_COMPARED:
                 continue
             if is_single:

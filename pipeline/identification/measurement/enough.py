@@ -13,6 +13,9 @@ LEAST_PART = 0.5
 """Share of the longest loop, turn or pass that one must have to count: pieces at the ends are left out."""
 LOADED_SHARE = 0.5
 """Share of the largest torque from which a drive is loaded, and its loop shows the spring: the upper half."""
+UNLOADED_SHARE = 0.2
+"""Share of the largest torque below which a drive is hardly loaded: play decides its curve, and, until the load first
+exceeds it, where friction had held the drive before the record began."""
 BENT = 2.0
 """Ratio of the slopes of two parts of a curve by which it is bent: play makes it soft near no torque."""
 SURE = 4.0

@@ -6,6 +6,7 @@ from bisect import bisect_left
 import numpy as np
 import pytest
 
+from pipeline.identification.measurement.enough import UNLOADED_SHARE
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.load_history.friction.output_path import WAVE, Ripple, output_path
 
@@ -178,3 +179,15 @@ def test_a_backbone_that_was_not_solved_leads_nowhere(backbone):
 def test_a_ripple_of_negative_amplitude_or_without_waves_is_refused(ripple):
     with pytest.raises(ValueError, match="must be positive"):
         Ripple(*ripple)
+
+
+@pytest.mark.parametrize("last_turn", [900.0, 300.0, 100.0])
+def test_beyond_a_fifth_of_the_load_friction_has_forgotten_where_the_record_began(last_turn):
+    """Friction of a tenth of the load; below, a torque that was taken off before the record matters as much as it."""
+    friction, torques = sliders([1e7], [90.0], [0.0]), [0.0, 50.0, UNLOADED_SHARE * 900.0, 500.0, 900.0]
+    pasts = [], [last_turn]
+    paths = (output_path(np.array([*past, *torques]), NODES, ANGLES, friction, Ripple()) for past in pasts)
+    first, later = (path.at_turns[0, -4:] for path in paths)
+    np.testing.assert_allclose(later[-2:], first[-2:], rtol=1e-9)
+    assert abs(later[1] - first[1]) < 0.01 * np.ptp(ANGLES)
+    assert abs(later[0] - first[0]) > 0.01 * np.ptp(ANGLES)

@@ -8,7 +8,7 @@ from pipeline.arrays import Real, Whole
 from pipeline.config.designs.design import Design
 from pipeline.constant_kinds import Fineness, Shown, ShownRange, Unit
 from pipeline.identification.measurement.columns import ANGLE_UNITS, TORQUE_UNITS
-from pipeline.identification.measurement.enough import BENT, FEWEST_COMPARED, LOADED_SHARE, SURE
+from pipeline.identification.measurement.enough import BENT, FEWEST_COMPARED, LOADED_SHARE, SURE, UNLOADED_SHARE
 from pipeline.identification.measurement.repeated_branches import Loop, loop_distance
 from pipeline.model.units import ARCMIN, ARCMIN_A_DEGREE, TURN_DEG
 
@@ -83,8 +83,6 @@ def _advice(value: float, units: dict[str, float], likely: tuple[float, float], 
     return f"[columns.{quantity}] unit = {' or '.join(fitting)} would be likely"
 
 
-LOW = 0.2
-"""Share of the largest torque below which a row is near zero torque."""
 CLOSED_SHARE = 0.02
 """Torque, in parts of its range, up to which a drive counts as unloaded. Half of it, of the range of the angle, is the
 work on the way that closes a loop there."""
@@ -232,7 +230,7 @@ def _bend(load: Real, twist: Real) -> float:
     """Slope of the twist over the load near zero over that under load in both senses; 1 where there are few rows."""
     load = load - 0.5 * (load.max() + load.min())  # an angle has any zero
     top = float(np.max(load))
-    parts = [np.abs(load) <= LOW * top, load >= LOADED_SHARE * top, load <= -LOADED_SHARE * top]
+    parts = [np.abs(load) <= UNLOADED_SHARE * top, load >= LOADED_SHARE * top, load <= -LOADED_SHARE * top]
     if top == 0.0 or min(part.sum() for part in parts) < FEWEST_ROWS:
         return 1.0
     slope_near_zero, *loaded_slopes = (_slope(load[part], twist[part]) for part in parts)
