@@ -103,7 +103,7 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
         at_input = bench.locked == "output"
         position, lobes = np.radians(crank), study.design.cycloid.lobes
         course = Course(
-            *(bench.turns, leg, bench.state, np.column_stack([torque, torque]), time),
+            *(bench.turns, leg, bench.state[leg], np.column_stack([torque, torque]), time),
             *((float(lobes), position) if at_input else (1.0, -position / lobes)),
         )
         courses = [course] * (len(tables) + 1)  # the position is the last of these

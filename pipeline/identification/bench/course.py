@@ -42,7 +42,7 @@ class Course:
     ----------
     torque : (n_turns,) [N m] from the first to the last, turning at each.
     leg : (n_cells,) the cell lies between torque[leg] and torque[leg + 1].
-    state : (n_turns - 1,) state of the drive on each leg.
+    state : (n_cells,) state of the drive at each cell: a cycle may end on the way from one turn to the next.
     cell_torques : (n_cells, n_edges) torques [N m] within each cell, ascending, with as many rows between any two: the
         angle of a cell is the mean over them.
     time : (n_cells,) [s] from the unit's first cell, or zeros.
@@ -64,13 +64,19 @@ class Course:
     crank: CrankMotion | None = None
 
     def without_states(self) -> "Course":
-        """The course with all its legs in the drive's first state."""
+        """The course with all its cells in the drive's first state."""
         return replace(self, state=np.zeros_like(self.state))
 
     @cached_property
     def states(self) -> tuple[int, ...]:
-        """Numbers of the states of its legs, ascending."""
+        """Numbers of the states of its cells, ascending."""
         return tuple(np.unique(self.state).tolist())
+
+    @cached_property
+    def state_of_legs(self) -> Whole:
+        """State (n_turns - 1,) in which each leg ends: that of its last cell, or without one that of the leg before."""
+        last_cells = np.searchsorted(self.leg, np.arange(len(self.torque) - 1), side="right") - 1
+        return np.asarray(self.state[np.maximum(last_cells, 0)])
 
     @cached_property
     def sense(self) -> Whole:

@@ -170,11 +170,11 @@ def _along(
             sliders = drive.sliders.of_scaled_load(leaning)
             corners, turns = output_path(torque, leaning * of_state.torque, of_state.angle, sliders, ripple)
             corners[2] /= leaning
-        in_state = course.state == state
+        in_state = course.state_of_legs == state
         ends = np.column_stack([turns[repeated_torque], turns[repeated_torque + 1], course.sense])
         at_turns[1:][in_state] = corners[2, ends[in_state, 1]]
         at_turns[:-1][in_state] = corners[2, ends[in_state, 0]]
-        means_along(edges, course.leg, corners, ends, in_state, mean, slope)
+        means_along(edges, course.leg, corners, ends, course.state == state, mean, slope)
     return path, sound
 
 
@@ -182,9 +182,8 @@ def _frictionless_path(course: Course, elastic: Elastic, torques: Torques) -> Lo
     """The way without friction: the elastic curve, wherever it is."""
     torque, edges = torques
     angle, slope = np.empty(len(edges)), np.empty(len(edges))
-    state_of = course.state[course.leg]
     for state in course.states:
-        cells = state_of == state if len(course.states) > 1 else slice(None)
+        cells = course.state == state if len(course.states) > 1 else slice(None)
         of_state = elastic.curve_of_state(state)
         angle[cells], slope[cells] = means(edges[cells], of_state.torque, of_state.angle)
     return LoadPath(angle, slope, mean_torque(edges), torque)
@@ -215,9 +214,9 @@ def _slid(drive: Drive, course: Course, curve: Backbone, torque: Real, edges: Re
     """The way of an output that slides all along in one sense at each cell: see ``slid_torque``."""
     assert course.sliding is not None
     angle, slope, carried_torque = np.empty((3, len(edges)))
-    state_of, leaning = course.state[course.leg], 1 + drive.lean
-    for state in np.unique(state_of):
-        cells = state_of == state
+    leaning = 1 + drive.lean
+    for state in course.states:
+        cells = course.state == state
         nodes = leaning * drive.stiffening(state) * curve.torque
         elastic_angle = curve.angle[state] + drive.twist(nodes / leaning)
         edges_carried, share = slid_torque(edges[cells], course.sliding[cells], drive.sliders.of_scaled_load(leaning))

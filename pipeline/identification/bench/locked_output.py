@@ -52,7 +52,7 @@ class ElasticOverCrank(Elastic):
 
         By the curves from three starts over the range of the twist, and a parabola between them.
         """
-        state = self.course.state[self.course.leg]
+        state = self.course.state
         reach = np.array([0.0, 0.5, 1.0]) * np.ptp(twist) + np.min(twist)
         share = (twist - reach[1]) / (reach[2] - reach[1]) if np.ptp(twist) > 0 else np.zeros(len(twist))
         change = np.zeros(len(torque))

@@ -223,7 +223,7 @@ class Forward:
     def _at_torques(self, drive: Drive, position: int, carried_torque: Real, values: Real) -> Real:
         """Values (n, n_nodes, k) [rad] of a backbone at ``carried_torque`` (n_cells,): (n_cells, k) [arcmin]."""
         course, nodes = self.courses[position], self.backbone(drive).torque
-        state = course.state[course.leg]
+        state = course.state
         carried_torque = (
             carried_torque / np.array([drive.stiffening(number) for number in range(state.max() + 1)])[state]
         )

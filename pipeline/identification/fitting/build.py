@@ -172,25 +172,14 @@ def _asked_nodes(measurement: Measurement, torque: Real) -> Whole | slice:
 
 
 def _states(measurement: Measurement) -> tuple[list[Whole], list[Conditions]]:
-    """State of every leg of each position, and the conditions of each state: one per cycle."""
-    rows, blocks, cells, turns = measurement.rows, measurement.branches, measurement.cells, measurement.history
-    unit = measurement.unit
-    states, conditions = [], []
-    if isinstance(measurement, TurningMeasurement):
-        cycles, environment = np.unique(cells.cycle), unit.settings.environment
-        rise = _rise(cells, cycles, np.ones(len(cells), bool), environment.temperature_C)
-        condition = Conditions((cycles - cycles[0]).astype(float), rise)
-        return [np.arange(len(cycles))] * len(rows.cranks), [condition] * len(rows.cranks)
-    for position in range(len(rows.cranks)):
-        of_position = blocks.position == position
-        cycles = np.unique(blocks.cycle[of_position])
-        leg_state = np.full(len(turns.torque[position]) - 1, -1)
-        leg_state[turns.leg[of_position]] = np.searchsorted(cycles, blocks.cycle[of_position])
-        for leg in range(len(leg_state)):  # between two cycles: as the one before
-            if leg_state[leg] < 0:
-                leg_state[leg] = leg_state[leg - 1] if leg else 0
-        states.append(leg_state)
-        rise = _rise(cells, cycles, cells.position == position, unit.settings.environment.temperature_C)
+    """State of every cell of each position, and the conditions of each state: one per cycle."""
+    blocks, cells, environment = measurement.branches, measurement.cells, measurement.unit.settings.environment
+    turns, states, conditions = isinstance(measurement, TurningMeasurement), [], []
+    for position in range(len(measurement.rows.cranks)):
+        of_position = cells.position == position
+        cycles = np.unique(cells.cycle if turns else blocks.cycle[blocks.position == position])
+        states.append(np.searchsorted(cycles, cells.cycle[of_position]))
+        rise = _rise(cells, cycles, of_position | turns, environment.temperature_C)
         conditions.append(Conditions((cycles - cycles[0]).astype(float), rise))
     return states, conditions
 

@@ -69,19 +69,21 @@ def _means_along(
     """See ``means_along``."""
     longest = 1 + np.max(ends[:, 1] - ends[:, 0])
     abscissa, ordinate, area, rise = np.empty(longest), np.empty(longest), np.empty(longest), np.empty(longest)
+    is_followed = np.zeros(ends.shape[0], np.bool_)
+    is_followed[leg[is_wanted]] = True
     for number in range(ends.shape[0]):
         first_corner, last_corner, sense = ends[number, 0], ends[number, 1], ends[number, 2]
         n = last_corner - first_corner + 1
         x, y = abscissa[:n], ordinate[:n]
-        for i in range(n if is_wanted[number] else 0):
+        for i in range(n if is_followed[number] else 0):
             x[i] = corners[0, first_corner + i if sense > 0 else last_corner - i]
         smallest_step = SMALLEST_SPACING * (x[-1] - x[0])
-        for row in range(1, corners.shape[0] if is_wanted[number] else 0):
+        for row in range(1, corners.shape[0] if is_followed[number] else 0):
             for i in range(n):
                 y[i] = corners[row, first_corner + i if sense > 0 else last_corner - i]
             _integrate(x, y, area, rise)
             for cell in range(edges.shape[0]):
-                if leg[cell] == number:
+                if leg[cell] == number and is_wanted[cell]:
                     mean[row - 1, cell], slope[row - 1, cell] = _of_cell(edges[cell], x, y, area, rise, smallest_step)
 
 
@@ -112,7 +114,7 @@ def means_along(edges: Real, leg: Index, corners: Real, ends: Index, is_wanted: 
     leg : (n_cells,) leg of the path on which each cell lies.
     corners : (1 + n_values, n_corners) abscissa of the path and values along it.
     ends : (n_legs, 3) first and last corner of each leg; 1 where its abscissa rises, -1 where it falls.
-    is_wanted : (n_legs,) whether its cells are wanted.
+    is_wanted : (n_cells,) whether a cell is wanted.
     mean, slope : (n_values, n_cells), of which the cells wanted are filled.
     """
     _means_along(np.ascontiguousarray(edges), leg, np.ascontiguousarray(corners), ends, is_wanted, mean, slope)

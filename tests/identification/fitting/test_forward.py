@@ -20,6 +20,7 @@ from pipeline.sampling.errors import draw
 
 TURNS = np.array([0.0, 12.0, -12.0, 12.0, 0.0])
 ROWS = 40
+FIRST_AND_LAST = Conditions(np.array([0.0, np.inf]), np.zeros(2))
 
 
 def points(torque):
@@ -30,7 +31,7 @@ def points(torque):
 def course_of(turns=TURNS, time=None, encoder_turns=1.0, position=0.0):
     torque = np.concatenate([np.linspace(a, b, ROWS + 2)[1:-1] for a, b in zip(turns[:-1], turns[1:], strict=True)])
     leg = np.repeat(np.arange(len(turns) - 1), ROWS)
-    states = np.zeros(len(turns) - 1, np.int64)
+    states = np.zeros(len(leg), np.int64)
     return Course(turns, leg, states, points(torque), leg * 0.0 if time is None else time, encoder_turns, position)
 
 
@@ -72,8 +73,8 @@ def test_the_angle_of_a_cell_is_the_mean_over_its_rows(drive, friction):
     rubbing = library()["coulomb"].apply(drive, [friction], Conditions.run_in(1))
     fine = np.linspace(-0.45, 1.05, 4001)
     edges = np.array([[-0.45, 0.3, 1.05]])
-    short_course = Course(TURNS, np.array([2]), np.zeros(4, np.int64), edges, np.zeros(1), 1.0, 0.0)
-    long_course = Course(TURNS, np.full(4001, 2), np.zeros(4, np.int64), points(fine), np.zeros(4001), 1.0, 0.0)
+    short_course = Course(TURNS, np.array([2]), np.zeros(1, np.int64), edges, np.zeros(1), 1.0, 0.0)
+    long_course = Course(TURNS, np.full(4001, 2), np.zeros(4001, np.int64), points(fine), np.zeros(4001), 1.0, 0.0)
     (mean,) = read(rubbing, course=short_course).angle
     every = read(rubbing, course=long_course).angle
     assert np.ptp(every) > 0.5  # through the play
@@ -102,7 +103,7 @@ def test_creep_after_a_step_is_that_of_spring_and_damper(drive):
     sample_times = np.concatenate([[0.0], np.full(60, 12.0), np.full(60, 6.0)])
     leg = np.concatenate([[0], np.zeros(60, np.int64), np.ones(60, np.int64)])
     time = np.concatenate([[0.0], hold, 200 + hold])
-    course = Course(turns, leg, np.zeros(2, np.int64), points(sample_times), time, 1.0, 0.0)
+    course = Course(turns, leg, np.zeros(121, np.int64), points(sample_times), time, 1.0, 0.0)
     variant = drive.with_elements(KelvinVoigt(compliance, tau))
     computed_angle = read(variant, course=course).angle - read(drive, course=course).angle
 
@@ -133,7 +134,7 @@ def test_creep_read_at_few_cells_is_that_of_the_whole_course(drive, per_leg, tim
     start_times = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(TURNS)) / 12.0)]) * period
     time = start_times[leg] + period * length * shares
     torque = start + shares * (end - start)
-    course = Course(TURNS, leg, np.zeros(len(TURNS) - 1, np.int64), points(torque), time, 1.0, 0.0)
+    course = Course(TURNS, leg, np.zeros(len(leg), np.int64), points(torque), time, 1.0, 0.0)
     computed_angle = read(drive.with_elements(creep), course=course).angle - read(drive, course=course).angle
     fine = np.linspace(0.0, start_times[-1], 40001)
     whole = ARCMIN * delayed(1e3 * np.interp(fine, start_times, TURNS), fine, creep)
@@ -153,7 +154,7 @@ def test_torque_that_a_creeping_sensor_reads_is_that_of_the_drive(drive, share, 
     course = Course(
         np.interp(turn_times, fine, torque_read),
         leg,
-        np.zeros(len(TURNS) - 1, np.int64),
+        np.zeros(len(leg), np.int64),
         points(np.interp(time, fine, torque_read)),
         time,
         1.0,
@@ -190,3 +191,16 @@ def test_influence_of_a_shift_of_all_gaps_is_the_difference_of_readings(drive):
     expected = (ends[0] - ends[1]) / (2 * step)
     np.testing.assert_allclose(derivative, expected, atol=0.05 * np.abs(expected).max())
     assert np.median(np.abs(derivative - expected)) < 0.01 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_cycle_that_ends_on_the_way_between_two_turns_ends_there(drive, friction):
+    """From 0 over both turns to 0 again, and on: cells of one leg belong to two cycles."""
+    worn = library()["coulomb"].apply(drive, [friction], Conditions.run_in(1))
+    both, course = library()["run_in"].apply(worn.some(np.array([0, 0])), [3.0, 1.0], FIRST_AND_LAST), course_of()
+    second = np.arange(len(course.leg)) >= 2.5 * ROWS
+    readings = [read(both, course=replace(course, state=state)).angle for state in (0 * second, 0 * second + 1)]
+    mixed = read(both, course=replace(course, state=second.astype(int)))
+    assert mixed.sound
+    np.testing.assert_allclose(mixed.angle, np.where(second, readings[1], readings[0]), atol=1e-12)
+    assert np.max(np.abs(readings[1] - readings[0])) > 0.1

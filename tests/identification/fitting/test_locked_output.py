@@ -68,7 +68,8 @@ def test_the_crank_must_stay_between_the_stations_on_the_side_to_which_it_turns(
     """A loop of one side, most of its cells near the largest torque: few lie far below the mean crank angle."""
     drive, course = problem.nominal[0], problem.forward.courses[0]
     torque = np.array([1.0, *np.linspace(12.0, 18.0, len(course.leg) - 1)])
-    course = replace(course, torque=np.array([0.0, 20.0]), leg=np.zeros(len(torque), int), state=np.zeros(1, int))
+    first = np.zeros(len(torque), int)
+    course = replace(course, torque=np.array([0.0, 20.0]), leg=first, state=first)
     course = replace(course, cell_torques=np.column_stack([torque - 0.5, torque + 0.5]))
     held = Forward([replace(course, crank=None)], 20e3).read(drive, 0, Instrument()).angle
     turned = 13 * np.radians(held - held.mean()) / 60

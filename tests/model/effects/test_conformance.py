@@ -75,7 +75,7 @@ def loops(name, beside):
     at_zero = np.array([1, 1, -1, -1, 1])[response.branch] * NO_LOAD * RATED
     torque = np.where(response.torque == 0, at_zero, response.torque)
     points = 1e-3 * np.repeat(torque[:, None], 2, axis=1)
-    course = Course(1e-3 * TURNS, LEG[response.branch], np.zeros(3, np.int64), points, np.zeros(len(torque)), 1.0, 0.0)
+    course = Course(1e-3 * TURNS, LEG[response.branch], np.zeros(len(torque), int), points, np.zeros(len(torque)), 1.0, 0.0)
     with pytest.MonkeyPatch.context() as finer:
         finer.setattr(simulator, "LEVELS", 110)
         reading = simulator.Forward([course], RATED).read(drive, 0, simulator.Instrument())
@@ -105,7 +105,7 @@ def test_friction_at_contacts_is_followed_closely_after_a_turn(coefficient, monk
     drive = put(small_drive(), "contact_friction", coefficient)
     torque = np.concatenate([side * np.linspace(1.0, 0.6, 81)[1:] for side in (1.0, -1.0)])
     points = 1e-3 * RATED * np.repeat(torque[:, None], 2, axis=1)
-    course = Course(1e-3 * TURNS, np.repeat([1, 2], 80), np.zeros(3, np.int64), points, np.zeros(160), 1.0, 0.0)
+    course = Course(1e-3 * TURNS, np.repeat([1, 2], 80), np.zeros(160, int), points, np.zeros(160), 1.0, 0.0)
 
     def change():
         """Of the angle by friction; the chords of the ladder miss both loops alike."""

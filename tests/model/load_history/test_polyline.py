@@ -58,7 +58,7 @@ def test_cells_of_a_path_that_turns_back_are_those_of_each_leg_by_itself():
     edges = np.array([[0.1, 0.5, 1.9], [-1.2, 0.3, 0.9], [-0.2, 0.0, 1.95], [0.2, 0.3, 0.3]])
     leg = np.array([0, 1, 1, 2])
     mean, slope = np.full((2, 4), 9.0), np.full((2, 4), 9.0)
-    means_along(edges, leg, corners, ends, np.array([True, True, False]), mean, slope)
+    means_along(edges, leg, corners, ends, np.array([True, True, True, False]), mean, slope)
     for cell, sides in enumerate([slice(0, 3), slice(4, 1, -1), slice(4, 1, -1)]):
         for row in (0, 1):
             expected = means(edges[cell : cell + 1], corners[0, sides], corners[1 + row, sides])
