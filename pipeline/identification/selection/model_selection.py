@@ -72,10 +72,7 @@ class Selector:
         return fold
 
     def screen(self, cells: Truth, base: Fit, offered_names: Sequence[str] = ()) -> dict[str, Promise]:
-        """What each further effect promises beside ``base``; also beside the declared scales where base is far off.
-
-        Of ``offered_names`` alone, where any are given.
-        """
+        """What effects (all, or those offered) promise beside ``base``, and beside the declared scales if far off."""
         bases = [base]
         if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
             zero_steps = np.zeros_like(base.unknowns.scales), np.zeros_like(base.unknowns.modes)
@@ -248,18 +245,22 @@ class Selector:
         return tries.judge.select(base, trials, selection.promised_misfits)
 
     def _with_twins(self, selection: Selection, tries: Tries) -> Selection:
-        """The selection with models in which an effect that looks like a member of the best one takes its place.
+        """The selection with models in which another effect takes the place of a member of the best one.
 
-        These models are fitted from the numbers and tolerances of the best one. From another start a fit may end at a
-        kink, and an effect must not be named because similar effects lacked its start.
+        They are fitted from the numbers and tolerances of the best one. From another start a fit may end at a kink, and
+        an effect must not be named because similar effects lacked its start. In a pair those that explain most beside
+        the other member are tried, too: the first effect of the search may stand in for both. Repeated while it helps.
         """
-        best = selection.trials[selection.best_model].fit if selection.best_model else selection.base.fit
-        for effect in best.model.effects:
-            others = {name for name in selection.best_model.split("+") if name != effect.name}
-            names = [name for name in twins(effect.name) if name in self.testable and name not in others]
-            if names:
-                left = self.trial(self._without(best, effect.name, tries.cells), tries.cells, tries.covariance)
-                selection, _ = self._extended(selection, left, tries, names)
+        former, name = "", selection.best_model
+        while name not in ("", former):
+            best = selection.trials[name].fit
+            for effect in best.model.effects:
+                others = {other.name for other in best.model.effects} - {effect.name}
+                names = [name for name in twins(effect.name) if name in self.testable and name not in others]
+                if others or names:
+                    left = self.trial(self._without(best, effect.name, tries.cells), tries.cells, tries.covariance)
+                    selection, _ = self._extended(selection, left, tries, names, ADDITIONS if others else 0)
+            former, name = name, selection.best_model
         return selection
 
     def _without(self, fit: Fit, effect: str, cells: Truth) -> Fit:
@@ -269,10 +270,7 @@ class Selector:
         return self.fitter.fit(model, cells, replace(fit.unknowns, shares=fit.unknowns.shares[is_kept]), 0)
 
     def _with_reductions(self, selection: Selection, tries: Tries) -> Selection:
-        """The selection with single effects fitted from where the best pairs led to.
-
-        A fit from the model without effects may end at a kink. A second effect can lead past it and then be left out.
-        """
+        """The selection with single effects fitted from where the best pairs led to, past kinks of their own fits."""
         trials, base, misfit = dict(selection.trials), selection.base, tries.judge.misfit(selection.base)
         pairs = [name for name in selection.odds if trials[name].fit.model.n_effects == MOST_NAMED]
         for name in sorted(pairs, key=lambda name: -tries.judge.value(trials[name], misfit))[:MOST_REFINED]:
@@ -314,15 +312,15 @@ class Selector:
         return any(screening.could_lower(effect, least) for effect in others)
 
     def _extended(
-        self, selection: Selection, current: Trial, tries: Tries, offered_names: Sequence[str] = ()
+        self, selection: Selection, current: Trial, tries: Tries, names: Sequence[str] = (), count: int = ADDITIONS
     ) -> tuple[Selection, Trial]:
         """The selection with effects added to one of its trials, and the most probable of these, or the trial.
 
-        All ``offered_names``, where any are given, else those that explain most.
+        Those ``names``, and the ``count`` effects that explain most.
         """
-        promises = self.screen(tries.cells, current.fit, offered_names)
-        if not offered_names:
-            promises = dict(sorted(promises.items(), key=lambda item: item[1].misfit)[:ADDITIONS])
+        promises = self.screen(tries.cells, current.fit, () if count else names)
+        best_names = sorted(promises, key=lambda name: promises[name].misfit)[:count]
+        promises = {name: promise for name, promise in promises.items() if name in {*names, *best_names}}
         fits = [fit for fit in self.fits(current.fit, tries.cells, promises) if np.isfinite(fit.cost)]
         added_trials = {fit.model.name: self.trial(fit, tries.cells, tries.covariance, current) for fit in fits}
         known = {name: selection.trials[name] for name in added_trials if name in selection.trials}
@@ -343,8 +341,7 @@ class Selector:
     def _refine(self, fit: Fit, cells: Truth, start: Vector) -> Fit:
         """The best of a fit and of passes, the first of them from ``start``.
 
-        A pass fits by averaged derivatives, and then the cells of large torques first. Each of them, too, may end at a
-        kink; the other often leads on.
+        A pass fits by averaged derivatives, then the cells of large torques first. Where one ends, the other leads on.
         """
         best = fit
         for _ in range(PASSES):
