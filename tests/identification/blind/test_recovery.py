@@ -128,3 +128,22 @@ def test_what_looks_like_the_best_effect_is_fitted_from_its_numbers_too(tmp_path
     with_twins = selector._with_twins(selection, tries)
     assert set(with_twins.members) == {"preload", "pin_radius_error"}
     assert with_twins.trials["pin_radius_error"].fit.values == pytest.approx([8.0], rel=0.03)
+
+
+def test_beside_each_member_of_the_best_pair_what_explains_most_is_tried(tmp_path, condensed, monkeypatch):
+    """Though neither curves nor single effects promised the other pair."""
+    monkeypatch.setattr(model_selection, "twins", lambda _: ())
+    effects = {"coulomb": (0.3,), "pin_radius_error": (8.0,)}
+    problem = exactly_known(problem_of(make_unit(tmp_path / "u", effects, TWO, condensed), condensed))
+    cells = np.ones(len(problem.data), bool)
+    selector = Selector(Fitter(problem), cells)
+    fitter, tries = selector.fitter, selector._tries(cells)
+    selector.testable = {name: selector.testable[name] for name in (*effects, "torque_zero", "torque_gain")}
+    base = selector.trial(fitter.fit(Model(), cells, fitter.start(Model())), cells, tries.covariance)
+    pair = Model((selector.testable["pin_radius_error"], selector.testable["torque_zero"]))
+    trials = {pair.name: selector.trial(fitter.fit(pair, cells, fitter.start(pair)), cells, tries.covariance, base)}
+    selection = tries.judge.select(base, trials, {})
+    assert selection.best_model == pair.name
+    exchanged = selector._with_twins(selection, tries)
+    assert exchanged.best_model == "coulomb+pin_radius_error"
+    assert "coulomb+torque_zero" in exchanged.trials  # beside the other member, too
