@@ -240,6 +240,8 @@ def test_the_folder_holds_what_the_contract_says(folder: Path) -> None:
     text = (folder / "report.html").read_text()
     assert verdict["verdict"] in text
     assert 'src="http' not in text
+    n_early = 1635 - len(pd.read_parquet(folder / "residual.parquet"))  # rows of the file, each of them a cell
+    assert f"{n_early} rows of the first branches, below 20 %" in text.replace("\u00a0", " ")
     assert len(list((folder / "figures").glob("*.png"))) == len(list((folder / "figures").glob("*.svg"))) == 4
 
 

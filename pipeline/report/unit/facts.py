@@ -3,7 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from pipeline.identification.identify import FaultyUnit, Identification
+from pipeline.identification.measurement.enough import UNLOADED_SHARE
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 from pipeline.identification.selection.held_out import AngleError
@@ -154,9 +157,15 @@ def data_facts(identification: Identification) -> list[tuple[str, str]]:
         held_out_by = f"{measurement.held_out_by or 'turn'}s"
     train = measurement.unit.settings.held_out.train
     counts = count_text(len(measurement.branches), "branch", "branches"), count_text(len(measurement.cells), "cell")
+    n_early = 0 if isinstance(measurement, TurningMeasurement) else _early_rows(measurement)
+    early_words = (
+        f"{count_text(n_early, 'row')} of the first branches, below {100 * UNLOADED_SHARE:.0f} % of the largest "
+        "torque, which depend on what came before the record"
+    )
     return [
         *rows_facts(identification),
         ("Branches and cells", ", ".join(counts)),
+        *([("Not compared", early_words)] if n_early else []),
         (
             "Held out",
             "what unit.toml names" if train else f"whole {held_out_by}, each predicted by a fit to the others",
@@ -169,6 +178,15 @@ def data_facts(identification: Identification) -> list[tuple[str, str]]:
         ("Noise of the torque", f"{digits(noise.torque_noise_Nm)} N m a row"),
         ("Left from position to position", _scatter(identification.remainder)),
     ]
+
+
+def _early_rows(measurement: Measurement) -> int:
+    """Usable rows before the first cell of each position."""
+    cells, rows = measurement.cells, np.flatnonzero(measurement.usable)
+    _, first_cells = np.unique(cells.position, return_index=True)
+    first_rows = cells.first_row[first_cells]
+    positions = measurement.rows.position
+    return sum(int(np.sum((positions[rows] == positions[row]) & (rows < row))) for row in first_rows.tolist())
 
 
 def _scatter(remainder: Remainder) -> str:
