@@ -102,6 +102,11 @@ def test_the_first_branch_has_no_cells_before_the_load_decides_where_friction_ho
     assert measurement.history.torque[0][0] == pytest.approx(start, abs=0.02)
 
 
+def test_a_first_branch_that_is_never_loaded_keeps_its_cells(tmp_path):
+    measurement = taken(tmp_path, path_table([-2.0, 2.0, -12.0, 12.0], 60))
+    assert measurement.cells.first_row[0] == 0
+
+
 def test_cells_have_three_rows_but_not_across_the_play(tmp_path):
     measurement = taken(tmp_path, path_table([-12.0, 12.0, -12.0], per_branch=160))
     taken_cells = measurement.cells

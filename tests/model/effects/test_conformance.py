@@ -75,7 +75,8 @@ def loops(name, beside):
     at_zero = np.array([1, 1, -1, -1, 1])[response.branch] * NO_LOAD * RATED
     torque = np.where(response.torque == 0, at_zero, response.torque)
     points = 1e-3 * np.repeat(torque[:, None], 2, axis=1)
-    course = Course(1e-3 * TURNS, LEG[response.branch], np.zeros(len(torque), int), points, np.zeros(len(torque)), 1.0, 0.0)
+    leg, nothing = LEG[response.branch], np.zeros(len(torque))
+    course = Course(1e-3 * TURNS, leg, nothing.astype(int), points, nothing, 1.0, 0.0)
     with pytest.MonkeyPatch.context() as finer:
         finer.setattr(simulator, "LEVELS", 110)
         reading = simulator.Forward([course], RATED).read(drive, 0, simulator.Instrument())
