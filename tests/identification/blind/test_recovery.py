@@ -147,3 +147,4 @@ def test_beside_each_member_of_the_best_pair_what_explains_most_is_tried(tmp_pat
     exchanged = selector._with_twins(selection, tries)
     assert exchanged.best_model == "coulomb+pin_radius_error"
     assert "coulomb+torque_zero" in exchanged.trials  # beside the other member, too
+    assert "coulomb+torque_gain" in exchanged.trials  # and beside those of the pair that it led to
