@@ -9,6 +9,7 @@ from measured_bench import measured, path_of, write_unit
 from scipy.special import ndtr
 from synthetic_unit import ROOT, Bench, make_unit, problem_of
 
+from pipeline.identification.fitting import build
 from pipeline.identification.fitting.cells_in_noise import (
     PLACE,
     STEP_SCATTER,
@@ -319,3 +320,15 @@ def test_cells_of_a_held_torque_are_known_as_well_as_others(tmp_path):
     loaded = np.abs(data.torque) > 3.0
     assert np.mean(data.sigma[loaded] > 3 * data.noise) < 0.05
     assert np.mean((data.noise / data.sigma[loaded]) ** 2) > 0.82
+
+
+def test_each_cell_has_the_state_of_its_cycle_though_cycles_follow_each_other_without_a_turn(tmp_path):
+    """Cycles 0, 12, -12, 0 N m: from -12 to 12 N m one way belongs to two cycles."""
+    measurement = Measurement.read(load_measured_unit(write_unit(tmp_path, {"rows.csv": measured()}), ROOT))
+    states, conditions = build._states(measurement)
+    legs = measurement.history.leg[measurement.cells.block]
+    for position, state in enumerate(states):
+        of_position = measurement.cells.position == position
+        np.testing.assert_array_equal(state, measurement.cells.cycle[of_position])
+        assert any(len(np.unique(state[legs[of_position] == leg])) == 2 for leg in np.unique(legs[of_position]))
+    assert [condition.cycle.tolist() for condition in conditions] == 3 * [[0.0, 1.0, 2.0]]
