@@ -12,6 +12,7 @@ from turning_unit import GEAR, HELD, INTERVALS, ROOT, Record, table, write_recor
 
 from pipeline.errors import InputError
 from pipeline.identification.bench.course import slid_torque
+from pipeline.identification.fitting import build
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.identify import identify
@@ -243,6 +244,16 @@ def test_repeats_of_one_cycle_are_left_out_in_turn(tmp_path, plain):
     assert measurement.held_out_by == "repeat"
     np.testing.assert_array_equal(measurement.parts, plain.cells.cycle)
     assert measurement.repeatability.repeats == plain.repeatability.repeats
+
+
+def test_temperature_is_that_of_a_turn_at_all_intervals_of_the_crank(tmp_path):
+    """It rises by 10 K over the record, and goes up and down within each turn: an interval has no drive of its own."""
+    rows = table(Record())
+    warming = np.linspace(20.0, 30.0, len(rows)) + 3.0 * np.sin(np.radians(rows["crank_deg"]))
+    states, conditions = build._states(read(tmp_path / "u", Record(), rows.assign(temperature_C=warming)))
+    assert all(np.array_equal(np.unique(state), [0, 1]) for state in states)
+    assert np.ptp([condition.temperature_rise for condition in conditions], axis=0).max() == 0.0
+    assert conditions[0].temperature_rise[1] > conditions[0].temperature_rise[0] + 1.0
 
 
 @pytest.mark.long

@@ -174,12 +174,12 @@ def _asked_nodes(measurement: Measurement, torque: Real) -> Whole | slice:
 def _states(measurement: Measurement) -> tuple[list[Whole], list[Conditions]]:
     """State of every cell of each position, and the conditions of each state: one per cycle."""
     blocks, cells, environment = measurement.branches, measurement.cells, measurement.unit.settings.environment
-    turns, states, conditions = isinstance(measurement, TurningMeasurement), [], []
+    is_turning, states, conditions = isinstance(measurement, TurningMeasurement), [], []
     for position in range(len(measurement.rows.cranks)):
         of_position = cells.position == position
-        cycles = np.unique(cells.cycle if turns else blocks.cycle[blocks.position == position])
+        cycles = np.unique(cells.cycle if is_turning else blocks.cycle[blocks.position == position])
         states.append(np.searchsorted(cycles, cells.cycle[of_position]))
-        rise = _rise(cells, cycles, of_position | turns, environment.temperature_C)
+        rise = _rise(cells, cycles, of_position | is_turning, environment.temperature_C)
         conditions.append(Conditions((cycles - cycles[0]).astype(float), rise))
     return states, conditions
 
