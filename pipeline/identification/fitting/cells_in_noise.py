@@ -274,8 +274,8 @@ def side_errors(cells: Cells, training: Truth, torque_noise: float) -> Real:
     height times the probability of the wrong side. In one sense of the torque the play is crossed at one torque, above
     the last row before each jump and below the first row after it, but for normal noise. The posterior mean and the
     standard deviation of this torque follow from all jumps of the sense. At no torque, within its noise, either side is
-    an equilibrium, and the least friction holds the one that the drive came from. A bench that stops there always reads
-    that side, which tells nothing of a friction that a model without any lacks.
+    an equilibrium, and the least friction holds the one that the drive came from. A row at no torque
+    therefore gets the error of a row whose side is unknown, since a model without friction cannot predict it.
     """
     height, torque = jumps_between(cells, np.zeros(len(cells)), torque_noise), cells.torque_mean * cells.direction
     errors = np.zeros(len(cells))

@@ -69,8 +69,9 @@ def cells(
     rows: cells are then runs of rows in time, and noise of the torque does not bias their mean. A block with fewer than
     three usable rows has no cell.
 
-    The first branch of a position has none below ``UNLOADED_SHARE`` of the largest torque on its way up: where in the
-    play the drive stood before, and how far friction held it there, nobody knows. They remain in the load history.
+    The first branch of a position has no cells before the torque exceeds ``UNLOADED_SHARE`` of the largest one. Until
+    then the angle depends on the position in the play and on the friction with which the record began, and both are
+    unknown. The rows remain in the load history.
     """
     owners: list[int] = []
     averages: list[tuple[float, ...]] = []

@@ -248,8 +248,8 @@ class Selector:
         """The selection with models in which another effect takes the place of a member of the best one.
 
         They are fitted from the numbers and tolerances of the best one. From another start a fit may end at a kink, and
-        an effect must not be named because similar effects lacked its start. In a pair those that explain most beside
-        the other member are tried, too: the first effect of the search may stand in for both. Repeated while it helps.
+        an effect must not be named because similar effects lacked its start. In a pair, the effects that explain
+        most beside the other member are tried, too. This is repeated while the best model changes.
         """
         former, name = "", selection.best_model
         while name not in ("", former):
@@ -341,7 +341,8 @@ class Selector:
     def _refine(self, fit: Fit, cells: Truth, start: Vector) -> Fit:
         """The best of a fit and of passes, the first of them from ``start``.
 
-        A pass fits by averaged derivatives, then the cells of large torques first. Where one ends, the other leads on.
+        A pass fits by averaged derivatives, then the cells of large torques first. Where one of
+        these ends at a kink, the other often leads on.
         """
         best = fit
         for _ in range(PASSES):
