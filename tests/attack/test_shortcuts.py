@@ -53,11 +53,9 @@ OFF = (
     (screening, "RADII", (0.15, 0.05, 0.1, 0.2, 0.35)),
     (screening, "PHASES", 16),
     (screening, "BEST_DIRECTIONS", 10**6),
-    (ripples, "WAVE_STEP", 0.5),
-    (ripples, "WAVE_PHASES", 8),
-    (ripples, "SIZES", tuple(np.geomspace(0.05, 2.0, 22))),
+    (ripples, "WAVE_STEP", 0.25),
+    (ripples, "FINER", 21),
     (ripples, "FAINT", 0.0),
-    (ripples, "COARSER", 1),
     (ripples, "PERIODS", 20),
     (ripples, "FOLLOWED", 20),
 )

@@ -66,7 +66,8 @@ class LinearFitter(Fitter):
         flat = np.concatenate([unknowns.scales, unknowns.shares, lacking, unknowns.modes])
         influence = self.design[:, self.design.shape[1] - n_modes :] if modes else np.zeros((len(data), n_modes))
         angle = np.where(in_positions, self.design @ flat, np.nan)
-        return Prediction(angle, influence * in_positions[:, None], np.zeros(len(data)), True)
+        nothing = np.zeros(len(data))
+        return Prediction(angle, influence * in_positions[:, None], nothing, nothing, nothing + 1, True)
 
     def drives(self, model, unknowns, positions=None):
         return {}, None

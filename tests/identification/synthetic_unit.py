@@ -13,12 +13,14 @@ from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.studies.study import Study
 from pipeline.identification.bench.course import Course
+from pipeline.identification.bench.load_path import Ripple
 from pipeline.identification.bench.simulator import Forward
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.problem import Model, Problem, candidates
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.model.effects import Conditions
+from pipeline.model.units import ARCMIN, NMM_PER_NM
 from pipeline.mounting import drive_of
 from pipeline.sampling.errors import draw
 
@@ -107,16 +109,18 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
             *((float(lobes), position) if at_input else (1.0, -position / lobes)),
         )
         courses = [course] * (len(tables) + 1)  # the position is the last of these
-        reading = Forward(courses, unit.rated_torque).read(unit, len(tables), instrument)
+        plain = replace(instrument, ripple=Ripple())
+        reading = Forward(courses, unit.rated_torque).read(unit, len(tables), plain)
         assert reading.sound
         offset = 2.0 if bench.common else rng.normal(0, 3)
+        rippled = instrument.ripple_at(len(tables)).torque((reading.angle + offset) / ARCMIN) / NMM_PER_NM
         cycle = bench.state[leg]
         tables.append(
             pd.DataFrame(
                 {
                     "cycle": cycle,
                     "crank_deg": crank,
-                    "torque_Nm": torque,
+                    "torque_Nm": torque + rippled,
                     "angle_arcmin": reading.angle + offset + bench.noise * rng.standard_normal(len(torque)),
                     "time_s": time + 1e5 * len(tables),
                     "temperature_C": TEMPERATURE + conditions.temperature_rise[cycle],

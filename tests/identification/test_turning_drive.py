@@ -22,7 +22,7 @@ from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.results.write import findings, write
 from pipeline.identification.selection import model_selection
 from pipeline.model.contact.friction_elements import Sliders
-from pipeline.model.load_history.friction.output_path import Ripple, output_path
+from pipeline.model.load_history.friction.output_path import output_path
 from pipeline.report.unit.page import write_page
 from tests.validation.blind.catalogue import no_compliance
 
@@ -302,7 +302,7 @@ def test_a_slid_output_carries_what_a_long_way_leaves_it(sense):
     zeros, friction, share = np.zeros((2, 1)), np.array([2.0, 0.0]), np.array([0.0, 0.1])
     sliders = Sliders(zeros, np.full(2, 1e6), friction, share, np.array([-1, -1]))
     nodes = np.linspace(-60.0, 60.0, 13)
-    path = output_path(sense * np.array([0.0, -50.0, 50.0]), nodes, 1e-3 * nodes, sliders, Ripple())
+    path = output_path(sense * np.array([0.0, -50.0, 50.0]), nodes, 1e-3 * nodes, sliders)
     leg = slice(*(path.turns[1:] + [0, 1]))
     order = np.argsort(path.corners[0, leg])
     torque = np.linspace(-30, 30, 13)

@@ -46,6 +46,8 @@ class Course:
     cell_torques : (n_cells, n_edges) torques [N m] within each cell, ascending, with as many rows between any two: the
         angle of a cell is the mean over them.
     time : (n_cells,) [s] from the unit's first cell, or zeros.
+    rows : (n_cells, n_edges) torques [N m] and angles [arcmin] within each cell, in the order of its rows; None
+        where no ripple is asked for.
     encoder_turns : turns of the encoder per turn of the output.
     encoder_place : [rad] of the encoder at this position.
     sliding : (n_cells,) sense in which the output slides all along, 1 or -1, where the crank turns; None where the
@@ -62,10 +64,16 @@ class Course:
     encoder_place: float
     sliding: Whole | None = None
     crank: CrankMotion | None = None
+    rows: tuple[Real, Real] | None = None
 
     def without_states(self) -> "Course":
         """The course with all its cells in the drive's first state."""
         return replace(self, state=np.zeros_like(self.state))
+
+    @cached_property
+    def in_order(self) -> "Course":
+        """The course with the torques of its rows in their order: the same but where the torque goes back meanwhile."""
+        return self if self.rows is None else replace(self, cell_torques=self.rows[0])
 
     @cached_property
     def states(self) -> tuple[int, ...]:
@@ -77,6 +85,14 @@ class Course:
         """State (n_turns - 1,) in which each leg ends: that of its last cell, or without one that of the leg before."""
         last_cells = np.searchsorted(self.leg, np.arange(len(self.torque) - 1), side="right") - 1
         return np.asarray(self.state[np.maximum(last_cells, 0)])
+
+    @cached_property
+    def edges_beside_turns(self) -> tuple[Whole, Whole]:
+        """Cell and edge (n_turns,) next to each turn: the last one before it, or of the first turn the one after it."""
+        cells = np.searchsorted(self.leg, np.arange(len(self.torque))) - 1
+        is_before = cells >= 0
+        cells = np.maximum(cells, 0)
+        return cells, np.where((self.sense[self.leg[cells]] > 0) == is_before, -1, 0)
 
     @cached_property
     def sense(self) -> Whole:

@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.constant_kinds import Fineness
-from pipeline.identification.bench.load_path import Instrument
+from pipeline.identification.bench.load_path import Instrument, Ripple
 from pipeline.model.effects import Parameter
 from pipeline.model.effects.effect import CRANKS, LOOPS, RATE, TIME, TORQUES, EffectDescription
-from pipeline.model.load_history.friction.output_path import Ripple
 from pipeline.model.units import ARCMIN, NMM_PER_NM
 
 FEWEST_WAVES = 4
@@ -17,10 +16,6 @@ FEWEST_WAVES = 4
 
 MOST_WAVES: Fineness = 60
 """The same at most: finer ones are far from any motor's, and the search over them is long."""
-
-PHASES = np.pi, 5 * np.pi
-"""Bounds of a phase [rad]: two turns, so that a fit may pass the end of one, and no zero among them, which is a phase
-like any other."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +37,11 @@ class InstrumentEffect(EffectDescription):
     own_phases: bool = False
 
     def of_positions(self, count: int) -> "InstrumentEffect":
-        """The effect with the phase of each further position, less that at the first, as a parameter of its own."""
+        """The effect with the phase of each further position, less that at the first, as a parameter of its own.
+
+        Its bounds are two turns apart, so that a fit may pass the end of one, and no zero is among them, which is a
+        phase like any other.
+        """
         if not self.own_phases or count < 2:
             return self
         numbers = range(2, count + 1)
@@ -51,7 +50,7 @@ class InstrumentEffect(EffectDescription):
         return replace(
             self,
             parameters=(*self.parameters, *phases),
-            bounds=lambda *of_unit: (*bounds(*of_unit), *(PHASES,) * len(phases)),
+            bounds=lambda *of_unit: (*bounds(*of_unit), *((np.pi, 5 * np.pi),) * len(phases)),
         )
 
 

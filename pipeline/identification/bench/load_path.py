@@ -1,12 +1,14 @@
-"""The way of a drive through the torques of a position: elastic curve, friction, ripple, and memory in series."""
+"""The way of a drive through the torques of a position: elastic curve, friction, and memory in series."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.arrays import Real, Whole
-from pipeline.constant_kinds import Grid, Rounding, Shortcut
+from pipeline.arrays import Real, Truth, Whole
+from pipeline.constant_kinds import Fineness, Grid, Rounding, Shortcut
 from pipeline.identification.bench.course import Course, slid_torque
 from pipeline.model.effects.creep import KelvinVoigt
 from pipeline.model.elements import merged_path, polyline
@@ -14,9 +16,16 @@ from pipeline.model.load_history.backbone import NO_LOAD, Backbone
 from pipeline.model.load_history.cell_means import means, means_along
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.incremental import solve_path
-from pipeline.model.load_history.friction.output_path import Ripple, output_path
-from pipeline.model.units import NMM_PER_NM
+from pipeline.model.load_history.friction.output_path import output_path
+from pipeline.model.units import ARCMIN, NMM_PER_NM, SECONDS_AN_HOUR
 
+RIPPLE_PHASES: Grid = (-1.2, -0.8, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.8, 1.2)
+"""Changes [rad] of the phase of a ripple, beside none, between which the angle is sought at which it acts."""
+RIPPLE_STEPS: Fineness = 4
+"""Steps of the search between two of them, before a secant."""
+STEEP: Rounding = 0.1
+"""Least change of the torque that a bench with a ripple reads, over that in the drive, at which derivatives are taken.
+"""
 Torques = tuple[Real, Real]
 """Torques at the turns (n_turns,) and within the cells (n_cells, n_edges) [N mm]."""
 
@@ -30,6 +39,33 @@ LARGEST_RESIDUAL: Rounding = 1e-3
 
 
 @dataclass(frozen=True)
+class Ripple:
+    """Torque [N mm] that depends on the output's angle: amplitude sin(waves angle + phase), waves per turn.
+
+    Raises
+    ------
+    ValueError
+        If the amplitude is negative or the number of waves is not positive.
+    """
+
+    amplitude: float = 0.0
+    waves: float = 1.0
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.amplitude < 0 or self.waves <= 0:
+            raise ValueError(f"a ripple of {self.amplitude} N mm and {self.waves} waves a turn: both must be positive")
+
+    def torque(self, angle: Real) -> Real:
+        """Torque [N mm] at angles of any shape [rad]."""
+        return self.amplitude * np.sin(self.waves * angle + self.phase)
+
+    def slope(self, angle: Real) -> Real:
+        """Its derivative [N mm/rad] at angles of any shape [rad]."""
+        return self.amplitude * self.waves * np.cos(self.waves * angle + self.phase)
+
+
+@dataclass(frozen=True)
 class Instrument:
     """The bench as it reads: torque (1 + gain) (T + creep) + zero, angle with drift and its encoder's eccentricity.
 
@@ -40,7 +76,7 @@ class Instrument:
     torque_creep : share of the torque that is read again with a first-order delay, and its time constant [s].
     drift : [arcmin/h]
     encoder : amplitudes (cosine, sine) of the encoder's eccentricity [arcmin].
-    ripple : torque of the motor, locked to its angle.
+    ripple : torque that the motor has to overcome, or that the sensor reads in addition, locked to the angle measured.
     ripple_phases : (n_positions - 1,) its phases at further positions less that at the first [rad]; none: all alike.
     """
 
@@ -73,7 +109,7 @@ class Instrument:
         return KelvinVoigt(share / (1 + share), time_constant / (1 + share))
 
     def torques(self, course: Course) -> Torques:
-        """Torques in the drive along a course [N mm]."""
+        """Torques in the drive along a course [N mm]; a ripple is not yet subtracted."""
         turns, edges = self.true_torque(course.torque), self.true_torque(course.cell_torques)
         if not self.torque_creep[0]:
             return turns, edges
@@ -81,6 +117,14 @@ class Instrument:
         path, of_cell = merged_path((turns, turns), (of_cells, of_cells), course.leg, course.time, np.zeros_like)
         crept = self.delayed_reading.twist(path)
         return turns - np.delete(crept, of_cell), edges - crept[of_cell, None]
+
+    def angle_read(self, course: Course, angle: Real, encoder_place: float) -> Real:
+        """Angle [arcmin] that is read where the output stands at ``angle`` (n_cells,) [rad]."""
+        read = ARCMIN * angle + self.drift * course.time / SECONDS_AN_HOUR
+        if any(self.encoder):
+            turns = course.encoder_turns * angle + encoder_place
+            read += self.encoder[0] * np.cos(turns) + self.encoder[1] * np.sin(turns)
+        return read
 
 
 @dataclass(frozen=True)
@@ -133,26 +177,31 @@ class Elastic:
 
 
 def load_path(
-    drive: Drive, course: Course, curve: Backbone, elastic: Elastic, ripple: Ripple, torques: Torques
-) -> tuple[LoadPath, bool]:
-    """The way through torques, without what springs with memory add; and whether every equilibrium was found."""
+    drive: Drive, course: Course, curve: Backbone, elastic: Elastic, torque: Real
+) -> tuple[Callable[[Real], LoadPath], bool]:
+    """The way through the torques at the turns (n_turns,) [N mm], without what springs with memory add.
+
+    Returns
+    -------
+    The way as a function of the torques within the cells (n_cells, n_edges) [N mm]; and whether every equilibrium was
+    found.
+    """
     if course.sliding is not None:
-        return _slid(drive, course, curve, *torques), True
-    if len(drive.sliders.acting) or ripple.amplitude:
-        return _along(drive, course, curve, elastic, ripple, torques)
-    return _frictionless_path(course, elastic, torques), True
+        return partial(_slid, drive, course, curve, torque), True
+    if len(drive.sliders.acting):
+        return _along(drive, course, curve, elastic, torque)
+    return partial(_frictionless_path, course, elastic, torque), True
 
 
 def _along(
-    drive: Drive, course: Course, curve: Backbone, elastic: Elastic, ripple: Ripple, torques: Torques
-) -> tuple[LoadPath, bool]:
+    drive: Drive, course: Course, curve: Backbone, elastic: Elastic, torque: Real
+) -> tuple[Callable[[Real], LoadPath], bool]:
     """The way with friction; whether it is sound."""
-    (torque, edges), nodes, sound = torques, curve.torque, True
-    mean, slope, at_turns = np.full((2, len(edges)), np.nan), np.full((2, len(edges)), np.nan), torque.copy()
-    path = LoadPath(mean[0], slope[0], mean[1], at_turns)
+    nodes, sound = curve.torque, True
+    at_turns, ways = torque.copy(), []
     repeated_torque = np.arange(len(torque) - 1)
     if drive.sliders.at_contacts and (drive.lean or course.crank):
-        return path, False  # not solved together: no number
+        return partial(_means_of_ways, course, [], at_turns), False  # not solved together: no number
     if drive.sliders.at_contacts:
         repeated_torque = _repeats(torque)
         loads = np.sign(nodes) * np.maximum(np.abs(nodes), NO_LOAD * drive.rated_torque)  # ends of play carry none
@@ -168,19 +217,28 @@ def _along(
         else:
             leaning, of_state = 1 + drive.lean, elastic.curve_of_state(state)
             sliders = drive.sliders.of_scaled_load(leaning)
-            corners, turns = output_path(torque, leaning * of_state.torque, of_state.angle, sliders, ripple)
+            corners, turns = output_path(torque, leaning * of_state.torque, of_state.angle, sliders)
             corners[2] /= leaning
         in_state = course.state_of_legs == state
         ends = np.column_stack([turns[repeated_torque], turns[repeated_torque + 1], course.sense])
         at_turns[1:][in_state] = corners[2, ends[in_state, 1]]
         at_turns[:-1][in_state] = corners[2, ends[in_state, 0]]
+        ways.append((state, corners, ends))
+    return partial(_means_of_ways, course, ways, at_turns), sound
+
+
+def _means_of_ways(
+    course: Course, ways: Sequence[tuple[int, Real, Whole]], at_turns: Real, edges: Real
+) -> LoadPath:
+    """Means over the cells, of each state (number, corners of its way, ends of its legs); NaN without a way."""
+    mean, slope = np.full((2, len(edges)), np.nan), np.full((2, len(edges)), np.nan)
+    for state, corners, ends in ways:
         means_along(edges, course.leg, corners, ends, course.state == state, mean, slope)
-    return path, sound
+    return LoadPath(mean[0], slope[0], mean[1], at_turns)
 
 
-def _frictionless_path(course: Course, elastic: Elastic, torques: Torques) -> LoadPath:
+def _frictionless_path(course: Course, elastic: Elastic, torque: Real, edges: Real) -> LoadPath:
     """The way without friction: the elastic curve, wherever it is."""
-    torque, edges = torques
     angle, slope = np.empty(len(edges)), np.empty(len(edges))
     for state in course.states:
         cells = course.state == state if len(course.states) > 1 else slice(None)
@@ -254,3 +312,65 @@ def _repeats(torque: Real) -> Whole:
         else:
             repeated_torque[: leg + 1] = np.arange(leg + 1)  # its history must be followed
     return repeated_torque
+
+
+def read_with_ripple(
+    ripple: Ripple, course: Course, edges: Real, read_at: Callable[[Real], tuple[Real, LoadPath, bool]]
+) -> tuple[Real, LoadPath, bool, Real]:
+    """Prediction where a ripple of the torque depends on the angle itself: the balance nearest to the angle measured.
+
+    A bench that turns the output steadily passes every balance, and one that raises the torque jumps over some of them.
+    Which one holds is told by the angle that was measured with the torque.
+
+    Parameters
+    ----------
+    edges : (n_cells, n_edges) torques within the cells, the ripple included [N mm].
+    read_at : angle (n_cells,) [arcmin], way, and whether all of it was found, at torques without the ripple (n_cells,
+        n_edges) [N mm].
+
+    Returns
+    -------
+    Angle (n_cells,) [arcmin]; way; whether it was found; and change of the angle (n_cells,) for a change of the curve.
+    Where there is no balance within ``RIPPLE_PHASES`` the ripple acts at the angle measured.
+    """
+    assert course.rows is not None
+    measured = course.rows[1]
+    middle = measured.mean(axis=1)
+
+    def read(shift: Real) -> tuple[Real, LoadPath, bool]:
+        return read_at(edges - ripple.torque((measured + shift[:, None]) / ARCMIN))
+
+    zero = float(np.median(middle - read(np.zeros(len(middle)))[0]))
+
+    def excess(shift: Real) -> Real:
+        return np.asarray(middle + shift - zero - read(shift)[0])
+
+    shifts = np.sort([0.0, *RIPPLE_PHASES]) * ARCMIN / ripple.waves
+    excesses = np.array([excess(np.full(len(middle), shift)) for shift in shifts])
+    root, is_found = _nearest_root(excess, shifts, excesses)
+    angle, path, is_sound = read(root)
+    rise = 1 + path.slope * ripple.slope((middle + root) / ARCMIN)
+    response = np.where(is_found, np.sign(rise) / np.maximum(np.abs(rise), STEEP), 1.0)
+    return np.where(is_found, middle + root - zero, angle), path, is_sound, response
+
+
+def _nearest_root(function: Callable[[Real], Real], places: Real, values: Real) -> tuple[Real, Truth]:
+    """Root (n,) nearest to zero of a function of (n,), and whether there is one between ``places`` (n_places,).
+
+    ``values`` (n_places, n) are those of the function there.
+    """
+    changes_sign = np.sign(values[1:]) != np.sign(values[:-1])
+    distance = np.where(changes_sign, np.abs(places[1:] + places[:-1])[:, None], np.inf)
+    interval, numbers = np.argmin(distance, axis=0), np.arange(values.shape[1])
+    is_found = np.isfinite(distance[interval, numbers])
+    low, high = places[interval], places[interval + 1]
+    low_value, high_value = values[interval, numbers], values[interval + 1, numbers]
+    difference = np.where(is_found, low_value - high_value, 1.0)
+    for _ in range(RIPPLE_STEPS):
+        place = low + np.clip(low_value / difference, 0.1, 0.9) * (high - low)
+        value = function(place)
+        is_low = np.sign(value) == np.sign(low_value)
+        low, low_value = np.where(is_low, place, low), np.where(is_low, value, low_value)
+        high, high_value = np.where(is_low, high, place), np.where(is_low, high_value, value)
+        difference = np.where(is_found, low_value - high_value, 1.0)
+    return np.where(is_found, low + low_value / difference * (high - low), 0.0), is_found  # 0 where there is none

@@ -15,7 +15,6 @@ from pipeline.identification.bench.course import Course
 from pipeline.identification.bench.load_path import Elastic, ElasticCurve, LoadPath, Torques, load_path, memory_twist
 from pipeline.model.load_history.backbone import Backbone
 from pipeline.model.load_history.drive import Drive
-from pipeline.model.load_history.friction.output_path import Ripple
 from pipeline.model.load_history.turning_crank import CurvesOverCrank
 
 ROUNDS: Fineness = 12
@@ -81,7 +80,7 @@ def interpolation_error(drives: Sequence[Drive], course: Course, curves: Sequenc
 
 
 def locked_path(
-    drives: Sequence[Drive], course: Course, curves: Sequence[Backbone], ripple: Ripple, torques: Torques
+    drives: Sequence[Drive], course: Course, curves: Sequence[Backbone], torques: Torques
 ) -> tuple[LoadPath, Real, float, bool]:
     """The way with the output locked.
 
@@ -102,7 +101,8 @@ def locked_path(
         motion, place = elastic.motion, float(np.mean(elastic.motion.cells))
         elastic.start = place
         for _ in range(ROUNDS):
-            path, sound = load_path(drives[0], course, curves[0], elastic, ripple, torques)
+            path_at, sound = load_path(drives[0], course, curves[0], elastic, torques[0])
+            path = path_at(torques[1])
             angle = path.angle
             if drives[0].hystereses and sound:
                 twist = memory_twist(drives[0], course, elastic.curve_of_state(0), path, torques)

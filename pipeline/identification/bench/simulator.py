@@ -4,8 +4,8 @@ The frictionless backbone of a drive is kept from call to call: friction, torsio
 made of it, not itself.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,13 +13,22 @@ import numpy as np
 from pipeline.arrays import Real
 from pipeline.constant_kinds import Fineness, Shortcut
 from pipeline.identification.bench.course import Course
-from pipeline.identification.bench.load_path import LARGEST_RESIDUAL, Elastic, Instrument, load_path, memory_twist
+from pipeline.identification.bench.load_path import (
+    LARGEST_RESIDUAL,
+    Elastic,
+    Instrument,
+    LoadPath,
+    load_path,
+    mean_torque,
+    memory_twist,
+    read_with_ripple,
+)
 from pipeline.identification.bench.locked_output import interpolation_error, locked_path
 from pipeline.model.elements import Spring, same
 from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
-from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
+from pipeline.model.units import NMM_PER_NM
 
 LEVELS: Fineness = 22
 """Nodes of the backbone in each sense of the torque."""
@@ -33,6 +42,9 @@ UNSOUND_SHARE = 0.05
 """Share of equilibria that were not found which a fit may pass through."""
 Drives = tuple[Drive, ...]
 """A drive at the crank angles of a position's stations."""
+Way = Callable[[Real], tuple[LoadPath, Real, float, bool]]
+"""The way, the angle (n_cells,) [rad] with what elements with memory add, the place of the encoder [rad] and whether
+every equilibrium was found, by the torques within the cells (n_cells, n_edges) [N mm]."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +56,14 @@ class Reading:
     angle : (n_cells,) [arcmin]
     slope : (n_cells,) d angle / d torque [arcmin/(N m)].
     carried_torque : (n_cells,) torque in the reducer [N mm].
+    response : (n_cells,) change of the angle for a change of the drive's own angle: 1 but where a ripple answers it.
     sound : whether nearly every equilibrium was found.
     """
 
     angle: Real
     slope: Real
     carried_torque: Real
+    response: Real
     sound: bool
 
 
@@ -106,27 +120,51 @@ class Forward:
 
     def read(self, drives: Drive | Drives, position: int, instrument: Instrument) -> Reading:
         """Prediction at the cells of a position, by its drive or, where the crank turns, its drives at all stations."""
-        course = self.courses[position]
+        ripple = instrument.ripple_at(position)
+        course = self.courses[position].in_order if ripple.amplitude else self.courses[position]
         stations = drives if isinstance(drives, tuple) else (drives,)
         curves = [self.backbone(drive) for drive in stations]
         sound = all(
             np.count_nonzero(curve.states.residual > LARGEST_RESIDUAL) <= UNSOUND_SHARE * curve.states.residual.size
             for curve in curves
         )
-        torques, ripple = instrument.torques(course), instrument.ripple_at(position)
-        if course.crank is not None:
-            path, angle, place, is_followed = locked_path(stations, course, curves, ripple, torques)
-        else:
-            elastic = Elastic(stations[0], curves[0])
-            path, is_followed = load_path(stations[0], course, curves[0], elastic, ripple, torques)
-            angle, place = path.angle, course.encoder_place
-            if stations[0].hystereses:
-                angle = angle + memory_twist(stations[0], course, elastic.curve_of_state(0), path, torques)
-        read = ARCMIN * angle + instrument.drift * course.time / SECONDS_AN_HOUR
-        if any(instrument.encoder):
-            turns = course.encoder_turns * angle + place
-            read += instrument.encoder[0] * np.cos(turns) + instrument.encoder[1] * np.sin(turns)
-        return Reading(read, ARCMIN * NMM_PER_NM * path.slope, path.carried_torque, sound and is_followed)
+        turns, edges = instrument.torques(course)
+        if ripple.amplitude and course.rows is not None:
+            turns = turns - ripple.torque(course.rows[1] / ARCMIN)[course.edges_beside_turns]
+        along = self._along_crank if course.crank is not None else self._at_held_crank
+        angle_at = along(stations, course, curves, turns)
+
+        def read_at(edges: Real) -> tuple[Real, LoadPath, bool]:
+            path, angle, encoder_place, is_followed = angle_at(edges)
+            return instrument.angle_read(course, angle, encoder_place), path, is_followed
+
+        if ripple.amplitude:
+            read, path, is_followed, response = read_with_ripple(ripple, course, edges, read_at)
+            # a ripple that is steeper than the drive at most cells has a balance beside any angle that was measured
+            is_told_apart = bool(np.median(np.abs(1 / response - 1)) <= 1)
+            return _reading(read, path, sound and is_followed and is_told_apart, response)
+        read, path, is_followed = read_at(edges)
+        return _reading(read, path, sound and is_followed, np.ones(len(read)))
+
+    @staticmethod
+    def _along_crank(stations: Drives, course: Course, curves: Sequence[Backbone], turns: Real) -> Way:
+        """The way of a crank that turns, as a function of the torques within the cells."""
+        return lambda edges: locked_path(stations, course, curves, (turns, edges))
+
+    @staticmethod
+    def _at_held_crank(stations: Drives, course: Course, curves: Sequence[Backbone], turns: Real) -> Way:
+        """The way at a crank that is held, as a function of the torques within the cells."""
+        (drive, *_), elastic = stations, Elastic(stations[0], curves[0])
+        path_at, is_followed = load_path(drive, course, curves[0], elastic, turns)
+
+        def way(edges: Real) -> tuple[LoadPath, Real, float, bool]:
+            path = path_at(edges)
+            angle = path.angle
+            if drive.hystereses:
+                angle = angle + memory_twist(drive, course, elastic.curve_of_state(0), path, (turns, edges))
+            return path, angle, course.encoder_place, is_followed
+
+        return way
 
     def interpolation_error(self, drives: Drives, position: int) -> float:
         """Error [arcmin] of the angle between the crank angles of a position, as ``CurvesOverCrank.error`` has it."""
@@ -193,6 +231,22 @@ class Forward:
         values = [self.backbone(drive).change(drive, neighbour)[..., None] for drive, neighbour in pairs]
         return self._at_cells(drives_before, position, carried_torque, values)[:, 0]
 
+    def change_by_ripple(
+        self, position: int, before: Instrument, after: Instrument, slope: Real
+    ) -> Real | float | None:
+        """Change of the angle (n_cells,) [arcmin], to first order, by the ripple of an instrument.
+
+        None where more of it changes. ``slope`` (n_cells,) is that of the angle over the torque [arcmin/(N m)].
+        """
+        if before == after:
+            return 0.0
+        rows = self.courses[position].rows
+        if rows is None or before != replace(after, ripple=before.ripple, ripple_phases=before.ripple_phases):
+            return None
+        ripples = (instrument.ripple_at(position).torque(rows[1] / ARCMIN) for instrument in (before, after))
+        less, more = (mean_torque(ripple) / NMM_PER_NM for ripple in ripples)
+        return np.asarray(slope * (less - more))
+
     def _at_cells(self, stations: Drives, position: int, carried_torque: Real, values: Sequence[Real]) -> Real:
         """Values of each station's backbone (n, n_nodes, k) [rad] at ``carried_torque`` (n_cells,), as the angle reads.
 
@@ -230,6 +284,10 @@ class Forward:
         j = np.clip(np.searchsorted(nodes, carried_torque) - 1, 0, len(nodes) - 2)
         x = np.clip((carried_torque - nodes[j]) / (nodes[j + 1] - nodes[j]), 0, 1)[:, None]
         return ARCMIN * ((1 - x) * values[state, j] + x * values[state, j + 1])
+
+
+def _reading(read: Real, path: LoadPath, is_sound: bool, response: Real) -> Reading:
+    return Reading(read, ARCMIN * NMM_PER_NM * path.slope * response, path.carried_torque, response, is_sound)
 
 
 def _alike_but_for_springs(drive: Drive, neighbour: Drive) -> bool:

@@ -14,7 +14,7 @@ from pipeline.errors import InputError
 from pipeline.identification.bench.course import Course, CrankMotion
 from pipeline.identification.bench.simulator import BEYOND, Forward
 from pipeline.identification.fitting.cells_in_noise import data_of
-from pipeline.identification.fitting.measured_loops import within_cells
+from pipeline.identification.fitting.measured_loops import rows_within, within_cells
 from pipeline.identification.fitting.offered import met_needs
 from pipeline.identification.fitting.problem import PriorModes, Problem, first_states
 from pipeline.identification.fitting.scaled_drives import drives_of
@@ -219,6 +219,7 @@ def _course(
         leg=turns.leg[cells.block[of_position]],
         state=states[position],
         cell_torques=within_cells(measurement, np.flatnonzero(of_position)),
+        rows=rows_within(measurement, np.flatnonzero(of_position)),
         time=time,
         encoder_turns=float(lobes) if at_input else 1.0,
         encoder_place=float(crank if at_input else -crank / lobes),

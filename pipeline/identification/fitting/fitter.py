@@ -79,20 +79,21 @@ class Fitter:
         problem, data = self.problem, self.problem.data
         forward = self.forward(model)
         drives, instrument = self.drives(model, unknowns, positions)
-        angle, carried_torque = np.full(len(data), np.nan), np.full(len(data), np.nan)
+        angle, slope, carried_torque, response = np.full((4, len(data)), np.nan)
         influence = np.zeros((len(data), problem.n_modes))
         sound = True
         for position in self.positions if positions is None else positions:
             of_position = data.position == position
             reading = forward.read(drives[position], position, instrument)
             angle[of_position], carried_torque[of_position] = reading.angle, reading.carried_torque
+            slope[of_position], response[of_position] = reading.slope, reading.response
             sound = sound and reading.sound and bool(np.all(np.isfinite(reading.angle)))
             if modes and problem.n_modes:
                 modes_of_stations = tuple(problem.modes[station] for station in problem.stations[position])
-                influence[of_position] = forward.influence(
+                influence[of_position] = reading.response[:, None] * forward.influence(
                     drives[position], position, reading.carried_torque, modes_of_stations
                 )
-        return Prediction(angle, influence, carried_torque, sound)
+        return Prediction(angle, influence, carried_torque, slope, response, sound)
 
     def mean_of_draws(
         self, model: Model, unknowns: Vector, prediction: Prediction, draws: Real, positions: Sequence[int]
@@ -111,6 +112,8 @@ class Fitter:
             change[of_position], influence[of_position] = self.forward(model).mean_of_draws(
                 drives[position], position, prediction.carried_torque[of_position], gaps, modes
             )
+            change[of_position] *= prediction.response[of_position]
+            influence[of_position] *= prediction.response[of_position, None]
         return change, influence
 
     def forward(self, model: Model) -> Forward:
@@ -127,22 +130,23 @@ class Fitter:
     ) -> Real:
         """Change of the angle (n_cells,) [arcmin] from drives and instrument, where it is known, to ``moved_unknowns``.
 
-        To first order from the forces there; predicted anew where friction or the instrument changes, or where a ripple
-        answers what the angle does.
+        To first order from the forces there, and from the slope of the curve where a ripple changes; predicted anew
+        where friction or anything else of the instrument changes.
         """
         drives, instrument = base
         moved_drives, moved_instrument = self.drives(model, moved_unknowns, positions)
-        change = np.full(len(prediction.angle), np.nan)
+        change, forward = np.full(len(prediction.angle), np.nan), self.forward(model)
         for position in positions:
             of_position = self.problem.data.position == position
-            angle_change = None
-            if instrument == moved_instrument and not instrument.ripple.amplitude:
-                angle_change = self.forward(model).change(
+            by_ripple = forward.change_by_ripple(position, instrument, moved_instrument, prediction.slope[of_position])
+            by_drive = None
+            if by_ripple is not None:
+                by_drive = forward.change(
                     drives[position], moved_drives[position], position, prediction.carried_torque[of_position]
                 )
-            if angle_change is None:
+            if by_ripple is None or by_drive is None:
                 return self.predict(model, moved_unknowns, positions).angle - prediction.angle
-            change[of_position] = angle_change
+            change[of_position] = by_drive * prediction.response[of_position] + by_ripple
         return change
 
     def centred_values(self, values: Real, weight: Real) -> Real:

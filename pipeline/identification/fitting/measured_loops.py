@@ -46,6 +46,26 @@ def within_cells(measurement: Measurement, numbers: Index) -> Real:
     return np.array(edges)
 
 
+def rows_within(measurement: Measurement, numbers: Index) -> tuple[Real, Real]:
+    """Torques [N m] and angles [arcmin], each (n, PARTS + 1), at ends of parts of as many rows within cells.
+
+    In order of time, or against it where the torque falls. The angles lie on a line over the rows, so that their noise
+    is that of the cell. Torques are those of the rows: where a ripple takes as much as the drive asks for, the torque
+    read does not change with the angle.
+    """
+    rows, cells, usable = measurement.rows, measurement.cells, np.flatnonzero(measurement.usable)
+    torques, angles = np.empty((2, len(numbers), PARTS + 1))
+    for place, number in enumerate(numbers):
+        start, count = np.searchsorted(usable, cells.first_row[number]), cells.count[number]
+        of_cell = usable[start : start + count][:: 1 if cells.direction[number] > 0 else -1]
+        from_middle = np.arange(count) - 0.5 * (count - 1)
+        ends = count * (np.arange(PARTS + 1) / PARTS - 0.5)
+        slope = from_middle @ rows.angle[of_cell] / max(from_middle @ from_middle, 1.0)
+        torques[place] = np.interp(ends, from_middle, rows.torque[of_cell])
+        angles[place] = cells.angle_mean[number] + slope * ends
+    return torques, angles
+
+
 def _crossings_beside(cells: Cells) -> tuple[Truth, Truth]:
     """Whether the play was crossed between each cell (n_cells,) and the one below it in torque, and the one above."""
     is_crossed = jumps_between(cells, jump_heights(cells, np.ones(len(cells), bool)), 0.0) > 0

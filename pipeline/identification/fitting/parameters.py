@@ -70,12 +70,16 @@ class Prediction(NamedTuple):
     angle : (n_cells,) without offsets [arcmin].
     influence : of the modes (n_cells, n_modes) [arcmin], zeros unless asked for.
     carried_torque : (n_cells,) torque in the reducer [N mm].
+    slope : (n_cells,) d angle / d torque [arcmin/(N m)].
+    response : (n_cells,) change of the angle for a change of the drive's own angle: 1 but where a ripple answers it.
     sound : whether nearly every equilibrium was found.
     """
 
     angle: Real
     influence: Real
     carried_torque: Real
+    slope: Real
+    response: Real
     sound: bool
 
 

@@ -99,9 +99,12 @@ class Problem:
 
     @cached_property
     def resolved_waves(self) -> float:
-        """Waves over the range of the angle that the rows of a usual branch resolve: finer ones pass for noise."""
+        """Waves over the range of the angle that the rows of a usual branch resolve: one for every two of them.
+
+        By the sampling theorem finer ones look like coarser ones (Shannon, Proc. IRE 37 (1949) 10).
+        """
         rows = np.bincount(self.data.block[self.training], self.data.count[self.training])
-        return float(np.median(rows[rows > 0])) / FEWEST_OF_A_WAVE
+        return float(np.median(rows[rows > 0])) / 2
 
     @cached_property
     def record(self) -> Mapping[str, float]:

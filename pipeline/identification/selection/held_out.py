@@ -2,8 +2,8 @@
 
 Before, refitted and after come from one procedure. In each fold everything is estimated anew from the training cells
 alone: calibrated numbers, tolerances, effects, and which effects. Of the cells left out nothing is used but the zero of
-the angle, where every position has its own; and which models were fitted over all cells: a fold chooses among those, by
-the evidence of its training cells.
+the angle and the phase of a ripple, where every position has its own; and which models were fitted over all cells: a
+fold chooses among those, by the evidence of its training cells.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,6 +21,7 @@ from pipeline.identification.selection.carried_over import expected_misfit
 from pipeline.identification.selection.covariance import parts_of
 from pipeline.identification.selection.criteria import ODDS, Judge, Selection
 from pipeline.identification.selection.model_selection import Selector
+from pipeline.identification.selection.ripples import OwnPhases
 from pipeline.identification.selection.statements.remainder import position_scatter
 from pipeline.statistics.resampling import CONFIDENCE
 
@@ -131,6 +132,8 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
             declared_angle + fitter.offsets(declared_angle, training, fitter.problem.data.sigma)
         )[judged_cells]
         tested = _tested(fold, selection, training, fits)
+        in_phase = {id(fit): OwnPhases(fitter, fit, training).fitted() for fit in (*fits, tested)}
+        fits, tested = (in_phase[id(fits[0])], in_phase[id(fits[1])], in_phase[id(fits[2])]), in_phase[id(tested)]
         distinct_fits = {id(fit): fit for fit in (*fits, tested)}
         open_of_fit = {number: _left_open(fitter, fit, training) for number, fit in distinct_fits.items()}
         tested_curve[judged_cells] = tested.predicted_angle[judged_cells]
@@ -294,6 +297,7 @@ def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> Real:
     jacobian, _ = fitter.jacobian(
         fit.model, fit.unknowns, prediction, fitter.positions, np.where(zero, 1 / data.sigma**2, 0.0), None
     )
+    jacobian = OwnPhases(fitter, fit, training).removed_from(jacobian)
     covariance = np.linalg.inv(precision_of(fitter, fit, training))
     deviation: Real = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
     return deviation

@@ -1,61 +1,145 @@
 """Where the fit of a ripple starts: its number of waves and its phases, found among many.
 
 The phase of a ripple bends with the angle, so that derivatives lead to the nearest period alone. Many numbers of waves
-are therefore looked at, at each position with the best of some phases, and the best of them are fitted on.
+are therefore looked at. A ripple of given waves is linear in its amplitudes: it changes the torque by a sine of the
+angle that was measured, and the angle by the slope of the curve times that. The best of the waves are fitted on.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc, chdtri
 
-from pipeline.arrays import Real
-from pipeline.constant_kinds import Shortcut, ShortcutCount, ShortcutGrid
+from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Fineness, Shortcut, ShortcutCount
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
+from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.least_squares import Descent
-from pipeline.identification.fitting.parameters import Vector, values_at_shares
+from pipeline.identification.fitting.parameters import Fit, Vector, values_at_shares
 from pipeline.identification.fitting.problem import Candidate, Model
+from pipeline.identification.measurement.enough import UNLOADED_SHARE
 from pipeline.model.units import ARCMIN
 
 if TYPE_CHECKING:
     from pipeline.identification.selection.screening import Screening
 
-WAVE_STEP: Shortcut = 0.75
+WAVE_STEP: Shortcut = 0.5
 """Periods that are looked at: steps of their number over the range of the angle."""
-WAVE_PHASES: ShortcutCount = 5
-"""Phases of each."""
-SIZES: ShortcutGrid = (0.09, 0.13, 0.18, 0.25, 0.35, 0.5, 0.75, 1.0, 1.3, 1.6, 2.0)
-"""Sizes of a ripple that are tried, as multiples of the one that would explain the residual by the slope of the curve.
-That one is too large if the model without effects is far off."""
-COARSER: ShortcutCount = 5
-"""Every fifth period is tried with all sizes; then all periods are tried with the best size and its two neighbours."""
+FINER: ShortcutCount = 11
+"""Numbers of waves that are looked at about the best of them, from one neighbour to the other."""
 FAINT: Shortcut = 15.0
-"""Fall of the sum of squares by the best small ripple at one position below which no full search is made. With noise
-alone the best of 75 periods exceeds it in a tenth of the units. For several positions, each with its own phase, the
-fall that noise exceeds as often is used."""
+"""Fall of the sum of squares by the best ripple at one position, in the mean square that it leaves, below which no fit
+is made. With noise alone the best of 75 periods exceeds it in a tenth of the units. For several positions, each with
+its own phase, the fall that noise exceeds as often is used."""
 PERIODS: ShortcutCount = 6
 """The best periods, which are fitted on."""
 FOLLOWED: ShortcutCount = 3
 """Of these, the number that is fitted further after one step."""
+PHASES: Fineness = 24
+"""Phases that are looked at where a position has been left out."""
+
+
+class OwnPhases:
+    """Phases of a ripple at positions that a fit was not fitted to.
+
+    They are numbers of these positions, as the zero of the angle is, and tell nothing about the drive: like the zero,
+    each is fitted to the cells of its own position.
+    """
+
+    def __init__(self, fitter: Fitter, fit: Fit, training: Truth):
+        self.fitter, self.fit, self.training = fitter, fit, training
+        data = fitter.problem.data
+        self.first = len(fit.unknowns.scales)
+        self.positions: list[int] = []
+        number = 0
+        for effect in fit.model.effects:
+            if isinstance(effect, InstrumentEffect) and effect.own_phases:
+                self.bounds = np.array(fitter.problem.bounds(effect))
+                self.shares = slice(number, number + len(effect.parameters))
+                self.positions = np.setdiff1d(data.position, data.position[training]).tolist()
+            number += len(effect.parameters)
+
+    def fitted(self) -> Fit:
+        """The fit with the best of these phases; the same where there is none."""
+        if not self.positions:
+            return self.fit
+        fitter, unknowns, reach = self.fitter, self.fit.unknowns, 2 * np.pi / PHASES
+        for position in self.positions:
+            misfit = partial(self._misfit, unknowns, position)
+            best = reach * int(np.nanargmin([misfit(reach * number) for number in range(PHASES)]))
+            phase = minimize_scalar(misfit, bounds=(best - reach, best + reach), method="bounded").x
+            unknowns = self._with_phase(unknowns, position, float(phase))
+        angle = fitter.predict(self.fit.model, unknowns).angle
+        values = values_at_shares(fitter.bounds(self.fit.model), unknowns.shares)
+        predicted_angle = angle + fitter.offsets(angle, self.training, self.fit.sigma)
+        return replace(self.fit, unknowns=unknowns, values=values, predicted_angle=predicted_angle)
+
+    def _misfit(self, unknowns: Vector, position: int, phase: float) -> float:
+        """Sum of squares, in noise, of the cells of a position with some phase of the ripple."""
+        data = self.fitter.problem.data
+        of_position = data.position == position
+        angle = self.fitter.predict(self.fit.model, self._with_phase(unknowns, position, phase), [position]).angle
+        angle = angle + self.fitter.offsets(angle, of_position, data.sigma)
+        return float(np.sum(((data.angle - angle) / data.sigma)[of_position] ** 2))
+
+    def _with_phase(self, unknowns: Vector, position: int, phase: float) -> Vector:
+        """Unknowns with another phase [rad] at a position, and those of the other positions as they are."""
+        low, high = self.bounds.T
+        values = low + unknowns.shares[self.shares] * (high - low)
+        phases = np.arctan2(values[0], values[1]) + np.append(0.0, values[3:])
+        phases[position] = phase
+        size = np.hypot(values[0], values[1])
+        values[:2] = size * np.sin(phases[0]), size * np.cos(phases[0])
+        values[3:] = (phases[1:] - phases[0] - np.pi) % (2 * np.pi) + np.pi
+        shares = unknowns.shares.copy()
+        shares[self.shares] = (values - low) / (high - low)
+        return replace(unknowns, shares=shares)
+
+    def removed_from(self, jacobian: Real) -> Real:
+        """Derivatives (n_cells, n_unknowns) less what a change of these phases follows at their positions."""
+        if not self.positions:
+            return jacobian
+        data, jacobian = self.fitter.problem.data, jacobian.copy()
+        start = self.first + self.shares.start
+        low, high = self.bounds[:2].T
+        cosine, sine = low + self.fit.unknowns.shares[self.shares][:2] * (high - low)
+        for position in self.positions:
+            by_phase = jacobian[:, start + 2 + position]
+            if position == 0:  # its phase is that of the two amplitudes
+                by_phase = sine * jacobian[:, start] - cosine * jacobian[:, start + 1]
+            in_noise = np.where(data.position == position, by_phase / data.sigma**2, 0.0)
+            followed = in_noise @ jacobian / max(float(in_noise @ by_phase), 1e-300)
+            jacobian[data.position == position] -= np.outer(by_phase[data.position == position], followed)
+        return jacobian
 
 
 def ripple_starts(screening: "Screening", effect: Candidate) -> list[tuple[float, Vector]]:
     """Starts of a ripple with their sums of squares."""
     search = _Search(screening, effect)
-    falls = [search.small_ripple(wave)[0] for wave in search.waves]
-    n_columns = 2 * len(screening.positions) + 1
-    if max(falls) < chdtri(n_columns, chdtrc(3, FAINT)):
-        best_wave = int(np.argmax(falls))
-        wave = search.waves[best_wave]
-        fall, size, phases = search.small_ripple(wave)
-        return [(max(screening.base_misfit - fall, 1e-300), search.start(wave, size, phases))]
-    return search.fitted_starts()
+    ripples = [search.ripple(wave) for wave in search.waves]
+    falls = np.array([-np.inf, *(fall for fall, *_ in ripples), -np.inf])
+    best = int(np.argmax(falls)) - 1
+    starts = [search.start(wave, *of_wave[1:]) for wave, of_wave in zip(search.waves, ripples, strict=True)]
+    if search.in_noise(falls[best + 1]) < chdtri(2 * len(screening.positions) + 1, chdtrc(3, FAINT)):
+        return [(max(screening.base_misfit - falls[best + 1], 1e-300), starts[best])]
+    is_peak = (falls[1:-1] >= falls[:-2]) & (falls[1:-1] > falls[2:])
+    peaks = sorted(np.flatnonzero(is_peak).tolist(), key=lambda number: -falls[number + 1])[:PERIODS]
+    starts = [search.start_near(search.waves[number]) for number in peaks]
+    descents = [Descent(screening.fitter, search.model, screening.cells, start, screening.base) for start in starts]
+    descents = [descent for descent in descents if np.isfinite(descent.cost)]
+    for steps, count in ((1, PERIODS), (2, FOLLOWED)):
+        descents = sorted(descents, key=lambda descent: descent.in_noise)[:count]
+        for descent in descents:
+            descent.run(steps)
+    unknowns = [descent.unknowns for descent in descents if descent.prediction.sound]
+    return [(screening.misfit_at(search.model, one), one) for one in unknowns]
 
 
 class _Search:
-    """The search for a ripple beside the base of a screening.
+    """The search for a ripple beside the base of a screening, in the cells where the curve has no play.
 
     Attributes
     ----------
@@ -63,89 +147,47 @@ class _Search:
     """
 
     def __init__(self, screening: "Screening", effect: Candidate):
-        self.screening, self.effect = screening, effect
-        self.fitter, self.base, self.positions = screening.fitter, screening.base.unknowns, screening.positions
-        self.bounds = self.fitter.problem.bounds(effect)
-        self.model = Model((*screening.base.model.effects, effect))
-        self.slope = self.fitter.slopes(screening.base)
-        self.waves = np.arange(*self.bounds[2], WAVE_STEP * 2 * np.pi * ARCMIN / self.fitter.problem.span)
+        problem, base = screening.fitter.problem, screening.base
+        torque = np.abs(problem.data.torque)
+        is_loaded = torque > UNLOADED_SHARE * np.max(torque[screening.cells])
+        self.loaded, self.base, self.data = screening.of_cells(is_loaded), base.unknowns, problem.data
+        self.bounds = problem.bounds(effect)
+        self.model = Model((*base.model.effects, effect))
+        self.slope = screening.fitter.slopes(base)
+        self.goal = self.loaded.unfollowed_part(self.loaded.residual_left)
+        self.step = WAVE_STEP * 2 * np.pi * ARCMIN / problem.span
+        self.waves = np.arange(*self.bounds[2], self.step)
 
-    def small_ripple(self, wave: float) -> tuple[float, float, dict[int, float]]:
-        """Fall of the sum of squares by a small ripple of some waves, its size [N m], and its phase [rad] by position.
-
-        To first order a ripple moves the angle by the slope [arcmin/(N m)] of the curve, at each position with its own
-        phase; a larger one opens the loop too, as constant friction does.
-        """
-        screening, data = self.screening, self.fitter.problem.data
-        goal = screening.unfollowed_part(screening.residual_left)
-        angle = data.angle - screening.base.predicted_angle + screening.base_angle
-        phase = wave * angle / ARCMIN
+    def ripple(self, wave: float) -> tuple[float, float, dict[int, float]]:
+        """Fall of the sum of squares by a ripple of some waves, its size [N m], and its phase [rad] by position."""
+        loaded, positions, phase = self.loaded, self.loaded.positions, wave * self.data.angle / ARCMIN
         columns = [
-            np.where(data.position == position, self.slope * shape, 0.0)
-            for position in self.positions
+            np.where(self.data.position == position, -self.slope * shape, 0.0)
+            for position in positions
             for shape in (np.cos(phase), np.sin(phase))
         ]
-        scaled_columns = map(screening.scaled_residuals, [*columns, self.slope * data.senses])
-        changes = np.column_stack([screening.unfollowed_part(column) for column in scaled_columns])
-        amounts = np.asarray(np.linalg.lstsq(changes, goal, rcond=None)[0], float)
-        cosine, sine = amounts[:-1].reshape(-1, 2).T
-        phases = dict(zip(self.positions, np.arctan2(cosine, sine).tolist(), strict=True))
-        return float(goal @ changes @ amounts), float(np.sqrt(np.mean(cosine**2 + sine**2))), phases
+        changes = np.column_stack([loaded.unfollowed_part(loaded.scaled_residuals(column)) for column in columns])
+        amounts = np.asarray(np.linalg.lstsq(changes, self.goal, rcond=None)[0], float)
+        cosine, sine = amounts.reshape(-1, 2).T
+        phases = dict(zip(positions, np.arctan2(cosine, sine).tolist(), strict=True))
+        return float(self.goal @ changes @ amounts), float(np.sqrt(np.mean(cosine**2 + sine**2))), phases
 
-    def fitted_starts(self) -> list[tuple[float, Vector]]:
-        """The best periods, after a few steps of a fit of each.
+    def in_noise(self, fall: float) -> float:
+        """A fall of the sum of squares in the mean square that it leaves."""
+        left = max(float(self.goal @ self.goal) - fall, 1e-300)
+        return fall * len(self.loaded.root) / left
 
-        A first size follows from the residual and the slope of the curve. The width of the loop shows the size better,
-        whatever the period. The right period is clearly the best only at about the right size.
-        """
-        screening = self.screening
-        probes = self._probes()
-        misfit = np.array([np.inf, *(one for one, _ in probes), np.inf])
-        is_minimum = (misfit[1:-1] <= misfit[:-2]) & (misfit[1:-1] < misfit[2:])
-        minima = [probe for probe, minimum in zip(probes, is_minimum, strict=True) if minimum]
-        starts = [start for _, start in sorted(minima, key=lambda probe: probe[0])[:PERIODS]]
-        as_fitted = np.array([self.base.scales] * 2)  # with a ripple each derivative by them is many predictions
-        starts = [replace(start, reach=as_fitted) for start in starts]
-        descents = [Descent(self.fitter, self.model, screening.cells, start, screening.base) for start in starts]
-        descents = [descent for descent in descents if np.isfinite(descent.cost)]
-        for steps, count in ((1, PERIODS), (2, FOLLOWED)):
-            descents = sorted(descents, key=lambda descent: descent.in_noise)[:count]
-            for descent in descents:
-                descent.run(steps)
-        unknowns = [
-            replace(descent.unknowns, reach=self.base.reach) for descent in descents if descent.prediction.sound
-        ]
-        return [(screening.misfit_at(self.model, one), one) for one in unknowns]
-
-    def _probes(self) -> list[tuple[float, Vector]]:
-        """Misfit and start of each number of waves, with its best phases, at the size that the first position asks."""
-        screening, first = self.screening, self.positions[:1]
-        residual = self.fitter.problem.data.angle - screening.base.predicted_angle
-        asked_square = np.sum(screening.weight * residual**2) / np.sum(screening.weight * self.slope**2)
-        sizes = np.sqrt(2 * asked_square) * np.array(SIZES)
-        misfits = {position: self._misfit_of(position) for position in self.positions}
-
-        def probe(size: float, wave: float, count: int, positions: Sequence[int]) -> tuple[float, Vector]:
-            best_phases, total = {first[0]: 0.0}, 0.0
-            for position in positions:
-                misfit, best_phases[position] = min(
-                    (misfits[position](self.start(wave, size, {first[0]: 0.0, position: phase})), phase)
-                    for phase in 2 * np.pi * np.arange(count) / count
-                )
-                total += misfit
-            return total, self.start(wave, size, best_phases)
-
-        def best_size(sizes: Real, waves: Real, count: int) -> int:
-            return int(np.argmin([min(probe(size, wave, count, first)[0] for wave in waves) for size in sizes]))
-
-        near = sizes[max(best_size(sizes, self.waves[::COARSER], 2) - 1, 0) :][:3]
-        size = near[best_size(near, self.waves, WAVE_PHASES)]
-        return [probe(size, wave, WAVE_PHASES, self.positions) for wave in self.waves]
+    def start_near(self, wave: float) -> Vector:
+        """Start with the best number of waves near one."""
+        waves = np.clip(wave + self.step * np.linspace(-1.0, 1.0, FINER), *self.bounds[2])
+        falls, sizes, phases = zip(*map(self.ripple, waves), strict=True)
+        best = int(np.argmax(falls))
+        return self.start(waves[best], sizes[best], phases[best])
 
     def start(self, wave: float, size: float, phases: dict[int, float]) -> Vector:
         """Start with a ripple of some size [N m] and phases [rad] at positions; at others it is as at the first."""
         low, high = np.array(self.bounds).T
-        values, first = 0.5 * (low + high), self.positions[0]
+        values, first = 0.5 * (low + high), self.loaded.positions[0]
         middle = np.append(0.0, values[3:])
         reference = phases[first] - (middle[first] if first < len(middle) else 0.0)
         values[:3] = size * np.sin(reference), size * np.cos(reference), wave
@@ -154,24 +196,3 @@ class _Search:
             values[2 + position] += (turned + np.pi) % (2 * np.pi) - np.pi
         shares = np.clip((values - low) / (high - low), 0.0, 1.0)
         return replace(self.base, shares=np.concatenate([self.base.shares, shares]))
-
-    def _misfit_of(self, position: int) -> Callable[[Vector], float]:
-        """As ``Screening.misfit_at`` over one position: drive and backbone are made once."""
-        fitter, data = self.fitter, self.fitter.problem.data
-        of_position = data.position == position
-        screening = self.screening.of_cells(of_position)
-        drives, instrument = fitter.drives(screening.base.model, self.base, [position])
-        forward = fitter.forward(screening.base.model)
-        prior_residuals = screening.prior_residuals(self.base.flat)
-
-        def misfit(start: Vector) -> float:
-            values = values_at_shares(self.bounds, start.shares[len(self.base.shares) :]).tolist()
-            with_ripple = cast(InstrumentEffect, self.effect).apply(instrument, values)
-            reading, angle = forward.read(drives[position], position, with_ripple), np.full(len(data), np.nan)
-            if not reading.sound or not np.all(np.isfinite(reading.angle)):
-                return np.inf
-            angle[of_position] = reading.angle
-            residuals = screening.scaled_residuals(data.angle - angle) - prior_residuals
-            return screening.square(screening.unfollowed_part(residuals))
-
-        return misfit

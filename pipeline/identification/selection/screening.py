@@ -262,10 +262,15 @@ def start_from_declared(fitter: Fitter, model: Model, cells: Truth, base: Vector
 
     The numbers are near there by their plausible ranges, while those of a base may be at the ends of them.
     """
-    bounds = fitter.problem.bounds(model.effects[-1])
+    *others, effect = model.effects
+    bounds = fitter.problem.bounds(effect)
     declared_unknowns = fitter.start(model, np.concatenate([base.shares, np.full(len(bounds), 0.5)]))
     zero = fitter.centre(model, declared_unknowns)[len(declared_unknowns.scales) :][: model.n_parameters]
     held = replace(declared_unknowns, reach=np.zeros_like(declared_unknowns.reach))
+    if effect.starts == PERIODIC:
+        without = fitter.fit(Model(tuple(others)), cells, replace(held, shares=base.shares), FIRST_ITERATIONS)
+        starts = ripple_starts(Screening(fitter, cells, without, without.sigma), effect)
+        return replace(min(starts, key=lambda start: start[0])[1], reach=declared_unknowns.reach)
     fits = []
     for senses in product((-1.0, 1.0), repeat=len(bounds)):
         shares = np.clip(zero[-len(bounds) :] + FIRST_SHARE * np.array(senses), EDGE, 1 - EDGE)

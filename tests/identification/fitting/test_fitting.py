@@ -84,10 +84,10 @@ def test_positive_bounds_far_apart_are_shared_by_the_logarithm():
 
 
 def test_waves_are_no_finer_than_the_rows_of_a_branch_resolve(exact_unit):
-    """With four rows over each; where that leaves fewer waves than a staircase has, the effect is not testable."""
+    """With two rows over each; where that leaves fewer waves than a staircase has, the effect is not testable."""
     cogging, data = candidates()["motor_cogging"], exact_unit.data
     cells = np.median(np.bincount(data.block))
-    for rows, waves in ((4, cells), (1, cells / 4)):
+    for rows, waves in ((4, 2 * cells), (1, cells / 2)):
         problem = replace(exact_unit, data=replace(data, count=np.full(len(data), rows)))
         assert problem.resolved_waves == pytest.approx(waves)
         waves_per_turn = problem.bounds(cogging)[2][1]
@@ -179,8 +179,9 @@ def test_calibrated_scales_are_found_again(exact_unit):
         "output.roller_length_mm",
     )
     true_unknowns = replace(fitter.start(Model()), scales=truth)
-    angle, _, _, sound = fitter.predict(Model(), true_unknowns)
-    assert sound
+    prediction = fitter.predict(Model(), true_unknowns)
+    angle = prediction.angle
+    assert prediction.sound
     noise = exact_unit.data.noise * np.random.default_rng(0).standard_normal(len(angle))
     variant = Fitter(with_angles(exact_unit, angle + noise))
     fit = variant.fit(Model(), everything(exact_unit), variant.start(Model()))
@@ -463,7 +464,7 @@ def test_dimensions_that_a_file_does_not_state_were_not_measured(unknown, tmp_pa
 def test_influence_of_modes_is_the_difference_of_predictions(unknown):
     fitter = Fitter(unknown)
     start = fitter.start(Model())
-    base_prediction, influence, _, _ = fitter.predict(Model(), start, modes=True)
+    influence = fitter.predict(Model(), start, modes=True).influence
     for mode in (0, 1, 4):
         ends = []
         for step in (1e-3, -1e-3):
@@ -476,24 +477,28 @@ def test_influence_of_modes_is_the_difference_of_predictions(unknown):
         assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(result))
 
 
-OTHERS = [("creep",), ("torque_gain",), ("motor_cogging",)]  # not by the forces: predicted anew
+OTHERS = [("creep",), ("torque_gain",), ("motor_cogging",)]  # the first two not by the forces: predicted anew
 
 
 @pytest.mark.parametrize("names", [(), ("pin_radius_error",), ("coulomb", "eccentricity_error"), *OTHERS])
 def test_derivatives_by_springs_and_gaps_are_those_of_predictions(exact_unit, names):
     fitter, model = Fitter(exact_unit), Model(tuple(candidates()[name] for name in names))
-    current = fitter.start(model, np.full(model.n_parameters, 0.6))
+    rippled = names == ("motor_cogging",)  # so little that nothing jumps
+    current = fitter.start(model, [0.52, 0.52, 0.2] if rippled else np.full(model.n_parameters, 0.6))
     positions, weight = list(fitter.positions), 1 / exact_unit.data.sigma**2
     prediction = fitter.predict(model, current, modes=True)
     derivative, _ = fitter.jacobian(model, current, prediction, positions, weight, None)
+    by_zero = (exact_unit.data.position == np.arange(2)[:, None]) * (1 - prediction.response)  # moves with a ripple
     for k in range(len(current.scales) + len(current.shares)):
         flat, step = current.flat, STEP
         flat[k] += step
         angle_there = fitter.predict(model, current.like(flat)).angle
         truth = fitter.centred_values((angle_there - prediction.angle) / step, weight)
-        misfit = np.abs(derivative[:, k] - truth)
-        assert np.median(misfit) < 0.02 * np.max(np.abs(truth))
-        assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(truth))
+        misfit = derivative[:, k] - truth
+        misfit = np.abs(misfit - by_zero.T @ np.linalg.lstsq(by_zero.T, misfit, rcond=None)[0])
+        limit = 0.05 if rippled else 0.02  # the derivatives are those at the angles of the unit, which has no ripple
+        assert np.median(misfit) < limit * np.max(np.abs(truth))
+        assert np.quantile(misfit, 0.9) < 5 * limit * np.max(np.abs(truth))
 
 
 def test_modes_have_unit_variance_over_their_population_and_span_its_curves():

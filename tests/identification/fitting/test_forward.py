@@ -9,6 +9,7 @@ from synthetic_unit import ROOT
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.identification.bench.course import Course
+from pipeline.identification.bench.load_path import Ripple, _nearest_root
 from pipeline.identification.bench.simulator import Forward, Instrument
 from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.compliance import LinearSpring
@@ -17,6 +18,7 @@ from pipeline.model.load_history.backbone import backbone
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.mounting import drive_of
 from pipeline.sampling.errors import draw
+from tests.validation.blind.true_unit import turned_in_small_steps
 
 TURNS = np.array([0.0, 12.0, -12.0, 12.0, 0.0])
 ROWS = 40
@@ -93,6 +95,100 @@ def test_instrument_reads_torque_and_angle_with_its_errors(drive):
     stretched = replace(course, torque=1.1 * course.torque + 0.5, cell_torques=1.1 * course.cell_torques + 0.5)
     computed_angle = read(drive, Instrument(torque_gain=0.1, torque_zero=0.5), stretched).angle
     np.testing.assert_allclose(computed_angle, reference, atol=0.02)  # at nodes of another ladder
+
+
+STEEP, ZERO, ANGLE_NOISE = Ripple(400.0, 40_000.0, 0.7), 2.0, 0.01
+"""A ripple [N mm] that throws the output back, zero of the angle read and its noise [arcmin]."""
+
+
+def read_with_ripple(drive, torque_read, angle, course, noise=0.0, ripple=STEEP):
+    """Prediction and its response where ``angle`` (n_cells,) [arcmin] was measured, from another zero."""
+    turns = course.torque + (torque_read - course.cell_torques[:, 0])[course.edges_beside_turns[0]]
+    rows = points(torque_read), points(angle + ZERO + noise * np.random.default_rng(0).standard_normal(len(angle)))
+    rippled = replace(course, torque=turns, cell_torques=points(torque_read), rows=rows)
+    in_space = replace(ripple, phase=ripple.phase - ripple.waves * ZERO / ARCMIN)  # the angle is that from its zero
+    return read(drive, Instrument(ripple=in_space), rippled)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_bench_that_turns_the_output_passes_every_balance_of_a_ripple(drive, friction):
+    """The torque that it reads goes back where the ripple falls faster than the torque in the drive rises."""
+    rubbing = library()["coulomb"].apply(drive, [friction], Conditions.run_in(1))
+    course = course_of()
+    plain = read(rubbing, course=course)
+    torque_read = course.cell_torques[:, 0] + 1e-3 * STEEP.torque(plain.angle / ARCMIN)
+    rising = slice(2 * ROWS, 3 * ROWS)
+    assert np.any(np.diff(torque_read[rising]) < 0)
+    for noise, tolerance in ((0.0, 1e-3), (ANGLE_NOISE, 0.15 * ANGLE_NOISE)):
+        reading = read_with_ripple(rubbing, torque_read, plain.angle, course, noise)
+        assert reading.sound
+        error = reading.angle - plain.angle
+        assert np.median(np.abs(error - np.median(error))) < tolerance
+    steeper = replace(STEEP, amplitude=3 * STEEP.amplitude)  # than the drive at most cells: any angle has a balance
+    assert not read_with_ripple(rubbing, torque_read, plain.angle, course, ripple=steeper).sound
+    missed = read(rubbing, course=replace(course, cell_torques=points(torque_read))).angle - plain.angle
+    assert np.std(missed) > 5 * ANGLE_NOISE
+
+
+def test_a_bench_that_raises_the_torque_jumps_over_some_balances_of_a_ripple(drive):
+    course = course_of()
+    curve = backbone(drive, Forward([course], drive.rated_torque).shares)
+    torque_read = course.cell_torques[:, 0]
+    angle, _ = turned_in_small_steps(1e3 * torque_read, curve.torque, curve.angle[0], drive.sliders, STEEP)
+    jumps = np.abs(np.diff(angle[2 * ROWS : 3 * ROWS]))
+    assert np.max(jumps) > 3 * np.median(jumps)
+    reading = read_with_ripple(drive, torque_read, ARCMIN * angle, course)
+    error = reading.angle - ARCMIN * angle
+    assert np.quantile(np.abs(error - np.median(error)), 0.9) < 0.01
+
+
+def test_what_a_ripple_answers_to_a_change_of_the_curve_is_its_derivative(drive):
+    """A spring in series moves the angle by less where the ripple rises with the angle, and by more where it falls."""
+    course, gentle = course_of(), replace(STEEP, amplitude=100.0)
+    torque = course.cell_torques[:, 0]
+    plain = read(drive, course=course)
+    torque_read = torque + 1e-3 * gentle.torque(plain.angle / ARCMIN)
+    reading, softer = (
+        read_with_ripple(unit, torque_read, plain.angle, course, ripple=gentle)
+        for unit in (drive, drive.with_elements(LinearSpring(1e-10)))
+    )
+    is_loaded = np.abs(torque) > 2.0
+    assert np.ptp(reading.response[is_loaded]) > 0.5
+    change, twist = softer.angle - reading.angle, ARCMIN * 1e-10 * reading.carried_torque
+    by_zero = np.column_stack([np.ones(len(torque)), 1 - reading.response])[is_loaded]  # the zero of the angle moves
+    differences = []
+    for expected in (reading.response * twist, twist):
+        difference = (change - expected)[is_loaded]
+        moved = np.linalg.lstsq(by_zero, difference, rcond=None)[0]
+        differences.append(np.median(np.abs(difference - by_zero @ moved)))
+    assert differences[0] < 0.02 * np.median(np.abs(twist))
+    assert differences[1] > 5 * differences[0]
+
+
+def test_the_nearest_of_several_roots_is_found_and_none_where_the_function_has_none():
+    phase, lift = np.array([0.3, -0.3, 3.0, 0.0]), np.array([0.0, 0.0, 0.0, 2.0])
+
+    def function(x):
+        return np.sin(4 * x - phase) + lift
+
+    places = np.linspace(-1.0, 1.0, 11)
+    root, is_found = _nearest_root(function, places, np.array([function(np.full(4, place)) for place in places]))
+    np.testing.assert_array_equal(is_found, [True, True, True, False])
+    np.testing.assert_allclose(root, [0.075, -0.075, (3.0 - np.pi) / 4, 0.0], atol=1e-7)
+
+
+def test_beside_a_turn_is_the_end_of_the_cell_before_it():
+    course = course_of()
+    torque = course.cell_torques[:, 0]
+    course = replace(course, cell_torques=np.column_stack([torque - 0.1, torque, torque + 0.1]))
+    last = torque[[0, ROWS - 1, 2 * ROWS - 1, 3 * ROWS - 1, 4 * ROWS - 1]]
+    np.testing.assert_allclose(course.cell_torques[course.edges_beside_turns], last + [-0.1, 0.1, -0.1, 0.1, -0.1])
+
+
+@pytest.mark.parametrize("ripple", [(-1.0, 1.0), (1.0, 0.0)])
+def test_a_ripple_of_negative_amplitude_or_without_waves_is_refused(ripple):
+    with pytest.raises(ValueError, match="must be positive"):
+        Ripple(*ripple)
 
 
 def test_creep_after_a_step_is_that_of_spring_and_damper(drive):

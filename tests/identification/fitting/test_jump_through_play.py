@@ -22,7 +22,7 @@ from pipeline.identification.fitting.cells_in_noise import (
 )
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
-from pipeline.identification.fitting.measured_loops import within_cells
+from pipeline.identification.fitting.measured_loops import rows_within, within_cells
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
@@ -145,6 +145,22 @@ def test_the_far_ends_of_branches_of_few_rows_are_known_as_well_as_ever(tmp_path
     assert np.count_nonzero(is_far) > 0.3 * len(is_far)
     assert np.max(data.sigma[is_far]) < 2 * data.noise
     assert np.max(data.sigma[~is_far]) > 20 * data.noise
+
+
+def test_rows_within_a_cell_keep_their_order_and_their_angles_lie_on_a_line(tmp_path):
+    rng, table = np.random.default_rng(5), measured(cycles=2, per_branch=240, noise=0.0)
+    torque = table["torque_Nm"].to_numpy()
+    there_and_back = torque + 0.5 * np.sin(3 * torque)  # goes back where the sine falls
+    angle = torque / 5 + 0.004 * rng.standard_normal(len(torque))
+    unit = write_unit(tmp_path, {"rows.csv": table.assign(angle_arcmin=angle, torque_Nm=there_and_back)})
+    measurement = Measurement.read(load_measured_unit(unit, ROOT))
+    cells = measurement.cells
+    torques, angles = rows_within(measurement, np.arange(len(cells)))
+    np.testing.assert_allclose(angles.mean(axis=1), cells.angle_mean)
+    assert np.all(np.diff(angles, axis=1) > -0.01)  # rising, on branches of both senses
+    assert np.median(np.abs(torques - 5 * angles - 0.5 * np.sin(15 * angles))) < 0.05
+    assert np.any(np.diff(torques, axis=1) < -0.02)
+    assert np.all(np.diff(within_cells(measurement, np.arange(len(cells))), axis=1) >= 0)
 
 
 def misfit_of_model(measurement, data):

@@ -11,7 +11,7 @@ from pipeline.model.effects.hysteresis import Rayleigh
 from pipeline.model.elements import Path
 from pipeline.model.elements.sliding_friction import carried_torque
 from pipeline.model.load_history.backbone import backbone, torque_levels
-from pipeline.model.load_history.friction.output_path import Ripple, output_path
+from pipeline.model.load_history.friction.output_path import output_path
 
 
 def twist_along(torque, coefficient):
@@ -20,7 +20,7 @@ def twist_along(torque, coefficient):
 
 def turned(drive, torques, nodes):
     curve = backbone(drive, nodes)
-    return output_path(torques, curve.torque, curve.angle[0], drive.sliders, Ripple()).at_turns[0]
+    return output_path(torques, curve.torque, curve.angle[0], drive.sliders).at_turns[0]
 
 
 def legs(*turns, steps=100):
@@ -111,7 +111,7 @@ def test_friction_resists_the_rising_load_by_one_share_and_the_falling_by_anothe
     leaning = 1 + variant.lean
     nodes, angles = np.linspace(-2, 2, 41) * RATED, np.linspace(-2, 2, 41) * 1e-3
     torque = RATED * np.concatenate([np.linspace(0, 1, 50), np.linspace(1, 0.2, 50)])
-    path = output_path(torque, leaning * nodes, angles, variant.sliders.of_scaled_load(leaning), Ripple())
+    path = output_path(torque, leaning * nodes, angles, variant.sliders.of_scaled_load(leaning))
     carried_torque = path.at_turns[1] / leaning
     assert carried_torque[49] == pytest.approx(RATED / (1 + loading), rel=1e-2)
     assert carried_torque[-1] == pytest.approx(0.2 * RATED / (1 - unloading), rel=1e-2)

@@ -5,16 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drives import RATED, area, history, small_drive
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from pipeline.model.contact.friction_elements import Sliders, load_slider
-from pipeline.model.load_history.friction.output_path import Ripple, output_path
+from pipeline.model.load_history.friction.output_path import output_path
 
 STIFFNESS = 5e6  # [N mm/rad] of the linear backbone
 NODES = np.linspace(-2 * RATED, 2 * RATED, 40)
 LINE = NODES / STIFFNESS
-NO_RIPPLE = Ripple()
 LIMIT, DISTANCE = 900.0, 1e-4  # [N mm], [rad]
 
 
@@ -41,8 +38,8 @@ def jenkins(torques, stiffness, limit, distance):
     return np.array(values)
 
 
-def on_line(torques, sliders, ripple=NO_RIPPLE):
-    return output_path(torques, NODES, LINE, sliders, ripple).at_turns
+def on_line(torques, sliders):
+    return output_path(torques, NODES, LINE, sliders).at_turns
 
 
 def test_jenkins_element_follows_its_closed_form_at_every_step():
@@ -98,7 +95,7 @@ WITH_PLAY = WITH_PLAY_NODES / STIFFNESS + HALF_PLAY * np.sign(WITH_PLAY_NODES)
 def test_play_is_stuck_until_the_friction_is_exceeded():
     sliders = slider(LIMIT, 1e-7)
     torques = history(0, 0.99 * LIMIT, -0.99 * LIMIT, RATED, -0.99 * LIMIT, -RATED, 0.0, RATED)
-    angle, carried_torque = output_path(torques, WITH_PLAY_NODES, WITH_PLAY, sliders, NO_RIPPLE).at_turns
+    angle, carried_torque = output_path(torques, WITH_PLAY_NODES, WITH_PLAY, sliders).at_turns
     stuck_steps = slice(0, 121)
     assert np.max(np.abs(angle[stuck_steps])) < 1.1e-7
     at_top, resistance, return_value = 180, 240, 360
@@ -110,40 +107,8 @@ def test_play_is_stuck_until_the_friction_is_exceeded():
 
 def test_loop_of_play_with_friction_is_as_wide_as_both():
     torques = history(0, RATED, -RATED, RATED, steps=100)
-    angle, _ = output_path(torques, WITH_PLAY_NODES, WITH_PLAY, slider(LIMIT, 1e-7), NO_RIPPLE).at_turns
+    angle, _ = output_path(torques, WITH_PLAY_NODES, WITH_PLAY, slider(LIMIT, 1e-7)).at_turns
     np.testing.assert_allclose(angle[150] - angle[250], 2 * (HALF_PLAY + LIMIT / STIFFNESS), rtol=1e-3)
-
-
-@given(st.floats(0.5, 50), st.floats(0, 6))
-@settings(max_examples=20)
-def test_small_ripple_shifts_the_angle_by_its_torque(cycles, phase):
-    waves = 2 * np.pi * cycles * STIFFNESS / RATED
-    torques = history(0, RATED, -RATED)
-    shifts = []
-    for amplitude in (1e-3 * STIFFNESS / waves, 1e-4 * STIFFNESS / waves):
-        angle, carried_torque = on_line(torques, Sliders.none(1), Ripple(amplitude, waves, phase))
-        np.testing.assert_allclose(carried_torque + amplitude * np.sin(waves * angle + phase), torques, atol=1e-8)
-        expected = -amplitude / STIFFNESS * np.sin(waves * torques / STIFFNESS + phase)
-        shifts.append(np.max(np.abs(angle - torques / STIFFNESS - expected)))
-    assert shifts[0] < 2e-6 / waves  # second order in the amplitude
-    assert shifts[1] < 0.011 * shifts[0] + 1e-14
-
-
-def test_steep_ripple_jumps_to_the_first_balance_on_the_way():
-    waves = 2 * np.pi * 10 * STIFFNESS / RATED
-    amplitude = 4 * STIFFNESS / waves
-    ripple = Ripple(amplitude, waves, 0.7)
-    torques = history(0, RATED, -RATED, steps=400)
-    angle, _ = on_line(torques, Sliders.none(1), ripple)
-    fine = np.linspace(-2, 2, 400001) * RATED / STIFFNESS
-    balance = STIFFNESS * fine + amplitude * np.sin(waves * fine + ripple.phase)
-    loading_branch = fine[np.searchsorted(np.maximum.accumulate(balance), torques[60:401])]
-    unloading = fine[::-1][np.searchsorted(-np.minimum.accumulate(balance[::-1]), -torques[460:801])]
-    # from the first jump on no memory of the start is left
-    np.testing.assert_allclose(angle[60:401], loading_branch, atol=2 * (fine[1] - fine[0]))
-    np.testing.assert_allclose(angle[460:801], unloading, atol=2 * (fine[1] - fine[0]))
-    assert np.max(np.diff(angle[60:401])) > 0.3 * 2 * np.pi / waves  # a jump
-    assert np.all(np.diff(angle[60:401]) > 0)
 
 
 SHARE, STIFF = 0.2, 1e4 * STIFFNESS  # friction over the torque carried, [N mm/rad] of an all but rigid slider

@@ -13,7 +13,7 @@ from pipeline.model.equilibrium.solve import solve
 from pipeline.model.geometry.reducer import Bearing
 from pipeline.model.load_history.backbone import backbone, torque_levels
 from pipeline.model.load_history.friction.incremental import solve_path
-from pipeline.model.load_history.friction.output_path import Ripple, output_path
+from pipeline.model.load_history.friction.output_path import output_path
 
 
 def followed(drive, torques, sliders):
@@ -75,7 +75,7 @@ def test_path_with_friction_on_the_output_is_the_condensed_one(kind, floats):
     torques = history(0, RATED, -RATED, RATED, 0.2 * RATED, 0.5 * RATED, steps=20)
     motion, force = followed(drive, torques, sliders)
     curve = backbone(drive, torque_levels(800, 1.2))
-    angle, carried_torque = output_path(torques, curve.torque, curve.angle[0], sliders, Ripple()).at_turns
+    angle, carried_torque = output_path(torques, curve.torque, curve.angle[0], sliders).at_turns
     start = curve.angle[0, 799:801].mean()  # the middle of the play, where the condensed path rests at first
     distance = np.abs(torques) > 0
     assert abs(start) < np.ptp(angle)

@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.load_history.backbone import backbone, torque_levels
-from pipeline.model.load_history.friction.output_path import Ripple, output_path
+from pipeline.model.load_history.friction.output_path import output_path
 from pipeline.model.load_history.turning_crank import CurvesOverCrank
 
 TORQUE = np.concatenate([-np.linspace(30, 0.01, 60), np.linspace(0.01, 30, 60)])
@@ -58,7 +58,7 @@ def test_where_nothing_depends_on_the_crank_the_loop_is_that_of_the_crank_that_i
     sliders = Sliders(np.ones((1, 1)), np.array([1e5]), np.array([1.0]), np.array([0.1]), np.array([-1]))
     turns = history(0.0, 20.0, -20.0, 20.0, steps=3)
     paths = [
-        output_path(turns, torque, angle, sliders, Ripple())
+        output_path(turns, torque, angle, sliders)
         for torque, angle in ((TORQUE, held), (locked.torque, locked.angle))
     ]
     np.testing.assert_allclose(paths[1].corners, paths[0].corners, atol=1e-10)

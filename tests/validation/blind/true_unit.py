@@ -4,13 +4,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 
 from pipeline import assembly
 from pipeline.arrays import Real, Truth, Whole
 from pipeline.config.studies.study import Study
-from pipeline.identification.bench.load_path import Instrument
+from pipeline.identification.bench.load_path import Instrument, Ripple
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.fitting.scaled_drives import scaled_design
+from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.effects.creep import KelvinVoigt
 from pipeline.model.effects.hysteresis import Rayleigh
 from pipeline.model.geometry.clearance import Errors
@@ -29,6 +31,8 @@ PLAYS = 400
 """Widths of plays that a hysteresis is summed over: its loop is off by a ten-thousandth of its size."""
 BEYOND = 1.05
 """Reach of a curve over the largest torque of its load program, for noise of the torque."""
+ANGLE_STEPS = 40_000
+"""Steps over the range of the angle by which an output is turned against a ripple."""
 UNSOUND = 1e-6
 """Relative residual of a path beyond which the unit is drawn anew."""
 
@@ -83,7 +87,9 @@ class TrueUnit:
         angles = []
         positions = zip(drives, self.bench.ramps, encoder_place, strict=True)
         for number, (drive, ramp, encoder_angle) in enumerate(positions):
-            angle = _solved(drive, ramp, replace(instrument, ripple=instrument.ripple_at(number)))
+            ripple = instrument.ripple_at(number)
+            in_space = ripple.phase + ripple.waves * float(self.bench.offset[number]) / ARCMIN  # of the angle as read
+            angle = _solved(drive, ramp, instrument, replace(ripple, phase=in_space))
             encoder_reading = turns * angle + encoder_angle
             elapsed = ramp.time + (ramp.begin if self.bench.common else 0.0)
             read = ARCMIN * angle + instrument.drift * elapsed / SECONDS_AN_HOUR
@@ -146,7 +152,7 @@ def _fine(drive: Drive, top: float) -> Backbone:
     return curve
 
 
-def _solved(drive: Drive, ramp: Ramp, instrument: Instrument) -> Real:
+def _solved(drive: Drive, ramp: Ramp, instrument: Instrument, ripple: Ripple) -> Real:
     """Angle [rad] at the rows of a ramp."""
     turns, true_torque = instrument.true_torque(ramp.turns), instrument.true_torque(ramp.torque)
     if instrument.torque_creep[0]:
@@ -159,15 +165,19 @@ def _solved(drive: Drive, ramp: Ramp, instrument: Instrument) -> Real:
         of_cycle = ramp.cycle == state
         levels = drive.stiffening(state) * curve.torque
         elastic_angle = curve.angle[state] + drive.twist(levels)
-        if instrument.ripple.amplitude or len(drive.sliders.acting):
+        if ripple.amplitude or len(drive.sliders.acting):
             steps, is_row = _every_row(turns, true_torque, ramp.leg)
             if drive.sliders.at_contacts:
                 output_angle, play_torque = _followed(drive, state, curve, steps)
             else:
                 leaning = 1 + drive.lean
                 sliders = drive.sliders.of_scaled_load(leaning)
-                path = output_path(steps, leaning * levels, elastic_angle, sliders, instrument.ripple)
-                output_angle, play_torque = path.at_turns[0], path.at_turns[1] / leaning
+                at_rows = (
+                    turned_in_small_steps(steps, leaning * levels, elastic_angle, sliders, ripple)
+                    if ripple.amplitude
+                    else output_path(steps, leaning * levels, elastic_angle, sliders).at_turns
+                )
+                output_angle, play_torque = at_rows[0], at_rows[1] / leaning
             angle[of_cycle], carried_torque[of_cycle] = output_angle[is_row][of_cycle], play_torque[is_row][of_cycle]
         else:
             angle[of_cycle], carried_torque[of_cycle] = (
@@ -177,6 +187,55 @@ def _solved(drive: Drive, ramp: Ramp, instrument: Instrument) -> Real:
     for element in drive.hystereses:
         angle = angle + SECOND_SOLUTIONS[type(element)](element, carried_torque, ramp.time)
     return angle
+
+
+def turned_in_small_steps(
+    torques: Real, nodes: Real, angles: Real, sliders: Sliders, ripple: Ripple | None = None
+) -> Real:
+    """Angle [rad] and torque in the reducer [N mm] (2, n_torques) where each torque (n_torques,) [N mm] is first met.
+
+    The output is turned in small steps of its angle from the middle of the backbone (nodes, angles): each slider is a
+    stop operator, which adds stiffness times the angle to its resistance and cuts it off at the limit of the moment. A
+    motor's torque has to overcome the ripple besides, which may throw the output back: its angle then jumps.
+    """
+    acting, ripple = sliders.acting, ripple or Ripple()
+    columns = np.column_stack([acting.stiffness, acting.limit, acting.coefficient])
+    waves = np.array([ripple.amplitude, ripple.waves, ripple.phase])
+    return np.asarray(_turned(np.asarray(torques, float), nodes, angles, columns, waves, np.ptp(angles) / ANGLE_STEPS))
+
+
+@njit
+def _taken(angle, rotation, nodes, angles, columns, waves, before, after):  # type: ignore[no-untyped-def]
+    """Torque at an angle, and in the reducer; the resistance of the sliders from ``before`` goes into ``after``."""
+    j = min(max(np.searchsorted(angles, angle) - 1, 0), len(angles) - 2)
+    carried = nodes[j] + (angle - angles[j]) * (nodes[j + 1] - nodes[j]) / (angles[j + 1] - angles[j])
+    total = carried + waves[0] * np.sin(waves[1] * angle + waves[2])
+    for k in range(len(columns)):
+        largest = columns[k, 1] + columns[k, 2] * abs(carried)
+        after[k] = min(max(before[k] + columns[k, 0] * rotation, -largest), largest)
+        total += after[k]
+    return total, carried
+
+
+@njit
+def _turned(torques, nodes, angles, columns, waves, step):  # type: ignore[no-untyped-def]
+    """See ``turned_in_small_steps``."""
+    points, resistance, ahead = np.empty((2, len(torques))), np.zeros(len(columns)), np.zeros(len(columns))
+    angle = 0.5 * (angles[(len(angles) - 1) // 2] + angles[len(angles) // 2])
+    total, carried = _taken(angle, 0.0, nodes, angles, columns, waves, resistance, ahead)
+    for number, torque in enumerate(torques):
+        sense = 1.0 if torque > total else -1.0
+        while sense * (torque - total) > 0:
+            rotation = sense * step
+            reached, carried = _taken(angle + rotation, rotation, nodes, angles, columns, waves, resistance, ahead)
+            if sense * (reached - torque) >= 0:
+                rotation *= (torque - total) / (reached - total)
+                reached, carried = _taken(angle + rotation, rotation, nodes, angles, columns, waves, resistance, ahead)
+                reached = torque
+            angle, total = angle + rotation, reached
+            resistance[:] = ahead
+        points[:, number] = angle, carried
+    return points
 
 
 def _plays(element: Rayleigh, torque: Real, time: Real) -> Real:

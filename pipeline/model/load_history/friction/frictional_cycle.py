@@ -11,7 +11,7 @@ from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.load_history.backbone import NO_LOAD, torque_levels
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.incremental import solve_path
-from pipeline.model.load_history.friction.output_path import Ripple, output_path
+from pipeline.model.load_history.friction.output_path import output_path
 from pipeline.model.load_history.load_cycle import LoadCycle
 
 LEVELS = 12
@@ -43,7 +43,7 @@ def _with_output_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) 
     leaning = 1 + drive.lean
     sliders = drive.sliders.of_scaled_load(leaning)
     angles = motions[:, drive.reducer.output_motion] + twist_of_nodes
-    path = output_path(torque, leaning * levels, angles, sliders, Ripple())
+    path = output_path(torque, leaning * levels, angles, sliders)
     carried_torque = path.at_turns[1] / leaning
     first_positive = int(np.searchsorted(levels, 0.0))
     end = levels[first_positive]
