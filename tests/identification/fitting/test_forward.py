@@ -101,13 +101,17 @@ STEEP, ZERO, ANGLE_NOISE = Ripple(400.0, 40_000.0, 0.7), 2.0, 0.01
 """A ripple [N mm] that throws the output back, zero of the angle read and its noise [arcmin]."""
 
 
-def read_with_ripple(drive, torque_read, angle, course, noise=0.0, ripple=STEEP):
-    """Prediction and its response where ``angle`` (n_cells,) [arcmin] was measured, from another zero."""
+def rippled(torque_read, angle, course, noise=0.0):
+    """The course on which ``angle`` (n_cells,) [arcmin] was measured, from another zero, with the torque read."""
     turns = course.torque + (torque_read - course.cell_torques[:, 0])[course.edges_beside_turns[0]]
     rows = points(torque_read), points(angle + ZERO + noise * np.random.default_rng(0).standard_normal(len(angle)))
-    rippled = replace(course, torque=turns, cell_torques=points(torque_read), rows=rows)
+    return replace(course, torque=turns, cell_torques=points(torque_read), rows=rows)
+
+
+def read_with_ripple(drive, torque_read, angle, course, noise=0.0, ripple=STEEP):
+    """Prediction on such a course."""
     in_space = replace(ripple, phase=ripple.phase - ripple.waves * ZERO / ARCMIN)  # the angle is that from its zero
-    return read(drive, Instrument(ripple=in_space), rippled)
+    return read(drive, Instrument(ripple=in_space), rippled(torque_read, angle, course, noise))
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
@@ -163,6 +167,24 @@ def test_what_a_ripple_answers_to_a_change_of_the_curve_is_its_derivative(drive)
         differences.append(np.median(np.abs(difference - by_zero @ moved)))
     assert differences[0] < 0.02 * np.median(np.abs(twist))
     assert differences[1] > 5 * differences[0]
+
+
+@pytest.mark.parametrize("change", [{"amplitude": 102.0}, {"phase": 0.72}, {"waves": 40_010.0}])
+def test_the_change_by_a_ripple_is_that_of_predictions(drive, change):
+    course, gentle = course_of(), replace(STEEP, amplitude=100.0)
+    angle = read(drive, course=course).angle
+    course = rippled(course.cell_torques[:, 0] + 1e-3 * gentle.torque((angle + ZERO) / ARCMIN), angle, course)
+    forward = Forward([course], drive.rated_torque)
+    before, after = (Instrument(ripple=ripple) for ripple in (gentle, replace(gentle, **change)))
+    readings = [forward.read(drive, 0, instrument) for instrument in (before, after)]
+    computed = forward.change_by_ripple(0, before, after, readings[0].slope)
+    is_loaded = np.abs(course.cell_torques[:, 0]) > 2.0
+    by_zero = np.column_stack([np.ones(len(angle)), 1 - readings[0].response])[is_loaded]  # the zero of the angle moves
+    difference = (readings[1].angle - readings[0].angle - computed)[is_loaded]
+    difference -= by_zero @ np.linalg.lstsq(by_zero, difference, rcond=None)[0]
+    assert np.median(np.abs(difference)) < 0.05 * np.median(np.abs(computed[is_loaded]))
+    assert forward.change_by_ripple(0, before, replace(after, drift=1.0), readings[0].slope) is None
+    assert forward.change_by_ripple(0, before, before, readings[0].slope) == 0.0
 
 
 def test_the_nearest_of_several_roots_is_found_and_none_where_the_function_has_none():
