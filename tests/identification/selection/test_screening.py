@@ -10,12 +10,12 @@ from synthetic_unit import CRANKS, Bench, exactly_known, make_unit, problem_of
 
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import Vector, values_at_shares
+from pipeline.identification.fitting.parameters import Vector, shares_of_values, values_at_shares
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection import ripples
 from pipeline.identification.selection.fitted_numbers import intervals
 from pipeline.identification.selection.model_selection import Selector
-from pipeline.identification.selection.ripples import _Search
+from pipeline.identification.selection.ripples import OwnPhases, _Search
 from pipeline.identification.selection.screening import (
     BEST_DIRECTIONS,
     PHASES,
@@ -211,6 +211,40 @@ def test_a_fall_counts_in_the_mean_square_that_it_leaves():
     search = SimpleNamespace(goal=np.full(4, 5.0), loaded=SimpleNamespace(root=np.ones(50)))
     assert _Search.in_noise(search, 60.0) == pytest.approx(60.0 / (40.0 / 50))
 
+
+@pytest.mark.parametrize("left_out", [0, 2])
+def test_a_position_that_is_left_out_has_its_own_phase_of_a_ripple(left_out, tmp_path, condensed):
+    """As it has its own zero of the angle; the other positions keep their phases."""
+    values = (0.1, 0.05, 40_000.0, 4.5, 8.0)
+    bench = replace(THREE, rows=100, noise=0.01)
+    problem = exactly_known(
+        problem_of(make_unit(tmp_path / "u", {"motor_cogging": values}, bench, condensed), condensed)
+    )
+    fitter, data = Fitter(problem), problem.data
+    training, model = data.position != left_out, Model((candidates()["motor_cogging"].of_positions(3),))
+    start = fitter.start(model, shares_of_values(fitter.bounds(model), values))
+    fit = fitter.fit(model, np.ones(len(data), bool), start)
+
+    def misses(fit):
+        return float(np.sqrt(np.mean(((data.angle - fit.predicted_angle) / data.sigma)[~training] ** 2)))
+
+    phases = OwnPhases(fitter, fit, training)
+    right_phase = np.arctan2(*fit.values[:2]) + np.append(0.0, fit.values[3:])[left_out]
+    turned = phases._with_phase(fit.unknowns, left_out, right_phase + np.pi)
+    angle = fitter.predict(model, turned).angle
+    wrong = replace(fit, unknowns=turned, predicted_angle=angle + fitter.offsets(angle, training, fit.sigma))
+    own = OwnPhases(fitter, wrong, training).fitted()
+    assert misses(wrong) > 3 * misses(fit)
+    assert misses(own) < 1.1 * misses(fit)
+    np.testing.assert_allclose(own.predicted_angle[training], fit.predicted_angle[training], atol=1e-3)
+    jacobian = OwnPhases(fitter, own, training).removed_from(own.jacobian)
+    np.testing.assert_array_equal(jacobian[training], own.jacobian[training])
+    assert OwnPhases(fitter, own, np.ones(len(data), bool)).fitted() is own
+    first = len(own.unknowns.scales)
+    columns, size = jacobian[~training][:, first : first + 5], np.max(np.abs(own.jacobian))
+    by_phase = columns[:, 2 + left_out] if left_out else own.values[1] * columns[:, 0] - own.values[0] * columns[:, 1]
+    assert np.max(np.abs(by_phase)) < 1e-9 * size
+    assert np.max(np.abs(columns)) > 1e-3 * size
 
 def test_phases_of_positions_are_no_numbers_of_a_page():
     effect = candidates()["motor_cogging"].of_positions(3)
