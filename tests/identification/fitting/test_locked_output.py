@@ -11,7 +11,7 @@ from synthetic_unit import exactly_known
 
 from pipeline.errors import InputError
 from pipeline.identification.bench import locked_output
-from pipeline.identification.bench.load_path import Instrument
+from pipeline.identification.bench.load_path import Instrument, Ripple
 from pipeline.identification.bench.simulator import Forward
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
@@ -46,7 +46,8 @@ def problem(folder):
     return exactly_known(problem_of(folder))
 
 
-def test_where_nothing_depends_on_the_crank_the_reading_is_that_of_the_crank_that_is_held(problem):
+@pytest.mark.parametrize("instrument", [Instrument(), Instrument(ripple=Ripple(200.0, 500.0, 0.3))])
+def test_where_nothing_depends_on_the_crank_the_reading_is_that_of_the_crank_that_is_held(problem, instrument):
     """The same drive at every station, with friction, a spring and creep in series."""
     drive = problem.nominal[0].with_elements(KelvinVoigt(2e-7, 40.0))
     course = problem.forward.courses[0]
@@ -56,9 +57,10 @@ def test_where_nothing_depends_on_the_crank_the_reading_is_that_of_the_crank_tha
     moving.shares = held.shares
     stations = (drive,) * len(course.crank.stations)
     turning, reference = (
-        forward.read(given, 0, Instrument()) for forward, given in ((moving, stations), (held, drive))
+        forward.read(given, 0, instrument) for forward, given in ((moving, stations), (held, drive))
     )
     assert turning.sound
+    assert np.any(turning.response != 1) == bool(instrument.ripple.amplitude)
     np.testing.assert_allclose(turning.angle, reference.angle, atol=1e-10)
     np.testing.assert_allclose(turning.carried_torque, reference.carried_torque, rtol=1e-12, atol=1e-9)
 
