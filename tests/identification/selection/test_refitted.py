@@ -23,7 +23,7 @@ from pipeline.identification.selection.screening import _by_sense
 @pytest.mark.long
 def test_a_fold_ends_where_a_fit_from_the_truth_does(name, values, position, tmp_path, condensed):
     """Numbers and tolerances of the base take up much of the first two: from there alone fits end at several times."""
-    unit = make_unit(tmp_path / "u", {name: values}, Bench(cranks=CRANKS, noise=0.01), condensed)
+    unit = make_unit(tmp_path / "u", {name: values}, Bench(cranks=CRANKS, noise=0.005), condensed)
     problem = problem_of(unit, condensed)
     training, model = problem.data.position != position, Model((candidates()[name],))
     fold = Selector(Fitter(problem), np.ones(len(problem.data), bool)).trained_on(training)
