@@ -126,6 +126,7 @@ def test_a_bench_that_turns_the_output_passes_every_balance_of_a_ripple(drive, f
     for noise, tolerance in ((0.0, 1e-3), (ANGLE_NOISE, 0.15 * ANGLE_NOISE)):
         reading = read_with_ripple(rubbing, torque_read, plain.angle, course, noise)
         assert reading.sound
+        assert np.any(reading.response < 0)  # where the torque falls with the angle
         error = reading.angle - plain.angle
         assert np.median(np.abs(error - np.median(error))) < tolerance
     steeper = replace(STEEP, amplitude=3 * STEEP.amplitude)  # than the drive at most cells: any angle has a balance
