@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from synthetic_unit import CRANKS, Bench, make_unit, problem_of
+from synthetic_unit import CRANKS, Bench, exactly_known, make_unit, problem_of
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Vector, shares_of_values
@@ -50,6 +50,22 @@ def test_of_two_solutions_that_a_fold_does_not_tell_apart_that_of_all_cells_is_t
     assert selection.trials["crank_compliance_2"].is_refined
     folds = predicted_folds(selector, selection, everything, carry_over=False)
     assert failed_test(problem.data, folds, {}, selection.limit) == ""
+
+
+@pytest.mark.long
+def test_positions_that_are_left_out_are_predicted_with_their_own_phase_of_a_ripple(tmp_path, condensed):
+    effects = {"motor_cogging": (0.1, 0.05, 40_000.0, 4.5, 8.0)}
+    unit = make_unit(tmp_path / "u", effects, Bench(cranks=CRANKS, rows=100, noise=0.01), condensed)
+    problem = exactly_known(problem_of(unit, condensed))
+    everything = np.ones(len(problem.data), bool)
+    selector = Selector(Fitter(problem), everything)
+    selector.testable = {"motor_cogging": selector.testable["motor_cogging"]}
+    selection = selector.select(everything)
+    assert selection.members == ("motor_cogging",)
+    folds = predicted_folds(selector, selection, everything, carry_over=False)
+    error = ((problem.data.angle - folds.tested_curve) / problem.data.sigma)[folds.cells]
+    assert np.sqrt(np.mean(error**2)) < 1.5
+    assert folds.open_square < 10  # 300 if the phase were left open
 
 
 def test_the_best_start_of_each_sense_comes_before_the_others():
