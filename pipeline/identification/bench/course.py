@@ -72,7 +72,10 @@ class Course:
 
     @cached_property
     def in_order(self) -> "Course":
-        """The course with the torques of its rows in their order: the same but where the torque goes back meanwhile."""
+        """The course with the torques within each cell in the order of its rows, not sorted.
+
+        The two differ where the torque read decreases within a cell, as it may with a ripple.
+        """
         return self if self.rows is None else replace(self, cell_torques=self.rows[0])
 
     @cached_property
@@ -88,7 +91,7 @@ class Course:
 
     @cached_property
     def edges_beside_turns(self) -> tuple[Whole, Whole]:
-        """Cell and edge (n_turns,) next to each turn: the last one before it, or of the first turn the one after it."""
+        """Cell and edge (n_turns,) next to each turn: the last edge before it, or the first edge of the record."""
         cells = np.searchsorted(self.leg, np.arange(len(self.torque))) - 1
         is_before = cells >= 0
         cells = np.maximum(cells, 0)

@@ -20,12 +20,12 @@ from pipeline.model.load_history.friction.output_path import output_path
 from pipeline.model.units import ARCMIN, NMM_PER_NM, SECONDS_AN_HOUR
 
 RIPPLE_PHASES: Grid = (-1.2, -0.8, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.8, 1.2)
-"""Changes [rad] of the phase of a ripple, beside none, between which the angle is sought at which it acts."""
+"""Phases [rad] from that of the angle measured, beside 0, between which the angle of a balance is searched for."""
 RIPPLE_STEPS: Fineness = 4
 """Steps of the search between two of them, before a secant."""
 STEEP: Rounding = 0.1
-"""Least change of the torque that a bench with a ripple reads, over that in the drive, at which derivatives are taken.
-"""
+"""Least derivative of the torque read by the torque in the drive: a ripple makes it zero where it throws the output
+back, and the derivatives of the angle, which are divided by it, infinite."""
 Torques = tuple[Real, Real]
 """Torques at the turns (n_turns,) and within the cells (n_cells, n_edges) [N mm]."""
 
@@ -76,7 +76,7 @@ class Instrument:
     torque_creep : share of the torque that is read again with a first-order delay, and its time constant [s].
     drift : [arcmin/h]
     encoder : amplitudes (cosine, sine) of the encoder's eccentricity [arcmin].
-    ripple : torque that the motor has to overcome, or that the sensor reads in addition, locked to the angle measured.
+    ripple : torque that is read in addition to that in the drive; it depends on the angle measured.
     ripple_phases : (n_positions - 1,) its phases at further positions less that at the first [rad]; none: all alike.
     """
 
@@ -319,8 +319,9 @@ def read_with_ripple(
 ) -> tuple[Real, LoadPath, bool, Real]:
     """Prediction where a ripple of the torque depends on the angle itself: the balance nearest to the angle measured.
 
-    A bench that turns the output steadily passes every balance, and one that raises the torque jumps over some of them.
-    Which one holds is told by the angle that was measured with the torque.
+    At one torque read there may be several angles at which drive and ripple are in balance. A bench that turns the
+    output steadily passes all of them; one that raises the torque jumps over some. The angle measured with the torque
+    tells which one holds.
 
     Parameters
     ----------

@@ -50,8 +50,8 @@ def rows_within(measurement: Measurement, numbers: Index) -> tuple[Real, Real]:
     """Torques [N m] and angles [arcmin], each (n, PARTS + 1), at ends of parts of as many rows within cells.
 
     In order of time, or against it where the torque falls. The angles lie on a line over the rows, so that their noise
-    is that of the cell. Torques are those of the rows: where a ripple takes as much as the drive asks for, the torque
-    read does not change with the angle.
+    is that of the cell. The torques are those of the rows and need not increase: with a ripple the torque read may stay
+    or decrease while the angle increases.
     """
     rows, cells, usable = measurement.rows, measurement.cells, np.flatnonzero(measurement.usable)
     torques, angles = np.empty((2, len(numbers), PARTS + 1))

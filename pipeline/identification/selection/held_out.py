@@ -131,15 +131,13 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
         declared_curve[judged_cells] = (
             declared_angle + fitter.offsets(declared_angle, training, fitter.problem.data.sigma)
         )[judged_cells]
-        tested = _tested(fold, selection, training, fits)
-        in_phase = {id(fit): OwnPhases(fitter, fit, training).fitted() for fit in (*fits, tested)}
-        fits, tested = (in_phase[id(fits[0])], in_phase[id(fits[1])], in_phase[id(fits[2])]), in_phase[id(tested)]
-        distinct_fits = {id(fit): fit for fit in (*fits, tested)}
+        *judged_fits, tested = _in_phase(fitter, (*fits, _tested(fold, selection, training, fits)), training)
+        distinct_fits = {id(fit): fit for fit in (*judged_fits, tested)}
         open_of_fit = {number: _left_open(fitter, fit, training) for number, fit in distinct_fits.items()}
         tested_curve[judged_cells] = tested.predicted_angle[judged_cells]
         added_squares.append(_added_squares(fold, selection, tested, training | judged_cells))
         open_squares.append((open_of_fit[id(tested)] / fitter.problem.data.sigma)[judged_cells] ** 2)
-        curves, common_share = _predictions(fitter, fits, training, open_of_fit, carry_over)
+        curves, common_share = _predictions(fitter, judged_fits, training, open_of_fit, carry_over)
         shares.append(common_share)
         for number, (angle, deviation) in enumerate(curves):
             predicted_curves[number, judged_cells] = angle[judged_cells]
@@ -163,6 +161,12 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
         common_share=float(np.mean(shares)),
         in_sample=splits[0][0] is splits[0][1],
     )
+
+
+def _in_phase(fitter: Fitter, fits: Sequence[Fit], training: Truth) -> list[Fit]:
+    """Fits with the phases of ripples fitted at the positions left out; a fit that occurs twice is one object again."""
+    with_phases = {id(fit): OwnPhases(fitter, fit, training).fitted() for fit in fits}
+    return [with_phases[id(fit)] for fit in fits]
 
 
 def _predictions(

@@ -43,10 +43,10 @@ PHASES: Fineness = 24
 
 
 class OwnPhases:
-    """Phases of a ripple at positions that a fit was not fitted to.
+    """Phases of a ripple at positions that were left out of a fit.
 
-    They are numbers of these positions, as the zero of the angle is, and tell nothing about the drive: like the zero,
-    each is fitted to the cells of its own position.
+    The phase at a position tells nothing about the drive, as the zero of the angle there tells nothing. Like the zero,
+    it is fitted to the cells of its own position.
     """
 
     def __init__(self, fitter: Fitter, fit: Fit, training: Truth):
@@ -99,7 +99,7 @@ class OwnPhases:
         return replace(unknowns, shares=shares)
 
     def removed_from(self, jacobian: Real) -> Real:
-        """Derivatives (n_cells, n_unknowns) less what a change of these phases follows at their positions."""
+        """Derivatives (n_cells, n_unknowns) without what a fit of these phases takes up at their positions."""
         if not self.positions:
             return jacobian
         data, jacobian = self.fitter.problem.data, jacobian.copy()

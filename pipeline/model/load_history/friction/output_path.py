@@ -131,7 +131,7 @@ def _trace_path(turns: Real, curve: tuple[Real, Real], slides: _Slides, corners:
         sense = 1.0 if turns[t] >= total else -1.0
         largest_torque, goal = sense * total, sense * turns[t]
         while sense * total < goal and -FARTHEST_STEP < x < 1 + FARTHEST_STEP:
-            j, x, end = _stretch(sense, j, x, angle, carried_torque, curve, slides, anchor)
+            j, x, end = _stretch(sense, j, x, angle, carried_torque, curve, slides, anchor=anchor)
             step = angles[j] + end * (angles[j + 1] - angles[j]) - angle
             carried_step = nodes[j] + end * (nodes[j + 1] - nodes[j]) - carried_torque
             low = sense * total
