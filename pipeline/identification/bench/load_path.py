@@ -355,6 +355,17 @@ def read_with_ripple(
     return np.where(is_found, middle + root - zero, angle), path, is_sound, response
 
 
+def answered(change: Real, response: Real) -> Real:
+    """Change (n_cells, ...) of the angle of a position where its curve changes so, with the response of a ripple.
+
+    A change that is alike everywhere is one of the zero of the angle, which is measured, and no ripple answers it.
+    """
+    if np.all(response == 1):
+        return change
+    common = np.median(change, axis=0)
+    return np.asarray(common + ((change - common).T * response).T)
+
+
 def _nearest_root(function: Callable[[Real], Real], places: Real, values: Real) -> tuple[Real, Truth]:
     """Root (n,) nearest to zero of a function of (n,), and whether there is one between ``places`` (n_places,).
 

@@ -234,9 +234,9 @@ class Forward:
     def change_by_ripple(
         self, position: int, before: Instrument, after: Instrument, slope: Real
     ) -> Real | float | None:
-        """Change of the angle (n_cells,) [arcmin], to first order, by the ripple of an instrument.
+        """Change of the curve (n_cells,) [arcmin], to first order, by the ripple of an instrument.
 
-        None where more of it changes. ``slope`` (n_cells,) is that of the angle over the torque [arcmin/(N m)].
+        None where more of it changes. ``slope`` (n_cells,) is that of the curve over the torque [arcmin/(N m)].
         """
         if before == after:
             return 0.0

@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.arrays import Real, Truth
 from pipeline.constant_kinds import Rounding, Shortcut, ShortcutCount, ShortcutGrid
-from pipeline.identification.bench.load_path import Instrument
+from pipeline.identification.bench.load_path import Instrument, answered
 from pipeline.identification.bench.simulator import Drives, Forward
 from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector, values_at_shares
@@ -90,9 +90,8 @@ class Fitter:
             sound = sound and reading.sound and bool(np.all(np.isfinite(reading.angle)))
             if modes and problem.n_modes:
                 modes_of_stations = tuple(problem.modes[station] for station in problem.stations[position])
-                influence[of_position] = reading.response[:, None] * forward.influence(
-                    drives[position], position, reading.carried_torque, modes_of_stations
-                )
+                of_curve = forward.influence(drives[position], position, reading.carried_torque, modes_of_stations)
+                influence[of_position] = answered(of_curve, reading.response)
         return Prediction(angle, influence, carried_torque, slope, response, sound)
 
     def mean_of_draws(
@@ -109,11 +108,11 @@ class Fitter:
             of_position = problem.data.position == position
             modes = [problem.modes[station] for station in problem.stations[position]]
             gaps = [draws @ of_station for of_station in modes]
-            change[of_position], influence[of_position] = self.forward(model).mean_of_draws(
+            of_curve = self.forward(model).mean_of_draws(
                 drives[position], position, prediction.carried_torque[of_position], gaps, modes
             )
-            change[of_position] *= prediction.response[of_position]
-            influence[of_position] *= prediction.response[of_position, None]
+            response = prediction.response[of_position]
+            change[of_position], influence[of_position] = (answered(values, response) for values in of_curve)
         return change, influence
 
     def forward(self, model: Model) -> Forward:
@@ -138,7 +137,9 @@ class Fitter:
         change, forward = np.full(len(prediction.angle), np.nan), self.forward(model)
         for position in positions:
             of_position = self.problem.data.position == position
-            by_ripple = forward.change_by_ripple(position, instrument, moved_instrument, prediction.slope[of_position])
+            response = prediction.response[of_position]
+            slope = prediction.slope[of_position] / response
+            by_ripple = forward.change_by_ripple(position, instrument, moved_instrument, slope)
             by_drive = None
             if by_ripple is not None:
                 by_drive = forward.change(
@@ -146,7 +147,7 @@ class Fitter:
                 )
             if by_ripple is None or by_drive is None:
                 return self.predict(model, moved_unknowns, positions).angle - prediction.angle
-            change[of_position] = by_drive * prediction.response[of_position] + by_ripple
+            change[of_position] = answered(by_drive + by_ripple, response)
         return change
 
     def centred_values(self, values: Real, weight: Real) -> Real:

@@ -477,6 +477,17 @@ def test_influence_of_modes_is_the_difference_of_predictions(unknown):
         assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(result))
 
 
+def test_a_ripple_answers_the_influence_of_modes_but_for_the_zero_of_the_angle(unknown):
+    fitter, model = Fitter(unknown), Model((candidates()["motor_cogging"],))
+    start = fitter.start(model, np.array([0.53, 0.5, 0.3]))
+    influence = fitter.predict(model, start, modes=True).influence[:, 0]
+    ends = [
+        fitter.predict(model, replace(start, modes=step * np.eye(len(start.modes))[0])).angle for step in (0.01, -0.01)
+    ]
+    result = (ends[0] - ends[1]) / 0.02
+    assert np.median(np.abs(influence - result)) < 0.03 * np.median(np.abs(result))
+
+
 OTHERS = [("creep",), ("torque_gain",)]  # not by the forces: predicted anew
 
 

@@ -9,7 +9,7 @@ from synthetic_unit import ROOT
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.identification.bench.course import Course
-from pipeline.identification.bench.load_path import Ripple, _nearest_root
+from pipeline.identification.bench.load_path import Ripple, _nearest_root, answered
 from pipeline.identification.bench.simulator import Forward, Instrument
 from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.compliance import LinearSpring
@@ -181,7 +181,8 @@ def test_the_change_by_a_ripple_is_that_of_predictions(drive, change):
     forward = Forward([course], drive.rated_torque)
     before, after = (Instrument(ripple=ripple) for ripple in (gentle, replace(gentle, **change)))
     readings = [forward.read(drive, 0, instrument) for instrument in (before, after)]
-    computed = forward.change_by_ripple(0, before, after, readings[0].slope)
+    curve_slope = readings[0].slope / readings[0].response
+    computed = answered(forward.change_by_ripple(0, before, after, curve_slope), readings[0].response)
     is_loaded = np.abs(course.cell_torques[:, 0]) > 2.0
     by_zero = np.column_stack([np.ones(len(angle)), 1 - readings[0].response])[is_loaded]  # the zero of the angle moves
     difference = (readings[1].angle - readings[0].angle - computed)[is_loaded]

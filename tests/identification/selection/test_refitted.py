@@ -63,9 +63,10 @@ def test_positions_that_are_left_out_are_predicted_with_their_own_phase_of_a_rip
     selection = selector.select(everything)
     assert selection.members == ("motor_cogging",)
     folds = predicted_folds(selector, selection, everything, carry_over=False)
-    error = ((problem.data.angle - folds.tested_curve) / problem.data.sigma)[folds.cells]
-    assert np.sqrt(np.mean(error**2)) < 1.5
-    assert folds.open_square < 10  # 300 if the phase were left open
+    error = (problem.data.angle - folds.tested_curve) / problem.data.sigma
+    is_beside_play = np.abs(problem.data.torque) < 0.3  # the ripple, of 0.11 N m, decides on which side of it a row is
+    assert np.sqrt(np.mean(error[folds.cells & ~is_beside_play] ** 2)) < 1.2
+    assert folds.open_square < 10  # by the tolerances; 300 if the phase were left open
 
 
 def test_the_best_start_of_each_sense_comes_before_the_others():
