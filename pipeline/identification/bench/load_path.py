@@ -19,10 +19,10 @@ from pipeline.model.load_history.friction.incremental import solve_path
 from pipeline.model.load_history.friction.output_path import output_path
 from pipeline.model.units import ARCMIN, NMM_PER_NM, SECONDS_AN_HOUR
 
-RIPPLE_PHASES: Grid = (-1.2, -0.8, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.8, 1.2)
-"""Phases [rad] from that of the angle measured, beside 0, between which the angle of a balance is searched for."""
-RIPPLE_STEPS: Fineness = 4
-"""Steps of the search between two of them, before a secant."""
+RIPPLE_PHASES: Grid = (-1.2, -0.6, -0.2, 0.0, 0.2, 0.6, 1.2)
+"""Phases [rad] from that of the angle measured, between which the angle of a balance is searched for."""
+RIPPLE_STEPS: Fineness = 2
+"""Steps of the search between two of them, after a secant."""
 STEEP: Rounding = 0.1
 """Least derivative of the torque read by the torque in the drive: a ripple makes it zero where it throws the output
 back, and the derivatives of the angle, which are divided by it, infinite."""
@@ -338,19 +338,21 @@ def read_with_ripple(
     measured = course.rows[1]
     middle = measured.mean(axis=1)
 
-    def read(shift: Real) -> tuple[Real, LoadPath, bool]:
-        return read_at(edges - ripple.torque((measured + shift[:, None]) / ARCMIN))
+    def read(shift: Real) -> tuple[Real, LoadPath, bool, Real]:
+        angle, path, is_sound = read_at(edges - ripple.torque((measured + shift[:, None]) / ARCMIN))
+        return angle, path, is_sound, 1 + path.slope * ripple.slope((middle + shift) / ARCMIN)
 
-    zero = float(np.median(middle - read(np.zeros(len(middle)))[0]))
+    unmoved, *_ = read(np.zeros(len(middle)))
+    zero = float(np.median(middle - unmoved))
 
-    def excess(shift: Real) -> Real:
-        return np.asarray(middle + shift - zero - read(shift)[0])
+    def excess(shift: Real) -> tuple[Real, Real]:
+        angle, *_, rise = read(shift)
+        return np.asarray(middle + shift - zero - angle), rise
 
-    shifts = np.sort([0.0, *RIPPLE_PHASES]) * ARCMIN / ripple.waves
-    excesses = np.array([excess(np.full(len(middle), shift)) for shift in shifts])
-    root, is_found = _nearest_root(excess, shifts, excesses)
-    angle, path, is_sound = read(root)
-    rise = 1 + path.slope * ripple.slope((middle + root) / ARCMIN)
+    shifts = np.array(RIPPLE_PHASES) * ARCMIN / ripple.waves
+    excesses = [excess(np.full(len(middle), shift))[0] if shift else middle - zero - unmoved for shift in shifts]
+    root, is_found = _nearest_root(excess, shifts, np.array(excesses))
+    angle, path, is_sound, rise = read(root)
     response = np.where(is_found, np.sign(rise) / np.maximum(np.abs(rise), STEEP), 1.0)
     return np.where(is_found, middle + root - zero, angle), path, is_sound, response
 
@@ -366,10 +368,13 @@ def answered(change: Real, response: Real) -> Real:
     return np.asarray(common + ((change - common).T * response).T)
 
 
-def _nearest_root(function: Callable[[Real], Real], places: Real, values: Real) -> tuple[Real, Truth]:
+def _nearest_root(
+    function: Callable[[Real], tuple[Real, Real]], places: Real, values: Real
+) -> tuple[Real, Truth]:
     """Root (n,) nearest to zero of a function of (n,), and whether there is one between ``places`` (n_places,).
 
-    ``values`` (n_places, n) are those of the function there.
+    The function returns its values and derivatives; ``values`` (n_places, n) are those at the places. After a secant
+    come steps of Newton's that stay between the ends; where one does not, half of the way takes its place.
     """
     changes_sign = np.sign(values[1:]) != np.sign(values[:-1])
     distance = np.where(changes_sign, np.abs(places[1:] + places[:-1])[:, None], np.inf)
@@ -377,12 +382,11 @@ def _nearest_root(function: Callable[[Real], Real], places: Real, values: Real) 
     is_found = np.isfinite(distance[interval, numbers])
     low, high = places[interval], places[interval + 1]
     low_value, high_value = values[interval, numbers], values[interval + 1, numbers]
-    difference = np.where(is_found, low_value - high_value, 1.0)
+    root = low + low_value / np.where(is_found, low_value - high_value, 1.0) * (high - low)
     for _ in range(RIPPLE_STEPS):
-        place = low + np.clip(low_value / difference, 0.1, 0.9) * (high - low)
-        value = function(place)
+        value, rise = function(root)
         is_low = np.sign(value) == np.sign(low_value)
-        low, low_value = np.where(is_low, place, low), np.where(is_low, value, low_value)
-        high, high_value = np.where(is_low, high, place), np.where(is_low, high_value, value)
-        difference = np.where(is_found, low_value - high_value, 1.0)
-    return np.where(is_found, low + low_value / difference * (high - low), 0.0), is_found  # 0 where there is none
+        low, high = np.where(is_low, root, low), np.where(is_low, high, root)
+        newton = root - value / np.where(np.abs(rise) < 1e-9, 1e-9, rise)
+        root = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+    return np.where(is_found, root, 0.0), is_found  # 0 where there is none

@@ -196,10 +196,10 @@ def test_the_nearest_of_several_roots_is_found_and_none_where_the_function_has_n
     phase, lift = np.array([0.3, -0.3, 3.0, 0.0]), np.array([0.0, 0.0, 0.0, 2.0])
 
     def function(x):
-        return np.sin(4 * x - phase) + lift
+        return np.sin(4 * x - phase) + lift, 4 * np.cos(4 * x - phase)
 
     places = np.linspace(-1.0, 1.0, 11)
-    root, is_found = _nearest_root(function, places, np.array([function(np.full(4, place)) for place in places]))
+    root, is_found = _nearest_root(function, places, np.array([function(np.full(4, place))[0] for place in places]))
     np.testing.assert_array_equal(is_found, [True, True, True, False])
     np.testing.assert_allclose(root, [0.075, -0.075, (3.0 - np.pi) / 4, 0.0], atol=1e-7)
 
