@@ -70,10 +70,22 @@ class MeasuredRows:
         return row_filters.clipped_rows(self.rows, self.angle_step)
 
     @cached_property
-    def usable(self) -> Truth:
-        """Rows (n_rows,) that may be fitted: numbers, not cut off, no jumps, not at rest before the first load."""
+    def is_readable(self) -> Truth:
+        """Rows (n_rows,) with branches: numbers, not cut off, no jumps, not at rest before the first load."""
         at_rest = row_filters.at_rest(self.rows, self.unit.settings.instrument, self.torque_noise)
         return self.numeric & ~self.is_saturated & ~self.is_clipped & ~self.spikes & ~at_rest
+
+    @cached_property
+    def is_in_play(self) -> Truth:
+        """Rows (n_rows,) within the play, of a drive with a design whose crank is held; of others it is a knee."""
+        if self.unit.design_study is None or self.unit.settings.crank.moves != "fixed":
+            return np.zeros(len(self.rows), bool)
+        return row_filters.rows_in_play(self.rows, self.is_readable, self.branches)
+
+    @cached_property
+    def usable(self) -> Truth:
+        """Rows (n_rows,) that may be fitted."""
+        return self.is_readable & ~self.is_in_play
 
     @cached_property
     def usable_rows(self) -> UsableRows:
@@ -83,7 +95,7 @@ class MeasuredRows:
     @cached_property
     def branches(self) -> BranchBlocks:
         """Monotone branches of every cycle."""
-        return find_blocks(self.rows, self.usable, self.torque_noise, self.is_fitted)
+        return find_blocks(self.rows, self.is_readable, self.torque_noise, self.is_fitted)
 
     @cached_property
     def cells(self) -> Cells:

@@ -1,11 +1,12 @@
-"""Which rows may be fitted: numbers, not saturated, no jumps of the encoder, not at rest before the first load."""
+"""Which rows may be fitted: numbers, not saturated, no jumps of the encoder, not at rest, not within the play."""
 
 import numpy as np
 
 from pipeline.arrays import Real, Truth
-from pipeline.identification.measurement.branches import TURN_NOISE
-from pipeline.identification.measurement.enough import FEWEST_PIECE_ROWS, SURE
+from pipeline.identification.measurement.branches import TURN_NOISE, BranchBlocks, monotone
+from pipeline.identification.measurement.enough import FEWEST_COMPARED, FEWEST_PIECE_ROWS, SURE, UNLOADED_SHARE
 from pipeline.identification.measurement.estimate import MAD_TO_STD, smallest_step
+from pipeline.identification.measurement.repeated_branches import PLAY_SHARE
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.unit_sections import InstrumentSection
 
@@ -37,6 +38,41 @@ def at_rest(rows: Rows, instrument: InstrumentSection, torque_noise: float) -> T
         is_loaded = np.abs(rows.torque[of_position]) > smallest_change
         is_at_rest[of_position[: int(np.argmax(is_loaded)) if np.any(is_loaded) else 0]] = True
     return is_at_rest
+
+
+def rows_in_play(rows: Rows, usable: Truth, branches: BranchBlocks) -> Truth:
+    """Rows (n,) between both sides of the play, where not the drive but the bench determines the angle.
+
+    A bench that turns the output at a constant speed reads many of them, at one torque. Each branch is looked at by
+    itself. The play is the longest way, over `PLAY_SHARE` of the range of the angle, on which the torque changes by
+    less than this share of what it changes by, over as much of the angle, where the drive is loaded. The rows at both
+    ends of this way show at which torque it is crossed. Where many rows lie between them, they are left out, too: the
+    bench then determines the angle, and each of them may lie within the play by as much as one step of it.
+    """
+    is_in_play = np.zeros(len(rows), bool)
+    for block, direction in zip(branches.rows, branches.direction.tolist(), strict=True):
+        numbers = np.flatnonzero(usable[block]) + block.start
+        if numbers.size < FEWEST_COMPARED:
+            continue
+        torque, angle = monotone(rows.torque[numbers], direction), rows.angle[numbers]
+        compliance = _loaded_compliance(torque, angle)
+        gain = direction * (angle - compliance / PLAY_SHARE * torque)
+        last = int(np.argmax(gain - np.minimum.accumulate(gain)))
+        first = int(np.argmin(gain[: last + 1]))
+        if compliance > 0 and gain[last] - gain[first] > PLAY_SHARE * np.ptp(angle):
+            ends = int(last - first > FEWEST_PIECE_ROWS)
+            is_in_play[numbers[first + 1 - ends : last + ends]] = True
+    return is_in_play
+
+
+def _loaded_compliance(torque: Real, angle: Real) -> float:
+    """Larger slope [arcmin/(N m)] of a branch on its two loaded sides; 0 where it is loaded on none."""
+    slopes = [0.0]
+    for sense in (1, -1):
+        is_loaded = sense * torque > UNLOADED_SHARE * np.max(np.abs(torque))
+        if is_loaded.sum() >= FEWEST_COMPARED and np.ptp(torque[is_loaded]) > 0:
+            slopes.append(float(np.polyfit(torque[is_loaded], angle[is_loaded], 1)[0]))
+    return max(slopes)
 
 
 def numeric(rows: Rows) -> Truth:

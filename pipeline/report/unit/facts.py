@@ -157,15 +157,10 @@ def data_facts(identification: Identification) -> list[tuple[str, str]]:
         held_out_by = f"{measurement.held_out_by or 'turn'}s"
     train = measurement.unit.settings.held_out.train
     counts = count_text(len(measurement.branches), "branch", "branches"), count_text(len(measurement.cells), "cell")
-    n_early = 0 if isinstance(measurement, TurningMeasurement) else _early_rows(measurement)
-    early_words = (
-        f"{count_text(n_early, 'row')} of the first branches, below {100 * UNLOADED_SHARE:.0f} % of the largest "
-        "torque, which depend on what came before the record"
-    )
     return [
         *rows_facts(identification),
         ("Branches and cells", ", ".join(counts)),
-        *([("Not compared", early_words)] if n_early else []),
+        *([] if isinstance(measurement, TurningMeasurement) else _rows_not_compared(measurement)),
         (
             "Held out",
             "what unit.toml names" if train else f"whole {held_out_by}, each predicted by a fit to the others",
@@ -178,6 +173,20 @@ def data_facts(identification: Identification) -> list[tuple[str, str]]:
         ("Noise of the torque", f"{digits(noise.torque_noise_Nm)} N m a row"),
         ("Left from position to position", _scatter(identification.remainder)),
     ]
+
+
+def _rows_not_compared(measurement: Measurement) -> list[tuple[str, str]]:
+    """What is left out of the rows that could be read."""
+    counts_and_words = [
+        (
+            _early_rows(measurement),
+            f"of the first branches, below {100 * UNLOADED_SHARE:.0f} % of the largest torque, which depend on what "
+            "came before the record",
+        ),
+        (int(np.sum(measurement.is_in_play)), "within the play, where the bench determines the angle, not the drive"),
+    ]
+    words = [f"{count_text(count, 'row')} {which}" for count, which in counts_and_words if count]
+    return [("Not compared", listed_text(words))] if words else []
 
 
 def _early_rows(measurement: Measurement) -> int:

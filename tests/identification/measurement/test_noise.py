@@ -208,7 +208,7 @@ def test_reduced_drive_of_the_project_has_the_noise_of_all_its_rows():
     measurement = Measurement.read(load_measured_unit("base_pccf_runin", ROOT))
     assert measurement.branches.direction.tolist() == [1, -1, 1] * 9
     assert measurement.repeatability.repeats.value == pytest.approx(2.36, rel=0.12)
-    assert 1 - measurement.usable.mean() == pytest.approx(0.375, abs=0.02)
+    assert 1 - measurement.is_readable.mean() == pytest.approx(0.375, abs=0.02)
     assert measurement.fatal == ()
 
 

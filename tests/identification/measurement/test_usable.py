@@ -1,4 +1,4 @@
-"""Rows at rest before the first load of a position."""
+"""Rows at rest before the first load of a position, and rows within the play."""
 
 import numpy as np
 import pandas as pd
@@ -75,3 +75,55 @@ def test_without_noise_only_rows_of_no_torque_at_all_are_at_rest(tmp_path):
     table = measured()
     measurement = read(tmp_path, table, UNIT)
     np.testing.assert_array_equal(at_rest(measurement), ~table.duplicated("crank_deg"))
+
+
+PLAY, STIFFNESS = 2.0, 4.0
+"""Play [arcmin], and stiffness [N m/arcmin] on both sides of it."""
+
+
+def turned_steadily(friction=0.0, noise=0.05, softness=0.0, seed=0):
+    """Three cycles on a bench that turns the output at a constant speed; the rows in the play.
+
+    The torque follows the angle. ``softness`` rounds the play: a cubic spring of that share of the stiffness within it.
+    """
+    angle = path_of([0.0, 3.0, -3.0, 3.0, -3.0, 3.0, -3.0, 0.0], 40)
+    beyond = angle - np.clip(angle, -PLAY / 2, PLAY / 2)
+    is_in_play = np.abs(angle) < PLAY / 2
+    torque = STIFFNESS * (beyond + softness * np.clip(angle, -PLAY / 2, PLAY / 2))
+    torque += friction * np.sign(np.gradient(angle)) + noise * np.random.default_rng(seed).standard_normal(len(angle))
+    number = np.minimum(np.arange(len(angle)) // 80, 2)
+    table = pd.DataFrame({"cycle": number, "crank_deg": 0.0, "torque_Nm": torque, "angle_arcmin": angle})
+    return table, is_in_play
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_rows_within_the_play_are_not_usable_and_no_others_are_lost(tmp_path, friction):
+    table, is_in_play = turned_steadily(friction)
+    measurement = read(tmp_path, table)
+    is_later = np.arange(len(table)) > 40  # before that it is not known where the record began
+    assert np.mean(measurement.is_in_play[is_in_play & is_later]) > 0.98
+    step = 3.0 / 40
+    is_beyond = np.abs(measurement.rows.angle) > PLAY / 2 + 2.5 * step
+    assert not np.any(measurement.is_in_play & is_beyond)
+    np.testing.assert_array_equal(measurement.usable[is_beyond], measurement.is_readable[is_beyond])
+
+
+def test_a_bench_that_sets_the_torque_has_no_rows_within_the_play(tmp_path):
+    table = pd.concat([cycle(0.0, number) for number in range(3)], ignore_index=True)
+    assert not read(tmp_path, table).is_in_play.any()
+
+
+def test_a_play_that_gives_way_under_a_fifth_of_the_stiffness_is_part_of_the_curve(tmp_path):
+    table, _ = turned_steadily(softness=0.2)
+    assert not read(tmp_path, table).is_in_play.any()
+
+
+def test_the_play_of_a_drive_without_a_design_is_a_knee_whose_rows_count(tmp_path):
+    table, _ = turned_steadily()
+    generic = UNIT
+    for line in ('design = "pham2017"\n', 'study = "quick"\n', 'as_measured = "unknown"\n'):
+        generic = generic.replace(line, "")
+    text = f"{generic}[generic]\nratio = 49.0\nrated_torque_Nm = 20.0\n[instrument]\ntorque_noise_Nm = {NOISE}\n"
+    measurement = read(tmp_path, table, text)
+    assert measurement.unit.design_study is None
+    assert not measurement.is_in_play.any()
