@@ -48,6 +48,8 @@ class Course:
     time : (n_cells,) [s] from the unit's first cell, or zeros.
     rows : (n_cells, n_edges) torques [N m] and angles [arcmin] within each cell, in the order of its rows; None
         where no ripple is asked for.
+    readings : (n_readings,) times [s] and torques [N m] of all rows, those within the play too; None without times.
+    edge_times : (n_cells, n_edges) time [s] of each of the torques within the cells; None without times.
     encoder_turns : turns of the encoder per turn of the output.
     encoder_place : [rad] of the encoder at this position.
     sliding : (n_cells,) sense in which the output slides all along, 1 or -1, where the crank turns; None where the
@@ -65,6 +67,8 @@ class Course:
     sliding: Whole | None = None
     crank: CrankMotion | None = None
     rows: tuple[Real, Real] | None = None
+    readings: tuple[Real, Real] | None = None
+    edge_times: Real | None = None
 
     def without_states(self) -> "Course":
         """The course with all its cells in the drive's first state."""

@@ -11,7 +11,7 @@ from pipeline.arrays import Real, Truth, Whole
 from pipeline.constant_kinds import Fineness, Grid, Rounding, Shortcut
 from pipeline.identification.bench.course import Course, slid_torque
 from pipeline.model.effects.creep import KelvinVoigt
-from pipeline.model.elements import merged_path, polyline
+from pipeline.model.elements import Path, merged_path, polyline
 from pipeline.model.load_history.backbone import NO_LOAD, Backbone
 from pipeline.model.load_history.cell_means import means, means_along
 from pipeline.model.load_history.drive import Drive
@@ -113,10 +113,16 @@ class Instrument:
         turns, edges = self.true_torque(course.torque), self.true_torque(course.cell_torques)
         if not self.torque_creep[0]:
             return turns, edges
-        of_cells = mean_torque(edges)
-        path, of_cell = merged_path((turns, turns), (of_cells, of_cells), course.leg, course.time, np.zeros_like)
-        crept = self.delayed_reading.twist(path)
-        return turns - np.delete(crept, of_cell), edges - crept[of_cell, None]
+        if course.readings is None or course.edge_times is None:
+            of_cells = mean_torque(edges)
+            path, of_cell = merged_path((turns, turns), (of_cells, of_cells), course.leg, course.time, np.zeros_like)
+            crept = self.delayed_reading.twist(path)
+            return turns - np.delete(crept, of_cell), edges - crept[of_cell, None]
+        time, read = course.readings
+        torque = self.true_torque(read)
+        crept = self.delayed_reading.twist(Path(torque, torque, time, np.zeros_like))
+        of_edges = np.interp(course.edge_times, time, crept)
+        return turns - of_edges[course.edges_beside_turns], edges - of_edges
 
     def angle_read(self, course: Course, angle: Real, encoder_place: float) -> Real:
         """Angle [arcmin] that is read where the output stands at ``angle`` (n_cells,) [rad]."""

@@ -14,7 +14,7 @@ from pipeline.errors import InputError
 from pipeline.identification.bench.course import Course, CrankMotion
 from pipeline.identification.bench.simulator import BEYOND, Forward
 from pipeline.identification.fitting.cells_in_noise import data_of
-from pipeline.identification.fitting.measured_loops import rows_within, within_cells
+from pipeline.identification.fitting.measured_loops import readings, rows_within, within_cells
 from pipeline.identification.fitting.offered import met_needs
 from pipeline.identification.fitting.problem import PriorModes, Problem, first_states
 from pipeline.identification.fitting.scaled_drives import drives_of
@@ -208,18 +208,19 @@ def _course(
     of_position = cells.position == position
     crank, lobes = np.radians(measurement.drive_cranks[position]), unit.study.design.cycloid.lobes
     has_times = bool(np.all(np.isfinite(cells.time_mean)))
-    time = (
-        cells.time_mean[of_position] - np.min(cells.time_mean[visible])
-        if has_times
-        else np.zeros(int(of_position.sum()))
-    )
+    begin = np.min(cells.time_mean[visible]) if has_times else 0.0
+    time = cells.time_mean[of_position] - begin if has_times else np.zeros(int(of_position.sum()))
+    torques, angles, edge_times = rows_within(measurement, np.flatnonzero(of_position))
+    of_rows = readings(measurement, position) if has_times else None
     at_input = unit.settings.locked == "output"
     return Course(
         torque=turns.torque[position],
         leg=turns.leg[cells.block[of_position]],
         state=states[position],
         cell_torques=within_cells(measurement, np.flatnonzero(of_position)),
-        rows=rows_within(measurement, np.flatnonzero(of_position)),
+        rows=(torques, angles),
+        readings=None if of_rows is None else (of_rows[0] - begin, of_rows[1]),
+        edge_times=edge_times - begin if has_times else None,
         time=time,
         encoder_turns=float(lobes) if at_input else 1.0,
         encoder_place=float(crank if at_input else -crank / lobes),

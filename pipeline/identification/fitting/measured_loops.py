@@ -46,15 +46,15 @@ def within_cells(measurement: Measurement, numbers: Index) -> Real:
     return np.array(edges)
 
 
-def rows_within(measurement: Measurement, numbers: Index) -> tuple[Real, Real]:
-    """Torques [N m] and angles [arcmin], each (n, PARTS + 1), at ends of parts of as many rows within cells.
+def rows_within(measurement: Measurement, numbers: Index) -> tuple[Real, Real, Real]:
+    """Torques [N m], angles [arcmin] and times [s], each (n, PARTS + 1), at ends of parts of as many rows within cells.
 
     In order of time, or against it where the torque falls. The angles lie on a line over the rows, so that their noise
     is that of the cell. The torques are those of the rows and need not increase: with a ripple the torque read may stay
     or decrease while the angle increases.
     """
     rows, cells, usable = measurement.rows, measurement.cells, np.flatnonzero(measurement.usable)
-    torques, angles = np.empty((2, len(numbers), PARTS + 1))
+    torques, angles, times = np.full((3, len(numbers), PARTS + 1), np.nan)
     for place, number in enumerate(numbers):
         start, count = np.searchsorted(usable, cells.first_row[number]), cells.count[number]
         of_cell = usable[start : start + count][:: 1 if cells.direction[number] > 0 else -1]
@@ -63,7 +63,18 @@ def rows_within(measurement: Measurement, numbers: Index) -> tuple[Real, Real]:
         slope = from_middle @ rows.angle[of_cell] / max(from_middle @ from_middle, 1.0)
         torques[place] = np.interp(ends, from_middle, rows.torque[of_cell])
         angles[place] = cells.angle_mean[number] + slope * ends
-    return torques, angles
+        if rows.time is not None:
+            times[place] = np.interp(ends, from_middle, rows.time[of_cell])
+    return torques, angles, times
+
+
+def readings(measurement: Measurement, position: int) -> tuple[Real, Real] | None:
+    """Times [s] and torques [N m] (n_rows,) of all rows of a position that could be read; None without times."""
+    rows = measurement.rows
+    if rows.time is None:
+        return None
+    numbers = np.flatnonzero(measurement.is_readable & (rows.position == position) & np.isfinite(rows.time))
+    return rows.time[numbers], rows.torque[numbers]
 
 
 def _crossings_beside(cells: Cells) -> tuple[Truth, Truth]:

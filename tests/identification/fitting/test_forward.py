@@ -289,6 +289,27 @@ def test_torque_that_a_creeping_sensor_reads_is_that_of_the_drive(drive, share, 
     np.testing.assert_allclose(turns[:-1] / 1e3, TURNS[:-1], atol=0.03 * crept)
 
 
+def test_a_sensor_creeps_on_while_the_play_is_crossed_at_no_torque():
+    """The reading goes back there, and the rows of the play are in no cell: all rows tell the delay."""
+    times = np.array([0.0, 20.0, 40.0, 70.0, 90.0, 110.0])
+    fine = np.linspace(0.0, times[-1], 11_001)
+    torque = np.interp(fine, times, [0.0, 12.0, 0.0, 0.0, -12.0, 0.0])
+    torque_read = torque + 0.1 * delayed(torque, fine, KelvinVoigt(1.0, 10.0))
+    time = np.concatenate([np.arange(1.0, 20.0), np.arange(21.0, 40.0), np.arange(71.0, 90.0), np.arange(91.0, 110.0)])
+    leg = np.repeat([0, 1, 1, 2], 19)
+    turns = np.interp([0.0, 20.0, 90.0, 110.0], fine, torque_read)
+    cell_torques = points(np.interp(time, fine, torque_read))
+    course = Course(turns, leg, np.zeros(len(leg), np.int64), cell_torques, time, 1.0, 0.0)
+    every_row = fine[::100], torque_read[::100]
+    errors = []
+    for known in (course, replace(course, readings=every_row, edge_times=np.repeat(time[:, None], 2, axis=1))):
+        at_turns, edges = Instrument(torque_creep=(0.1, 10.0)).torques(known)
+        errors.append(np.max(np.abs(edges[:, 0] / 1e3 - np.interp(time, fine, torque))))
+    np.testing.assert_allclose(at_turns[1:3] / 1e3, [12.0, -12.0], atol=0.06)  # the last row is a second before
+    assert errors[1] < 0.003
+    assert errors[0] > 10 * errors[1]
+
+
 def test_friction_at_the_contacts_shifts_the_branches_apart_with_the_load(drive):
     usual = Conditions.run_in(1)
     rubbing = library()["contact_friction"].apply(drive, [0.02], usual)

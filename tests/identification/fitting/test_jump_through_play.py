@@ -152,15 +152,18 @@ def test_rows_within_a_cell_keep_their_order_and_their_angles_lie_on_a_line(tmp_
     torque = table["torque_Nm"].to_numpy()
     there_and_back = torque + 0.5 * np.sin(3 * torque)  # goes back where the sine falls
     angle = torque / 5 + 0.004 * rng.standard_normal(len(torque))
-    unit = write_unit(tmp_path, {"rows.csv": table.assign(angle_arcmin=angle, torque_Nm=there_and_back)})
+    table = table.assign(angle_arcmin=angle, torque_Nm=there_and_back, time_s=np.arange(len(table), dtype=float))
+    unit = write_unit(tmp_path, {"rows.csv": table})
     measurement = Measurement.read(load_measured_unit(unit, ROOT))
     cells = measurement.cells
-    torques, angles = rows_within(measurement, np.arange(len(cells)))
+    torques, angles, times = rows_within(measurement, np.arange(len(cells)))
     np.testing.assert_allclose(angles.mean(axis=1), cells.angle_mean)
     assert np.all(np.diff(angles, axis=1) > -0.01)  # rising, on branches of both senses
     assert np.median(np.abs(torques - 5 * angles - 0.5 * np.sin(15 * angles))) < 0.05
     assert np.any(np.diff(torques, axis=1) < -0.02)
     assert np.all(np.diff(within_cells(measurement, np.arange(len(cells))), axis=1) >= 0)
+    assert np.all(np.diff(times, axis=1) * cells.direction[:, None] > 0)
+    np.testing.assert_allclose(times.mean(axis=1), cells.time_mean)
 
 
 def misfit_of_model(measurement, data):
