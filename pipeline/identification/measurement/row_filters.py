@@ -47,7 +47,8 @@ def rows_in_play(rows: Rows, usable: Truth, branches: BranchBlocks) -> Truth:
     itself. The play is the longest way, over `PLAY_SHARE` of the range of the angle, on which the torque changes by
     less than this share of what it changes by, over as much of the angle, where the drive is loaded. The rows at both
     ends of this way show at which torque it is crossed. Where many rows lie between them, they are left out, too: the
-    bench then determines the angle, and each of them may lie within the play by as much as one step of it.
+    bench then determines the angle, and each of them may lie within the play by as much as one step of it. So are the
+    rows beyond an end if there are too few to show a curve, since a cycle may end within the play.
     """
     is_in_play = np.zeros(len(rows), bool)
     for block, direction in zip(branches.rows, branches.direction.tolist(), strict=True):
@@ -60,8 +61,12 @@ def rows_in_play(rows: Rows, usable: Truth, branches: BranchBlocks) -> Truth:
         last = int(np.argmax(gain - np.minimum.accumulate(gain)))
         first = int(np.argmin(gain[: last + 1]))
         if compliance > 0 and gain[last] - gain[first] > PLAY_SHARE * np.ptp(angle):
-            ends = int(last - first > FEWEST_PIECE_ROWS)
-            is_in_play[numbers[first + 1 - ends : last + ends]] = True
+            begin, end = first + 1, last
+            is_steady = end - begin >= FEWEST_PIECE_ROWS
+            if end > begin:
+                begin = 0 if first < FEWEST_PIECE_ROWS else begin - is_steady
+                end = numbers.size if numbers.size - last <= FEWEST_PIECE_ROWS else end + is_steady
+            is_in_play[numbers[begin:end]] = True
     return is_in_play
 
 

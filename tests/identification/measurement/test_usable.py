@@ -108,6 +108,15 @@ def test_rows_within_the_play_are_not_usable_and_no_others_are_lost(tmp_path, fr
     np.testing.assert_array_equal(measurement.usable[is_beyond], measurement.is_readable[is_beyond])
 
 
+def test_no_row_of_a_cycle_that_ends_within_the_play_is_usable(tmp_path):
+    table, is_in_play = turned_steadily(noise=0.3)
+    number = np.minimum((np.arange(len(table)) + 62) // 80, 3)  # two of its ends lie within the play
+    measurement = read(tmp_path, table.assign(cycle=number))
+    is_beside_end = is_in_play & (np.abs(np.gradient(number)) > 0)
+    assert is_beside_end.sum() >= 4
+    assert not np.any(measurement.usable & is_beside_end)
+
+
 def test_a_bench_that_sets_the_torque_has_no_rows_within_the_play(tmp_path):
     table = pd.concat([cycle(0.0, number) for number in range(3)], ignore_index=True)
     assert not read(tmp_path, table).is_in_play.any()
