@@ -107,6 +107,7 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
         course = Course(
             *(bench.turns, leg, bench.state[leg], np.column_stack([torque, torque]), time),
             *((float(lobes), position) if at_input else (1.0, -position / lobes)),
+            is_output_locked=at_input,
         )
         courses = [course] * (len(tables) + 1)  # the position is the last of these
         plain = replace(instrument, ripple=Ripple())

@@ -50,6 +50,8 @@ class Course:
         where no ripple is asked for.
     readings : (n_readings,) times [s] and torques [N m] of all rows, those within the play too; None without times.
     edge_times : (n_cells, n_edges) time [s] of each of the torques within the cells; None without times.
+    is_output_locked : whether the input is loaded against a locked output: friction then lies before what is in series
+        with the output, which carries the torque that it leaves. Of a loaded output it lies behind it.
     encoder_turns : turns of the encoder per turn of the output.
     encoder_place : [rad] of the encoder at this position.
     sliding : (n_cells,) sense in which the output slides all along, 1 or -1, where the crank turns; None where the
@@ -69,6 +71,7 @@ class Course:
     rows: tuple[Real, Real] | None = None
     readings: tuple[Real, Real] | None = None
     edge_times: Real | None = None
+    is_output_locked: bool = False
 
     def without_states(self) -> "Course":
         """The course with all its cells in the drive's first state."""

@@ -11,7 +11,7 @@ from pipeline.arrays import Real, Truth, Whole
 from pipeline.constant_kinds import Fineness, Grid, Rounding, Shortcut
 from pipeline.identification.bench.course import Course, slid_torque
 from pipeline.model.effects.creep import KelvinVoigt
-from pipeline.model.elements import Path, merged_path, polyline
+from pipeline.model.elements import Path, merged_path
 from pipeline.model.load_history.backbone import NO_LOAD, Backbone
 from pipeline.model.load_history.cell_means import means, means_along
 from pipeline.model.load_history.drive import Drive
@@ -115,12 +115,12 @@ class Instrument:
             return turns, edges
         if course.readings is None or course.edge_times is None:
             of_cells = mean_torque(edges)
-            path, of_cell = merged_path((turns, turns), (of_cells, of_cells), course.leg, course.time, np.zeros_like)
+            path, of_cell = merged_path(turns, of_cells, course.leg, course.time)
             crept = self.delayed_reading.twist(path)
             return turns - np.delete(crept, of_cell), edges - crept[of_cell, None]
         time, read = course.readings
         torque = self.true_torque(read)
-        crept = self.delayed_reading.twist(Path(torque, torque, time, np.zeros_like))
+        crept = self.delayed_reading.twist(Path(torque, time))
         of_edges = np.interp(course.edge_times, time, crept)
         return turns - of_edges[course.edges_beside_turns], edges - of_edges
 
@@ -171,7 +171,7 @@ class ElasticCurve(NamedTuple):
 
 
 class Elastic:
-    """Elastic curves of a drive whose crank is held, one for each of its states."""
+    """Elastic curves of a reducer whose crank is held, one for each of its states."""
 
     def __init__(self, drive: Drive, curve: Backbone):
         self.drive, self.curve = drive, curve
@@ -179,7 +179,7 @@ class Elastic:
     def curve_of_state(self, state: int) -> ElasticCurve:
         """The curve of a state."""
         nodes = self.drive.stiffening(state) * self.curve.torque
-        return ElasticCurve(nodes, self.curve.angle[state] + self.drive.twist(nodes), nodes)
+        return ElasticCurve(nodes, self.curve.angle[state], nodes)
 
 
 def load_path(
@@ -218,7 +218,7 @@ def _along(
         if drive.sliders.at_contacts:
             seeds = (nodes, curve.states.motion[state], curve.states.force[state])
             motions, _, largest_residual = solve_path(drive.at_drawing_modulus(state), state, steps / stiffer, seeds)
-            output_angle = motions[:, drive.reducer.output_motion] + drive.twist(steps)
+            output_angle = motions[:, drive.reducer.output_motion]
             corners, sound = np.array([steps, output_angle, steps]), sound and largest_residual <= LARGEST_RESIDUAL
         else:
             leaning, of_state = 1 + drive.lean, elastic.curve_of_state(state)
@@ -258,19 +258,30 @@ def mean_torque(edges: Real) -> Real:
     return np.asarray((0.5 * (edges[:, 1:] + edges[:, :-1])).mean(axis=1))
 
 
-def memory_twist(drive: Drive, course: Course, elastic: ElasticCurve, path: LoadPath, torques: Torques) -> Real:
-    """Rotation (n_cells,) [rad] of the elements with memory, along cells and the turns between them.
+def with_springs(drive: Drive, course: Course, curve: Backbone, path: LoadPath, torques: Torques) -> LoadPath:
+    """A way with what the springs in series with the output and the elements with memory add.
 
-    Each element goes along all of the position; ``elastic`` is the curve of the first state.
+    They carry all of the torque on a loaded output, and what friction leaves of it at a locked one.
     """
-    torque, edges = torques
-    along, points = merged_path(
-        (elastic.torque_carried(path.at_turns), torque),
-        (elastic.torque_carried(path.carried_torque), mean_torque(edges)),
-        course.leg,
-        course.time,
-        polyline(elastic.carried_torque, elastic.angle),
-    )
+    turns, edges = torques
+    if course.is_output_locked:
+        turns, edges = path.at_turns, np.repeat(path.carried_torque[:, None], 2, axis=1)
+    angle, slope = path.angle, path.slope
+    if drive.springs:
+        twist, rise = means(edges, curve.torque, drive.twist(curve.torque))
+        turns_them = (slope != 0) | (not course.is_output_locked)
+        angle, slope = angle + twist, slope + turns_them * rise
+    if drive.hystereses:
+        angle = angle + memory_twist(drive, course, (turns, mean_torque(edges)))
+    return replace(path, angle=angle, slope=slope)
+
+
+def memory_twist(drive: Drive, course: Course, torques: Torques) -> Real:
+    """Rotation (n_cells,) [rad] of the elements with memory, along torques of turns and of cells (n_cells,) [N mm].
+
+    Each element goes along all of the position.
+    """
+    along, points = merged_path(*torques, course.leg, course.time)
     return np.asarray(sum(element.twist(along) for element in drive.hystereses))[points]
 
 
@@ -282,9 +293,8 @@ def _slid(drive: Drive, course: Course, curve: Backbone, torque: Real, edges: Re
     for state in course.states:
         cells = course.state == state
         nodes = leaning * drive.stiffening(state) * curve.torque
-        elastic_angle = curve.angle[state] + drive.twist(nodes / leaning)
         edges_carried, share = slid_torque(edges[cells], course.sliding[cells], drive.sliders.of_scaled_load(leaning))
-        angle[cells], rise = means(edges_carried, nodes, elastic_angle)
+        angle[cells], rise = means(edges_carried, nodes, curve.angle[state])
         slope[cells] = rise * share
         carried_torque[cells] = mean_torque(edges_carried) / leaning
     return LoadPath(angle, slope, carried_torque, torque)

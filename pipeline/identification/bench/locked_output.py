@@ -105,7 +105,8 @@ def locked_path(
             path = path_at(torques[1])
             angle = path.angle
             if drives[0].hystereses and sound:
-                twist = memory_twist(drives[0], course, elastic.curve_of_state(0), path, torques)
+                carried = elastic.curve_of_state(0).torque_carried
+                twist = memory_twist(drives[0], course, (carried(path.at_turns), carried(path.carried_torque)))
                 angle = angle + twist + elastic.turned_by_memory(path.carried_torque, twist)
             former_start, elastic.start = elastic.start, place + motion.ratio * float(np.mean(angle))
             if not abs(elastic.start - former_start) > PLACE_TOLERANCE:

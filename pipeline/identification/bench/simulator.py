@@ -20,8 +20,8 @@ from pipeline.identification.bench.load_path import (
     LoadPath,
     load_path,
     mean_torque,
-    memory_twist,
     read_with_ripple,
+    with_springs,
 )
 from pipeline.identification.bench.locked_output import interpolation_error, locked_path
 from pipeline.model.elements import Spring, same
@@ -158,11 +158,8 @@ class Forward:
         path_at, is_followed = load_path(drive, course, curves[0], elastic, turns)
 
         def way(edges: Real) -> tuple[LoadPath, Real, float, bool]:
-            path = path_at(edges)
-            angle = path.angle
-            if drive.hystereses:
-                angle = angle + memory_twist(drive, course, elastic.curve_of_state(0), path, (turns, edges))
-            return path, angle, course.encoder_place, is_followed
+            path = with_springs(drive, course, curves[0], path_at(edges), (turns, edges))
+            return path, path.angle, course.encoder_place, is_followed
 
         return way
 
@@ -228,8 +225,17 @@ class Forward:
         pairs = list(zip(drives_before, drives_after, strict=True))
         if not all(_alike_but_for_springs(*pair) for pair in pairs):
             return None
-        values = [self.backbone(drive).change(drive, neighbour)[..., None] for drive, neighbour in pairs]
-        return self._at_cells(drives_before, position, carried_torque, values)[:, 0]
+        course, curves = self.courses[position], [self.backbone(drive) for drive in drives_before]
+        values = [curve.change(neighbour) for curve, (_, neighbour) in zip(curves, pairs, strict=True)]
+        nodes = curves[0].torque
+        twists = [neighbour.twist(nodes) - drive.twist(nodes) for drive, neighbour in pairs]
+        if course.crank is not None:
+            values = [value + twist for value, twist in zip(values, twists, strict=True)]
+        change = self._at_cells(drives_before, position, carried_torque, [value[..., None] for value in values])[:, 0]
+        if course.crank is None and np.any(twists[0]):
+            edges = carried_torque[:, None] if course.is_output_locked else NMM_PER_NM * course.cell_torques
+            change += ARCMIN * np.interp(edges, nodes, twists[0]).mean(axis=1)
+        return change
 
     def change_by_ripple(
         self, position: int, before: Instrument, after: Instrument, slope: Real

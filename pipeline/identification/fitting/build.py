@@ -221,6 +221,7 @@ def _course(
         rows=(torques, angles),
         readings=None if of_rows is None else (of_rows[0] - begin, of_rows[1]),
         edge_times=edge_times - begin if has_times else None,
+        is_output_locked=at_input,
         time=time,
         encoder_turns=float(lobes) if at_input else 1.0,
         encoder_place=float(crank if at_input else -crank / lobes),

@@ -161,7 +161,7 @@ class LoopModel:
             return twist
         torque, time = carried.mean(axis=0), self.loops.time.ravel()
         for run in self._runs:
-            twist[run] = drive.delayed.twist(Path(torque[run], torque[run], time[run], np.zeros_like))
+            twist[run] = drive.delayed.twist(Path(torque[run], time[run]))
         return twist
 
     @cached_property

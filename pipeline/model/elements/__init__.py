@@ -8,7 +8,6 @@ from pipeline.model.elements.element import (
     RoundedPlay,
     Spring,
     merged_path,
-    polyline,
     same,
 )
 from pipeline.model.elements.sliding_friction import FirstLoading, Friction, SlidingFriction
@@ -24,6 +23,5 @@ __all__ = [
     "SlidingFriction",
     "Spring",
     "merged_path",
-    "polyline",
     "same",
 ]

@@ -13,11 +13,11 @@ What acts on the gaps changes the numbers of the drive that the gaps are compute
 ``Drive.with_added_gap``. Study, fit, comparison of two measurements and blind units use ``Drive.elements`` by place and
 name no single class, so a new effect is one file with its element and its ``EFFECT``.
 
-Elements in series carry the torque that friction on the output leaves to the reducer: the turning end is beyond them.
+Elements in series carry all of the torque on the turning end: seals, bearings and pins rub in the reducer, and flange,
+coupling and lever lie beyond it. What friction leaves of the torque is carried by the reducer alone.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, ClassVar, TypeVar
 
@@ -67,17 +67,12 @@ class Path:
 
     Attributes
     ----------
-    torque : (n,) carried by the reducer and by the elements in series [N mm]; 0.0 and -0.0 as in ``Spring.twist``.
-    applied : (n,) on the turning end, friction of the output included [N mm].
+    torque : (n,) that the element carries [N mm]; 0.0 and -0.0 as in ``Spring.twist``.
     time : (n,) [s], not decreasing; None in a load cycle of a study.
-    curve : angle [rad] of the drive without friction and without memory at torques [N mm] that it carries; of the first
-        state at a measured position.
     """
 
     torque: Real
-    applied: Real
     time: Real | None
-    curve: Callable[[Real], Real]
 
 
 class Hysteresis(Element, ABC):
@@ -118,34 +113,27 @@ def same(first: Any, second: Any) -> bool:
     return np.array_equal(first, second)
 
 
-def polyline(nodes: Real, values: Real) -> Callable[[Real], Real]:
-    """The polyline through values (n,) at ascending nodes (n,), constant beyond its ends, as a function."""
-    return lambda places: np.asarray(np.interp(places, nodes, values))
-
-
-def merged_path(
-    turns: tuple[Real, Real], cells: tuple[Real, Real], leg: Whole, time: Real, curve: Callable[[Real], Real]
-) -> tuple[Path, Whole]:
+def merged_path(turns: Real, cells: Real, leg: Whole, time: Real) -> tuple[Path, Whole]:
     """A path through turns and the cells between them, and the points at which the cells stand (n_cells,).
 
     Parameters
     ----------
-    turns, cells : torque carried and torque applied [N mm], at the turns (n_turns,) and of the cells (n_cells,).
+    turns, cells : torque [N mm] at the turns (n_turns,) and of the cells (n_cells,).
     leg : (n_cells,) each cell lies between turns[leg] and turns[leg + 1]; in order of time within a leg.
     time : (n_cells,) [s] of the cells.
 
     Notes
     -----
-    The turns between two cells are passed at one speed of the torque carried. The first leg begins as fast as it goes
+    The turns between two cells are passed at one speed of the torque. The first leg begins as fast as it goes
     between its first two cells, or at its first cell where that is not known.
     """
-    n_turns = len(turns[0])
+    n_turns = len(turns)
     order = np.argsort(np.concatenate([np.arange(n_turns) - 0.5, leg]), kind="stable")
-    torque, applied = (np.concatenate(pair)[order] for pair in zip(turns, cells, strict=True))
+    torque = np.concatenate([turns, cells])[order]
     place = np.empty(len(order), np.int64)
     place[order] = np.arange(len(order))
     timed = np.append(place[leg[0]], place[n_turns:])
-    times = np.append(_begin(cells[0], time, leg, turns[0]), time)
+    times = np.append(_begin(cells, time, leg, turns), time)
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(torque)))])
     after = np.clip(np.searchsorted(timed, np.arange(len(order))), 1, len(timed) - 1)
     length = travelled[timed[after]] - travelled[timed[after - 1]]
@@ -153,7 +141,7 @@ def merged_path(
     share = np.divide(gone, length, out=np.ones_like(gone), where=length > 0)
     instant = times[after - 1] + share * (times[after] - times[after - 1])
     instant[timed] = times
-    return Path(torque, applied, np.maximum.accumulate(instant), curve), timed[1:]
+    return Path(torque, np.maximum.accumulate(instant)), timed[1:]
 
 
 def _begin(torque: Real, time: Real, leg: Whole, turns: Real) -> float:

@@ -60,10 +60,10 @@ class Backbone:
         """Derivative of ``values`` (n, n_nodes, k) by the torque [N mm], from either side of the play."""
         return _slopes_from(self.torque.tobytes()) @ values
 
-    def change(self, drive: Drive, neighbour: Drive) -> Real:
-        """Change of the angle (n, n_nodes) [rad], to first order, from the ``drive`` of this curve to a ``neighbour``.
+    def change(self, neighbour: Drive) -> Real:
+        """Change of the angle (n, n_nodes) [rad], to first order, from the drive of this curve to a ``neighbour``.
 
-        Gaps, compliance, laws, bearing and twist may differ.
+        Gaps, compliance, laws and bearing may differ; springs in series are not part of it.
 
         Notes
         -----
@@ -74,7 +74,7 @@ class Backbone:
         own_closing, own_bearing_depth = self._own_deflections
         change: Real = np.sum(self.influence * (closing - own_closing), axis=2)
         change += np.sum(self._slopes_of_thrust * (bearing_depth - own_bearing_depth), axis=2)
-        return change + (neighbour.twist(self.torque) - drive.twist(self.torque))
+        return change
 
     @cached_property
     def _own_deflections(self) -> tuple[Real, Real]:

@@ -161,7 +161,7 @@ class Drive:
         return 1.0 if self.modulus is None else float(self.modulus[state])
 
     def twist(self, torque: Real) -> Real:
-        """Rotation [rad] of all springs in series with the output under the torque [N mm] that they carry.
+        """Rotation [rad] of all springs in series with the output under the torque [N mm] on it.
 
         0.0 and -0.0 are the limits from above and from below.
         """

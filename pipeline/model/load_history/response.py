@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Real
-from pipeline.model.elements import Path, polyline
+from pipeline.model.elements import Path
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.load_history.drive import NO_TORQUE, Drive
 from pipeline.model.load_history.friction.frictional_cycle import refined_cycle, solve_frictional_cycle
@@ -93,18 +93,13 @@ def respond(drive: Drive, cycle: LoadCycle) -> CycleResponse:
     limits = [len(levels.fractions) + 1, 0]  # 0-, 0+
     motion = drive.reducer.output_motion
     equilibria, is_converged = frictionless, np.all(frictionless.converged[:, limits], axis=1)
-    carried_torque, twist = torque, drive.twist(torque)
+    carried_torque = torque
     if frictional:
         path = solve_frictional_cycle(drive, cycle, frictionless)
-        equilibria, carried_torque, twist, state = (
-            path.equilibria,
-            path.carried_torque,
-            path.twist,
-            np.arange(len(state)),
-        )
+        equilibria, carried_torque, state = path.equilibria, path.carried_torque, np.arange(len(state))
+    along = Path(torque, None)
+    twist = drive.twist(torque) + sum(element.twist(along) for element in drive.hystereses)
     angle = equilibria.motion[:, state, motion] + twist
-    if drive.hystereses:
-        angle = angle + _memory_twist(drive, levels, frictionless, torque, carried_torque)
     return CycleResponse(
         branch=branch,
         torque=torque,
@@ -115,17 +110,3 @@ def respond(drive: Drive, cycle: LoadCycle) -> CycleResponse:
         play=frictionless.motion[:, limits, motion] + drive.twist(NO_TORQUE),
         converged=is_converged & np.all(equilibria.converged, axis=1),
     )
-
-
-def _memory_twist(
-    drive: Drive, levels: LoadCycle, frictionless: Equilibria, torque: Real, carried_torque: Real
-) -> Real:
-    """Rotation (n, n_steps) [rad] of the elements with memory along the cycle."""
-    nodes, order = levels.state_torque, np.lexsort((np.signbit(levels.state_torque) == 0, levels.state_torque))
-    angles = frictionless.motion[:, order, drive.reducer.output_motion] + drive.twist(nodes[order])
-    paths = np.broadcast_to(carried_torque, (len(angles), len(torque)))
-    twist = np.zeros(paths.shape)
-    for k, (along, angle) in enumerate(zip(paths, angles, strict=True)):
-        path = Path(np.ascontiguousarray(along), torque, None, polyline(nodes[order], angle))
-        twist[k] = sum(element.twist(path) for element in drive.hystereses)
-    return twist

@@ -83,6 +83,23 @@ def test_the_angle_of_a_cell_is_the_mean_over_its_rows(drive, friction):
     assert mean == pytest.approx(np.mean(0.5 * (every[1:] + every[:-1])), abs=2e-3 * np.ptp(every))
 
 
+@pytest.mark.parametrize("is_output_locked", [False, True])
+@pytest.mark.parametrize("friction", ["coulomb", "load_friction", "contact_friction"])
+def test_a_loaded_output_twists_what_is_in_series_by_all_of_its_torque(drive, friction, is_output_locked):
+    """A flange and its lever lie beyond the friction; at a locked output they carry what friction leaves."""
+    rubbing = library()[friction].apply(drive, [0.1], Conditions.run_in(1))
+    course = replace(course_of(time=np.linspace(0, 400, 4 * ROWS)), is_output_locked=is_output_locked)
+    plain = read(rubbing, course=course)
+    torque = plain.carried_torque if is_output_locked else 1e3 * course.cell_torques[:, 0]
+    forward, sprung = Forward([course], drive.rated_torque), rubbing.with_elements(LinearSpring(1e-9))
+    twisted = forward.read(sprung, 0, Instrument())
+    np.testing.assert_allclose(twisted.angle - plain.angle, ARCMIN * 1e-9 * torque, atol=1e-9)
+    change = forward.change(sprung, sprung.with_elements(LinearSpring(1e-10)), 0, twisted.carried_torque)
+    np.testing.assert_allclose(change, ARCMIN * 1e-10 * torque, atol=1e-9)
+    creeping = read(rubbing.with_elements(KelvinVoigt(1e-9, 1e-3)), course=course)  # so fast that it is a spring
+    np.testing.assert_allclose(creeping.angle - plain.angle, ARCMIN * 1e-9 * torque, atol=0.01)
+
+
 def test_instrument_reads_torque_and_angle_with_its_errors(drive):
     course = course_of(time=np.linspace(0, 7200, 4 * ROWS), encoder_turns=79.0, position=0.4)
     reference = read(drive, course=course).angle

@@ -158,7 +158,7 @@ def test_memory_is_the_state_alone(name):
     torque = RATED * np.cumsum(np.random.default_rng(1).normal(0, 0.3, 40))
     time = np.cumsum(np.random.default_rng(2).uniform(0, 30, 40))
     parts = [slice(None), slice(0, 17), slice(17, None)]
-    whole, first, second = (Path(torque[part], torque[part], time[part], np.zeros_like) for part in parts)
+    whole, first, second = (Path(torque[part], time[part]) for part in parts)
     begun, state = element.advance(element.start(), first)
     for _ in range(2):
         np.testing.assert_allclose(

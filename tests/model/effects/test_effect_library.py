@@ -96,7 +96,7 @@ def test_bounds_of_a_twist_hold_the_drives_own_and_little_more(name, profile):
 def twist_along(drive):
     """Twist [rad] of the elements with memory along a loop that takes a minute."""
     torque = np.concatenate([np.linspace(0, 1e3, 9), np.linspace(1e3, -1e3, 9)])
-    path = Path(torque, torque, np.linspace(0.0, 60.0, len(torque)), np.zeros_like)
+    path = Path(torque, np.linspace(0.0, 60.0, len(torque)))
     return sum((element.twist(path) for element in drive.hystereses), np.zeros(len(torque)))
 
 

@@ -91,6 +91,6 @@ def test_a_softer_modulus_is_that_of_the_parts():
 def test_creep_comes_to_its_compliance_times_the_torque():
     (element,) = put(small_drive(), "creep", 0.04, 20.0).hystereses
     torque = np.full(3, 5e3)
-    twist = element.twist(Path(torque, torque, np.array([0.0, 20.0, 1e4]), np.zeros_like))
+    twist = element.twist(Path(torque, np.array([0.0, 20.0, 1e4])))
     share = np.array([0.0, 1 - np.exp(-1), 1.0])
     np.testing.assert_allclose(ARCMIN * (twist - twist[0]), 0.04 * 5.0 * share, rtol=1e-6)

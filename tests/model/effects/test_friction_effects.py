@@ -15,7 +15,7 @@ from pipeline.model.load_history.friction.output_path import output_path
 
 
 def twist_along(torque, coefficient):
-    return Rayleigh(coefficient).twist(Path(torque, torque, None, np.zeros_like))
+    return Rayleigh(coefficient).twist(Path(torque, None))
 
 
 def turned(drive, torques, nodes):

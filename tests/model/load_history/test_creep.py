@@ -13,7 +13,7 @@ SPEED = 30.0
 
 
 def crept(torque, time, leg, turns, constant):
-    path, points = merged_path((turns, turns), (torque, torque), leg, time, np.zeros_like)
+    path, points = merged_path(turns, torque, leg, time)
     return KelvinVoigt(COMPLIANCE, constant).twist(path)[points]
 
 
@@ -64,6 +64,6 @@ def test_time_that_stands_still_moves_nothing():
 def test_a_path_begins_as_long_before_its_first_reading_as_it_takes_at_the_speed_of_the_first_two():
     turns, torque = np.array([100.0, 900.0]), np.array([500.0, 700.0])
     time = np.array([30.0, 40.0])
-    path, points = merged_path((turns, turns), (torque, torque), np.zeros(2, int), time, np.zeros_like)
+    path, points = merged_path(turns, torque, np.zeros(2, int), time)
     np.testing.assert_allclose(path.time[:3], [10.0, 30.0, 40.0])
     assert points.tolist() == [1, 2]

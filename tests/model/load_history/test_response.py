@@ -121,9 +121,13 @@ def test_width_under_constant_friction_is_the_curve_between_its_torques():
     )
 
 
-def test_torsion_turns_every_loaded_step_and_no_play():
+@pytest.mark.parametrize("kind", [None, "coulomb", "load", "pins"])
+def test_torsion_turns_every_loaded_step_by_all_of_its_torque_and_no_play(kind):
+    """The flange lies beyond the friction: what the reducer does not carry twists it, too."""
     drive = small_drive(1, seed=2)
-    reference, twisted = respond(drive, MARKS), respond(replace(drive, elements=(LinearSpring(2e-8),)), MARKS)
+    friction = (Friction(FRICTION[kind](drive)),) if kind else ()
+    reference = respond(replace(drive, elements=friction), MARKS)
+    twisted = respond(replace(drive, elements=(*friction, LinearSpring(2e-8))), MARKS)
     np.testing.assert_allclose((twisted.angle - reference.angle)[0], 2e-8 * reference.torque, rtol=1e-9, atol=1e-18)
     np.testing.assert_array_equal(twisted.play, reference.play)
 

@@ -93,9 +93,10 @@ def machined(study: Study, sampled: Errors, rng: np.random.Generator) -> Errors:
 def rigid_unit(study: Study, dimensions: Errors, bench: Bench) -> RigidUnit:
     """A unit of a study of rigid disks, with errors [um] of one sample."""
     places = encoder_places(bench, study.design.cycloid.lobes)
-    turns = float(study.design.cycloid.lobes) if bench.locked == "output" else 1.0
+    at_output = bench.locked != "output"
+    turns = 1.0 if at_output else float(study.design.cycloid.lobes)
     positions = tuple(
-        Position(rigid_drive(study.design, dimensions, crank), _loading(ramp), turns, float(encoder_place))
+        Position(rigid_drive(study.design, dimensions, crank), _loading(ramp), turns, float(encoder_place), at_output)
         for crank, ramp, encoder_place in zip(bench.cranks, bench.ramps, places, strict=True)
     )
     return RigidUnit(study, positions, bench)

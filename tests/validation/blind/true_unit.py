@@ -89,7 +89,8 @@ class TrueUnit:
         for number, (drive, ramp, encoder_angle) in enumerate(positions):
             ripple = instrument.ripple_at(number)
             in_space = ripple.phase + ripple.waves * float(self.bench.offset[number]) / ARCMIN  # of the angle as read
-            angle = _solved(drive, ramp, instrument, replace(ripple, phase=in_space))
+            at_output = self.bench.locked != "output"
+            angle = _solved(drive, ramp, instrument, replace(ripple, phase=in_space), at_output)
             encoder_reading = turns * angle + encoder_angle
             elapsed = ramp.time + (ramp.begin if self.bench.common else 0.0)
             read = ARCMIN * angle + instrument.drift * elapsed / SECONDS_AN_HOUR
@@ -152,8 +153,8 @@ def _fine(drive: Drive, top: float) -> Backbone:
     return curve
 
 
-def _solved(drive: Drive, ramp: Ramp, instrument: Instrument, ripple: Ripple) -> Real:
-    """Angle [rad] at the rows of a ramp."""
+def _solved(drive: Drive, ramp: Ramp, instrument: Instrument, ripple: Ripple, at_output: bool) -> Real:
+    """Angle [rad] at the rows of a ramp that loads the output, or the input against a locked output."""
     turns, true_torque = instrument.true_torque(ramp.turns), instrument.true_torque(ramp.torque)
     if instrument.torque_creep[0]:
         delayed = _crept(instrument.delayed_reading, true_torque, ramp.time)
@@ -164,7 +165,7 @@ def _solved(drive: Drive, ramp: Ramp, instrument: Instrument, ripple: Ripple) ->
     for state in range(len(curve.angle)):
         of_cycle = ramp.cycle == state
         levels = drive.stiffening(state) * curve.torque
-        elastic_angle = curve.angle[state] + drive.twist(levels)
+        elastic_angle = curve.angle[state]
         if ripple.amplitude or len(drive.sliders.acting):
             steps, is_row = _every_row(turns, true_torque, ramp.leg)
             if drive.sliders.at_contacts:
@@ -184,8 +185,10 @@ def _solved(drive: Drive, ramp: Ramp, instrument: Instrument, ripple: Ripple) ->
                 np.interp(true_torque[of_cycle], levels, elastic_angle),
                 true_torque[of_cycle],
             )
+    in_series = true_torque if at_output else carried_torque
+    angle = angle + drive.twist(in_series)
     for element in drive.hystereses:
-        angle = angle + SECOND_SOLUTIONS[type(element)](element, carried_torque, ramp.time)
+        angle = angle + SECOND_SOLUTIONS[type(element)](element, in_series, ramp.time)
     return angle
 
 
@@ -263,7 +266,7 @@ def _followed(drive: Drive, state: int, curve: Backbone, steps: Real) -> tuple[R
     if worst > UNSOUND:
         raise UnsoundError("the path with friction")
     output_angle = motion[:, drive.reducer.output_motion]
-    return output_angle + drive.twist(steps), np.interp(output_angle, curve.angle[state], curve.torque)
+    return output_angle, np.interp(output_angle, curve.angle[state], curve.torque)
 
 
 def _crept(element: KelvinVoigt, carried_torque: Real, time: Real) -> Real:

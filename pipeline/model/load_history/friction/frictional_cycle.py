@@ -28,22 +28,18 @@ class FrictionalPath(NamedTuple):
     ----------
     equilibria : (n, n_steps, ...)
     carried_torque : torque in the reducer (n, n_steps) [N mm]: that on the output less the friction of the output.
-    twist : of the springs in series under the torque that they carry (n, n_steps) [rad].
     """
 
     equilibria: Equilibria
     carried_torque: Real
-    twist: Real
 
 
-def _with_output_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) -> tuple[Real, Real, float, Real, Real]:
+def _with_output_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) -> tuple[Real, Real, float, Real]:
     """As ``_with_contact_friction`` where friction acts on the output alone: frictionless states at what it leaves."""
     levels, motions, forces = nodes
-    twist_of_nodes = drive.twist(levels)
     leaning = 1 + drive.lean
     sliders = drive.sliders.of_scaled_load(leaning)
-    angles = motions[:, drive.reducer.output_motion] + twist_of_nodes
-    path = output_path(torque, leaning * levels, angles, sliders)
+    path = output_path(torque, leaning * levels, motions[:, drive.reducer.output_motion], sliders)
     carried_torque = path.at_turns[1] / leaning
     first_positive = int(np.searchsorted(levels, 0.0))
     end = levels[first_positive]
@@ -57,19 +53,17 @@ def _with_output_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) 
         steps = np.flatnonzero(~in_play & (sense * carried_torque > 0))
         motion[steps], force[steps] = equilibria.motion[0, outwards][rows], equilibria.force[0, outwards][rows]
         largest_residual = max(largest_residual, np.max(equilibria.residual, initial=0.0))
-    share, twist = ((carried_torque + end) / (2 * end))[in_play], drive.twist(carried_torque)
-    for values, of_nodes in ((motion.T, motions.T), (force.T, forces.T), (twist, twist_of_nodes)):
+    share = ((carried_torque + end) / (2 * end))[in_play]
+    for values, of_nodes in ((motion.T, motions.T), (force.T, forces.T)):
         values[..., in_play] = (1 - share) * of_nodes[..., first_positive - 1, None] + share * of_nodes[
             ..., first_positive, None
         ]
-    return motion, force, largest_residual, carried_torque, twist
+    return motion, force, largest_residual, carried_torque
 
 
-def _with_contact_friction(
-    drive: Drive, state: int, torque: Real, nodes: Nodes
-) -> tuple[Real, Real, float, Real, Real]:
-    """Motions, forces, worst residual, torque carried and twist along torques (n_steps,) [N mm] of one sample."""
-    return *solve_path(drive, state, torque, nodes), torque, drive.twist(torque)
+def _with_contact_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) -> tuple[Real, Real, float, Real]:
+    """Motions, forces, worst residual and torque carried along torques (n_steps,) [N mm] of one sample."""
+    return *solve_path(drive, state, torque, nodes), torque
 
 
 def refined_cycle(cycle: LoadCycle) -> LoadCycle:
@@ -100,14 +94,12 @@ def solve_frictional_cycle(drive: Drive, cycle: LoadCycle, frictionless: Equilib
     n, steps = len(drive.gap), int(of_cycle.sum())
     motion = np.empty((n, steps, frictionless.motion.shape[2]))
     force = np.empty((n, steps, frictionless.force.shape[2]))
-    largest_residuals, carried_torques, twist = np.empty(n), np.empty((n, steps)), np.empty((n, steps))
+    largest_residuals, carried_torques = np.empty(n), np.empty((n, steps))
     follow = _with_contact_friction if drive.sliders.at_contacts else _with_output_friction
     for k in range(n):
         nodes = fine.state_torque[order], frictionless.motion[k, order], frictionless.force[k, order]
-        *along, largest_residuals[k], carried_torque, path_twist = follow(drive, k, path, nodes)
-        motion[k], force[k], carried_torques[k], twist[k] = (
-            values[of_cycle] for values in (*along, carried_torque, path_twist)
-        )
+        *along, largest_residuals[k], carried_torque = follow(drive, k, path, nodes)
+        motion[k], force[k], carried_torques[k] = (values[of_cycle] for values in (*along, carried_torque))
     residual = np.repeat(largest_residuals[:, None], steps, axis=1)
     equilibria = Equilibria(motion, force, np.zeros((n, steps), np.int64), residual, residual <= ACCEPTED_RESIDUAL)
-    return FrictionalPath(equilibria, carried_torques, twist)
+    return FrictionalPath(equilibria, carried_torques)

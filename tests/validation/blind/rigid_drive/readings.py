@@ -47,12 +47,14 @@ class Position:
     ----------
     loading : that it is put through.
     encoder_turns, encoder_angle : of the encoder per turn of the output, and where it stands [rad].
+    at_output : whether the output is loaded; else it is locked, and the input is loaded.
     """
 
     drive: RigidDrive
     loading: Loading
     encoder_turns: float
     encoder_angle: float
+    at_output: bool = True
     _curves: dict[tuple[Any, ...], Curve] = field(default_factory=dict)
 
     def angle(self, effects: Mapping[str, Sequence[float]]) -> Real:
@@ -68,7 +70,8 @@ class Position:
             curve = self.curve(effects, int(cycle), float(np.max(np.abs(steps))))
             angle, play_position = train.walked(curve, steps)
             output_angle[rows], carried_torque[rows] = angle[is_row][rows], play_position[is_row][rows]
-        output_angle = output_angle + train.crept(carried_torque, loading.time)
+        in_series = torque if self.at_output else carried_torque
+        output_angle = output_angle + train.twisted(in_series) + train.crept(in_series, loading.time)
         encoder = self.encoder_turns * output_angle + self.encoder_angle
         wave = sensors.encoder_cosine * np.cos(encoder) + sensors.encoder_sine * np.sin(encoder)
         return output_angle / RAD_PER_ARCMIN + wave + sensors.drift * loading.time / SECONDS_AN_HOUR

@@ -29,7 +29,10 @@ TABLE = 4000
 
 @dataclass(frozen=True)
 class Train:
-    """Friction and compliance behind a drive, all referred to the output.
+    """Friction and compliance beside a drive, all referred to the output.
+
+    The compliance lies between the friction and a loaded output: it carries all of the torque. A locked output carries
+    what the friction leaves.
 
     Attributes
     ----------
@@ -55,14 +58,14 @@ class Train:
     creep_time: float = 1.0
 
     def walked(self, curve: Curve, torque: Real) -> tuple[Real, Real]:
-        """Rotation [rad] with the twist at once, and torque [N mm] carried, from rest along torques (n,) in time."""
+        """Rotation [rad] of the drive, and torque [N mm] that it carries, from rest along torques (n,) in time."""
         if self.bristles:
             return self._yielding(curve, torque)
         carried_torque, drive_torque = np.empty(len(torque)), 0.0
         for k, load in enumerate(torque):
             drive_torque = min(max(drive_torque, self._least(load)), -self._least(-load))
             carried_torque[k] = drive_torque
-        return curve.at(carried_torque) + self.twisted(carried_torque), carried_torque
+        return curve.at(carried_torque), carried_torque
 
     def twisted(self, torque: Real) -> Real:
         """Rotations [rad] at once in series with the drive."""
@@ -104,7 +107,7 @@ class Train:
         """As ``walked`` with bristles: at every step the torque carried balances load and all friction."""
         top = float(np.max(np.abs(curve.torque)))
         torques = np.linspace(-top, top, TABLE)
-        angles = curve.at(torques) + self.twisted(torques)
+        angles = curve.at(torques)
         shares = np.linspace(FIRST_REACH, LAST_REACH, BRISTLES)
         limits = np.append(np.full(BRISTLES, self.bristles / BRISTLES), self.friction)
         reaches = np.append(shares * self.reach, ABRUPT)
@@ -120,7 +123,7 @@ class Train:
             carried_torque[k] = brentq(excess, -largest, largest, xtol=1e-6 * top)
             spring_angle = np.interp(carried_torque[k], torques, angles)
             anchors = np.clip(anchors, spring_angle - reaches, spring_angle + reaches)
-        return curve.at(carried_torque) + self.twisted(carried_torque), carried_torque
+        return curve.at(carried_torque), carried_torque
 
 
 STEP = 1e-5
