@@ -45,10 +45,11 @@ def rows_in_play(rows: Rows, usable: Truth, branches: BranchBlocks) -> Truth:
 
     A bench that turns the output at a constant speed reads many of them, at one torque. Each branch is looked at by
     itself. The play is the longest way, over `PLAY_SHARE` of the range of the angle, on which the torque changes by
-    less than this share of what it changes by, over as much of the angle, where the drive is loaded. The rows at both
-    ends of this way show at which torque it is crossed. Where many rows lie between them, they are left out, too: the
-    bench then determines the angle, and each of them may lie within the play by as much as one step of it. So are the
-    rows beyond an end if there are too few to show a curve, since a cycle may end within the play.
+    less than this share of what it changes by, over as much of the angle, where the drive is loaded. A bench that sets
+    the torque passes more than half of this way between two rows, and has none within the play. The rows at both ends
+    of this way show at which torque it is crossed. Where many rows lie between them, they are left out, too: the bench
+    then determines the angle, and each of them may lie within the play by as much as one step of it. So are the rows
+    beyond an end if there are too few to show a curve, since a cycle may end within the play.
     """
     is_in_play = np.zeros(len(rows), bool)
     for block, direction in zip(branches.rows, branches.direction.tolist(), strict=True):
@@ -60,7 +61,9 @@ def rows_in_play(rows: Rows, usable: Truth, branches: BranchBlocks) -> Truth:
         gain = direction * (angle - compliance / PLAY_SHARE * torque)
         last = int(np.argmax(gain - np.minimum.accumulate(gain)))
         first = int(np.argmin(gain[: last + 1]))
-        if compliance > 0 and gain[last] - gain[first] > PLAY_SHARE * np.ptp(angle):
+        steps = np.abs(np.diff(angle[first : last + 1]))
+        is_at_once = np.max(steps, initial=0.0) > 0.5 * np.sum(steps)
+        if compliance > 0 and not is_at_once and gain[last] - gain[first] > PLAY_SHARE * np.ptp(angle):
             begin, end = first + 1, last
             is_steady = end - begin >= FEWEST_PIECE_ROWS
             if end > begin:
