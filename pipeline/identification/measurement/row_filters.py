@@ -41,15 +41,15 @@ def at_rest(rows: Rows, instrument: InstrumentSection, torque_noise: float) -> T
 
 
 def rows_in_play(rows: Rows, usable: Truth, branches: BranchBlocks) -> Truth:
-    """Rows (n,) between both sides of the play, where not the drive but the bench determines the angle.
+    """Rows (n,) within the play, where the bench determines the angle, not the drive.
 
     A bench that turns the output at a constant speed reads many of them, at one torque. Each branch is looked at by
-    itself. The play is the longest way, over `PLAY_SHARE` of the range of the angle, on which the torque changes by
-    less than this share of what it changes by, over as much of the angle, where the drive is loaded. A bench that sets
-    the torque passes more than half of this way between two rows, and has none within the play. The rows at both ends
-    of this way show at which torque it is crossed. Where many rows lie between them, they are left out, too: the bench
-    then determines the angle, and each of them may lie within the play by as much as one step of it. So are the rows
-    beyond an end if there are too few to show a curve, since a cycle may end within the play.
+    itself. The play is its longest stretch with two properties: it covers more than `PLAY_SHARE` of the range of the
+    angle, and the torque changes along it by less than this share of what it changes by over the same angle where the
+    drive is loaded. A bench that sets the torque passes more than half of this stretch between two rows, and has no row
+    within the play. The first and the last row of the stretch show at which torque the play is crossed. Where many rows
+    lie between these two, they are left out as well, since each may lie within the play by up to one step of the bench.
+    So are the rows beyond an end if there are too few to show a curve: a cycle may end within the play.
     """
     is_in_play = np.zeros(len(rows), bool)
     for block, direction in zip(branches.rows, branches.direction.tolist(), strict=True):
