@@ -122,7 +122,7 @@ def test_a_bench_that_sets_the_torque_has_no_rows_within_the_play(tmp_path):
     table = pd.concat([cycle(0.0, number) for number in range(3)], ignore_index=True)
     assert not read(tmp_path / "coarse", table).is_in_play.any()
     torque = path_of([0.0, *[12.0, -12.0] * 3, 0.0], 400) + 0.01  # no row is at no torque
-    angle = np.sign(torque) * (4.0 + 0.4 * np.abs(torque) ** 0.5 + 0.05 * np.abs(torque))
+    angle = np.sign(torque) * (0.7 + np.abs(torque) ** (1 / 3))  # as of a point contact, six tenths are the play
     cycles = np.minimum(np.arange(len(torque)) // 800, 2)
     fine = pd.DataFrame({"cycle": cycles, "crank_deg": 0.0, "torque_Nm": torque, "angle_arcmin": angle})
     assert not read(tmp_path / "fine", fine).is_in_play.any()
