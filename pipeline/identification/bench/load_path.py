@@ -269,8 +269,7 @@ def with_springs(drive: Drive, course: Course, curve: Backbone, path: LoadPath, 
     angle, slope = path.angle, path.slope
     if drive.springs:
         twist, rise = means(edges, curve.torque, drive.twist(curve.torque))
-        turns_them = (slope != 0) | (not course.is_output_locked)
-        angle, slope = angle + twist, slope + turns_them * rise
+        angle, slope = angle + twist, slope + rise
     if drive.hystereses:
         angle = angle + memory_twist(drive, course, (turns, mean_torque(edges)))
     return replace(path, angle=angle, slope=slope)

@@ -49,7 +49,7 @@ def rows_in_play(rows: Rows, usable: Truth, branches: BranchBlocks) -> Truth:
     drive is loaded. A bench that sets the torque passes more than half of this stretch between two rows, and has no row
     within the play. The first and the last row of the stretch show at which torque the play is crossed. Where many rows
     lie between these two, they are left out as well, since each may lie within the play by up to one step of the bench.
-    So are the rows beyond an end if there are too few to show a curve: a cycle may end within the play.
+    So are the rows beyond an end if none of them is loaded: a cycle may end within the play.
     """
     is_in_play = np.zeros(len(rows), bool)
     for block, direction in zip(branches.rows, branches.direction.tolist(), strict=True):
@@ -67,8 +67,9 @@ def rows_in_play(rows: Rows, usable: Truth, branches: BranchBlocks) -> Truth:
             begin, end = first + 1, last
             is_steady = end - begin >= FEWEST_PIECE_ROWS
             if end > begin:
-                begin = 0 if first < FEWEST_PIECE_ROWS else begin - is_steady
-                end = numbers.size if numbers.size - last <= FEWEST_PIECE_ROWS else end + is_steady
+                is_loaded = np.abs(torque) > UNLOADED_SHARE * np.max(np.abs(torque))
+                begin = begin - is_steady if np.any(is_loaded[: first + 1]) else 0
+                end = end + is_steady if np.any(is_loaded[last:]) else numbers.size
             is_in_play[numbers[begin:end]] = True
     return is_in_play
 

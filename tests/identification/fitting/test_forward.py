@@ -94,6 +94,7 @@ def test_a_loaded_output_twists_what_is_in_series_by_all_of_its_torque(drive, fr
     forward, sprung = Forward([course], drive.rated_torque), rubbing.with_elements(LinearSpring(1e-9))
     twisted = forward.read(sprung, 0, Instrument())
     np.testing.assert_allclose(twisted.angle - plain.angle, ARCMIN * 1e-9 * torque, atol=1e-9)
+    np.testing.assert_allclose(twisted.slope - plain.slope, 1e3 * ARCMIN * 1e-9)
     change = forward.change(sprung, sprung.with_elements(LinearSpring(1e-10)), 0, twisted.carried_torque)
     np.testing.assert_allclose(change, ARCMIN * 1e-10 * torque, atol=1e-9)
     creeping = read(rubbing.with_elements(KelvinVoigt(1e-9, 1e-3)), course=course)  # so fast that it is a spring
@@ -321,6 +322,14 @@ def test_a_sensor_creeps_on_while_the_play_is_crossed_at_no_torque():
     errors = []
     for known in (course, replace(course, readings=every_row, edge_times=np.repeat(time[:, None], 2, axis=1))):
         at_turns, edges = Instrument(torque_creep=(0.1, 10.0)).torques(known)
+        enlarged = replace(
+            known,
+            torque=1.2 * known.torque,
+            cell_torques=1.2 * known.cell_torques,
+            readings=None if known.readings is None else (known.readings[0], 1.2 * known.readings[1]),
+        )
+        of_gain = Instrument(torque_gain=0.2, torque_creep=(0.1, 10.0)).torques(enlarged)
+        np.testing.assert_allclose(of_gain[1], edges)
         errors.append(np.max(np.abs(edges[:, 0] / 1e3 - np.interp(time, fine, torque))))
     np.testing.assert_allclose(at_turns[1:3] / 1e3, [12.0, -12.0], atol=0.06)  # the last row is a second before
     assert errors[1] < 0.003

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
+from pipeline.identification.fitting.measured_loops import readings
 from pipeline.identification.measurement import row_filters
 from pipeline.identification.measurement.enough import SURE
 from pipeline.identification.measurement.measurement import Measurement
@@ -81,19 +82,46 @@ PLAY, STIFFNESS = 2.0, 4.0
 """Play [arcmin], and stiffness [N m/arcmin] on both sides of it."""
 
 
-def turned_steadily(friction=0.0, noise=0.05, softness=0.0, seed=0):
+def turned_steadily(friction=0.0, noise=0.05, softness=0.0, seed=0, per_branch=40):
     """Three cycles on a bench that turns the output at a constant speed; the rows in the play.
 
-    The torque follows the angle. ``softness`` rounds the play: a cubic spring of that share of the stiffness within it.
+    The torque follows the angle. ``softness`` is the stiffness within the play, as a share of that beyond it.
     """
-    angle = path_of([0.0, 3.0, -3.0, 3.0, -3.0, 3.0, -3.0, 0.0], 40)
+    angle = path_of([0.0, 3.0, -3.0, 3.0, -3.0, 3.0, -3.0, 0.0], per_branch)
     beyond = angle - np.clip(angle, -PLAY / 2, PLAY / 2)
     is_in_play = np.abs(angle) < PLAY / 2
     torque = STIFFNESS * (beyond + softness * np.clip(angle, -PLAY / 2, PLAY / 2))
     torque += friction * np.sign(np.gradient(angle)) + noise * np.random.default_rng(seed).standard_normal(len(angle))
-    number = np.minimum(np.arange(len(angle)) // 80, 2)
+    number = np.minimum(np.arange(len(angle)) // (2 * per_branch), 2)
     table = pd.DataFrame({"cycle": number, "crank_deg": 0.0, "torque_Nm": torque, "angle_arcmin": angle})
     return table, is_in_play
+
+
+def test_the_sensor_is_followed_over_the_rows_within_the_play_too(tmp_path):
+    table, _ = turned_steadily()
+    measurement = read(tmp_path, table.assign(time_s=np.arange(len(table), dtype=float)))
+    times, torques = readings(measurement, 0)
+    assert measurement.is_in_play.sum() > 50
+    np.testing.assert_array_equal(times, np.flatnonzero(measurement.is_readable))
+    np.testing.assert_array_equal(torques, measurement.rows.torque[measurement.is_readable])
+    assert readings(read(tmp_path / "untimed", table), 0) is None
+
+
+def test_the_loaded_rows_of_a_coarse_record_stay(tmp_path):
+    """16 rows a branch, of which 5 are within the play and 5 on each side."""
+    table, is_in_play = turned_steadily(per_branch=16)
+    measurement = read(tmp_path, table)
+    is_loaded = np.abs(measurement.rows.torque) > 0.3 * np.max(measurement.rows.torque)
+    assert np.all(measurement.usable[is_loaded])
+    assert np.mean(measurement.usable[is_in_play]) < 0.2
+
+
+def test_the_play_of_a_drive_whose_crank_turns_is_part_of_its_curve(tmp_path):
+    table, _ = turned_steadily()
+    turning = UNIT.replace('locked = "input"', 'locked = "output"')
+    crank = '[crank]\nmoves = "follows_angle"\nratio = -79.0\n'
+    measurement = read(tmp_path, table, f"{turning}{crank}[instrument]\ntorque_noise_Nm = {NOISE}\n")
+    assert not measurement.is_in_play.any()
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
