@@ -108,12 +108,12 @@ def test_the_sensor_is_followed_over_the_rows_within_the_play_too(tmp_path):
 
 
 def test_the_loaded_rows_of_a_coarse_record_stay(tmp_path):
-    """16 rows a branch, of which 5 are within the play and 5 on each side."""
+    """16 rows a branch, of which 5 are within the play and 6 on each side."""
     table, is_in_play = turned_steadily(per_branch=16)
     measurement = read(tmp_path, table)
     is_loaded = np.abs(measurement.rows.torque) > 0.3 * np.max(measurement.rows.torque)
     assert np.all(measurement.usable[is_loaded])
-    assert np.mean(measurement.usable[is_in_play]) < 0.2
+    assert np.mean(measurement.usable[is_in_play]) < 0.5  # those at both ends stay: at no torque they tell little
 
 
 def test_the_play_of_a_drive_whose_crank_turns_is_part_of_its_curve(tmp_path):
