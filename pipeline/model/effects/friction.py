@@ -10,8 +10,8 @@ from pipeline.model.elements import Friction
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 
-DISTANCE = 0.01 / ARCMIN
-"""Rotation [rad] over which the friction rises: a hundredth of an arcmin, below what benches resolve."""
+DISTANCE = 0.001 / ARCMIN
+"""Rotation [rad] over which the friction rises: a thousandth of an arcmin, a tenth of the noise of precise benches."""
 
 
 def _apply_coulomb(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
