@@ -101,6 +101,15 @@ def test_a_loaded_output_twists_what_is_in_series_by_all_of_its_torque(drive, fr
     np.testing.assert_allclose(creeping.angle - plain.angle, ARCMIN * 1e-9 * torque, atol=0.01)
 
 
+@pytest.mark.parametrize(("friction", "size"), [("coulomb", 1.5), ("load_friction", 0.2)])
+def test_after_a_turn_friction_holds_the_output_to_a_few_thousandths_of_an_arcmin(drive, friction, size):
+    rubbing = library()[friction].apply(drive, [size], Conditions.run_in(1))
+    torque = course_of().cell_torques[:, 0]
+    is_held = (torque > 9.5) & (np.arange(len(torque)) >= ROWS) & (np.arange(len(torque)) < 2 * ROWS)
+    assert is_held.sum() > 3
+    assert np.ptp(read(rubbing).angle[is_held]) < 0.003
+
+
 def test_instrument_reads_torque_and_angle_with_its_errors(drive):
     course = course_of(time=np.linspace(0, 7200, 4 * ROWS), encoder_turns=79.0, position=0.4)
     reference = read(drive, course=course).angle
