@@ -110,8 +110,7 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
             is_output_locked=at_input,
         )
         courses = [course] * (len(tables) + 1)  # the position is the last of these
-        plain = replace(instrument, ripple=Ripple())
-        reading = Forward(courses, unit.rated_torque).read(unit, len(tables), plain)
+        reading = Forward(courses, unit.rated_torque).read(unit, len(tables), replace(instrument, ripple=Ripple()))
         assert reading.sound
         offset = 2.0 if bench.common else rng.normal(0, 3)
         rippled = instrument.ripple_at(len(tables)).torque((reading.angle + offset) / ARCMIN) / NMM_PER_NM

@@ -118,10 +118,8 @@ class Instrument:
             path, of_cell = merged_path(turns, of_cells, course.leg, course.time)
             crept = self.delayed_reading.twist(path)
             return turns - np.delete(crept, of_cell), edges - crept[of_cell, None]
-        time, read = course.readings
-        torque = self.true_torque(read)
-        crept = self.delayed_reading.twist(Path(torque, time))
-        of_edges = np.interp(course.edge_times, time, crept)
+        time, torque = course.readings[0], self.true_torque(course.readings[1])
+        of_edges = np.interp(course.edge_times, time, self.delayed_reading.twist(Path(torque, time)))
         return turns - of_edges[course.edges_beside_turns], edges - of_edges
 
     def angle_read(self, course: Course, angle: Real, encoder_place: float) -> Real:
@@ -152,12 +150,12 @@ class LoadPath:
 
 
 class ElasticCurve(NamedTuple):
-    """What a drive turns by without friction and without memory, in one state.
+    """What a reducer turns by without friction, in one state.
 
     Attributes
     ----------
     torque : (n_nodes,) ascending, as the bench reads it without friction [N mm].
-    angle : (n_nodes,) of the turning end [rad].
+    angle : (n_nodes,) of the turning end [rad]; with what is in series only where the crank turns.
     carried_torque : (n_nodes,) torque in the reducer [N mm]; the same, but where the motor is read and its crank turns.
     """
 
@@ -259,9 +257,9 @@ def mean_torque(edges: Real) -> Real:
 
 
 def with_springs(drive: Drive, course: Course, curve: Backbone, path: LoadPath, torques: Torques) -> LoadPath:
-    """A way with what the springs in series with the output and the elements with memory add.
+    """A way with the twist of springs and of elements with memory, which are in series with the output.
 
-    They carry all of the torque on a loaded output, and what friction leaves of it at a locked one.
+    On a loaded output they carry all of the torque; at a locked output they carry what friction leaves of it.
     """
     turns, edges = torques
     if course.is_output_locked:
@@ -276,10 +274,7 @@ def with_springs(drive: Drive, course: Course, curve: Backbone, path: LoadPath, 
 
 
 def memory_twist(drive: Drive, course: Course, torques: Torques) -> Real:
-    """Rotation (n_cells,) [rad] of the elements with memory, along torques of turns and of cells (n_cells,) [N mm].
-
-    Each element goes along all of the position.
-    """
+    """Rotation (n_cells,) [rad] of the elements with memory under torques of turns and of cells (n_cells,) [N mm]."""
     along, points = merged_path(*torques, course.leg, course.time)
     return np.asarray(sum(element.twist(along) for element in drive.hystereses))[points]
 
@@ -383,9 +378,7 @@ def answered(change: Real, response: Real) -> Real:
     return np.asarray(common + ((change - common).T * response).T)
 
 
-def _nearest_root(
-    function: Callable[[Real], tuple[Real, Real]], places: Real, values: Real
-) -> tuple[Real, Truth]:
+def _nearest_root(function: Callable[[Real], tuple[Real, Real]], places: Real, values: Real) -> tuple[Real, Truth]:
     """Root (n,) nearest to zero of a function of (n,), and whether there is one between ``places`` (n_places,).
 
     The function returns its values and derivatives; ``values`` (n_places, n) are those at the places. After a secant
