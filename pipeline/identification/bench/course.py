@@ -50,8 +50,8 @@ class Course:
         where no ripple is asked for.
     readings : (n_readings,) times [s] and torques [N m] of all rows, those within the play too; None without times.
     edge_times : (n_cells, n_edges) time [s] of each of the torques within the cells; None without times.
-    is_output_locked : whether the input is loaded against a locked output: friction then lies before what is in series
-        with the output, which carries the torque that it leaves. Of a loaded output it lies behind it.
+    is_output_locked : whether the output is locked and the input loaded. What is in series with the output then carries
+        the torque that friction leaves; on a loaded output it carries all of the torque.
     encoder_turns : turns of the encoder per turn of the output.
     encoder_place : [rad] of the encoder at this position.
     sliding : (n_cells,) sense in which the output slides all along, 1 or -1, where the crank turns; None where the

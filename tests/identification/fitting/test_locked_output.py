@@ -21,6 +21,7 @@ from pipeline.identification.fitting.stations import stations_of
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.screening import start_from_declared
+from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.effects.creep import KelvinVoigt
 from tests.validation.blind.catalogue import no_compliance
 
@@ -125,13 +126,20 @@ def test_the_size_of_a_run_out_is_found_again(problem):
     np.testing.assert_allclose(fit.values, RUNOUT, atol=5.0)
 
 
-def test_derivatives_of_gaps_are_those_of_readings(problem):
-    """A wider circle of the pins, to first order and by another reading."""
+CHANGES = {
+    "a wider circle of the pins": lambda drive: drive.with_added_errors(pin_radial=np.array(1e-3)),
+    "a spring in series": lambda drive: drive.with_elements(LinearSpring(1e-8)),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_derivatives_of_gaps_and_springs_are_those_of_readings(problem, name):
+    """To first order, and by another reading."""
     drives, course = problem.nominal[: len(problem.stations[0])], problem.forward.courses[0]
-    wider = tuple(drive.with_added_errors(pin_radial=np.array(1e-3)) for drive in drives)
-    reading, moved = (problem.forward.read(given, 0, Instrument()) for given in (drives, wider))
+    changed = tuple(CHANGES[name](drive) for drive in drives)
+    reading, moved = (problem.forward.read(given, 0, Instrument()) for given in (drives, changed))
     change = moved.angle - reading.angle
-    derived = problem.forward.change(drives, wider, 0, reading.carried_torque)
+    derived = problem.forward.change(drives, changed, 0, reading.carried_torque)
     change, derived = change - change.mean(), derived - derived.mean()
     assert np.std(change) > 0.05
     assert np.median(np.abs(derived - change)) < 0.05 * np.std(change)
