@@ -77,10 +77,17 @@ class MeasuredRows:
 
     @cached_property
     def is_in_play(self) -> Truth:
-        """Rows (n_rows,) within the play, of a drive with a design whose crank is held; of others it is a knee."""
+        """Rows (n_rows,) within the play or held at no torque, of a drive with a design whose crank is held.
+
+        Of other drives the play is a knee.
+        """
         if self.unit.design_study is None or self.unit.settings.crank.moves != "fixed":
             return np.zeros(len(self.rows), bool)
-        return row_filters.rows_in_play(self.rows, self.is_readable, self.branches)
+        in_play = row_filters.rows_in_play(self.rows, self.is_readable, self.branches)
+        instrument = self.unit.settings.instrument
+        return in_play | row_filters.rows_at_no_torque(
+            self.rows, self.is_readable, self.branches, instrument, self.torque_noise
+        )
 
     @cached_property
     def usable(self) -> Truth:

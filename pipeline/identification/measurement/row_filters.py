@@ -31,13 +31,37 @@ SPIKE_FACTOR = 8.0
 
 def at_rest(rows: Rows, instrument: InstrumentSection, torque_noise: float) -> Truth:
     """Rows at the start of a position before the torque differs from zero (n,): nobody knows where in the play."""
-    smallest_change = SURE * torque_noise + (instrument.torque_resolution_Nm or 0.0)
+    smallest_change = _smallest_change(instrument, torque_noise)
     is_at_rest = np.zeros(len(rows), bool)
     for position in range(len(rows.cranks)):
         of_position = np.flatnonzero(rows.position == position)
         is_loaded = np.abs(rows.torque[of_position]) > smallest_change
         is_at_rest[of_position[: int(np.argmax(is_loaded)) if np.any(is_loaded) else 0]] = True
     return is_at_rest
+
+
+def _smallest_change(instrument: InstrumentSection, torque_noise: float) -> float:
+    """Torque [N m] that is surely none of the noise of a row and of the step of the sensor."""
+    return SURE * torque_noise + (instrument.torque_resolution_Nm or 0.0)
+
+
+def rows_at_no_torque(
+    rows: Rows, usable: Truth, branches: BranchBlocks, instrument: InstrumentSection, torque_noise: float
+) -> Truth:
+    """Rows (n,) of a hold at no torque, where every place within the play is an equilibrium.
+
+    The least friction keeps the drive on the side of the play that it came from; a model without friction puts each
+    row on a side by the noise of its torque. A hold is one row or several in turn whose torque cannot be told from
+    zero, while that of the row before and of the row after can be told from theirs: a slow sweep through zero is none.
+    """
+    smallest_change, is_held = _smallest_change(instrument, torque_noise), np.zeros(len(rows), bool)
+    for block in branches.rows:
+        numbers = np.flatnonzero(usable[block]) + block.start
+        torque = rows.torque[numbers]
+        is_step = np.concatenate([[True], np.abs(np.diff(torque)) > np.sqrt(2) * smallest_change, [True]])
+        for start, stop in _runs(np.abs(torque) <= smallest_change):
+            is_held[numbers[start:stop]] = is_step[start] and is_step[stop]
+    return is_held
 
 
 def rows_in_play(rows: Rows, usable: Truth, branches: BranchBlocks) -> Truth:

@@ -183,7 +183,10 @@ def _rows_not_compared(measurement: Measurement) -> list[tuple[str, str]]:
             f"of the first branches, below {100 * UNLOADED_SHARE:.0f} % of the largest torque, which depend on what "
             "came before the record",
         ),
-        (int(np.sum(measurement.is_in_play)), "within the play, where the bench determines the angle, not the drive"),
+        (
+            int(np.sum(measurement.is_in_play)),
+            "within the play or held at no torque, where the drive does not determine the angle",
+        ),
     ]
     words = [f"{count_text(count, 'row')} {which}" for count, which in counts_and_words if count]
     return [("Not compared", listed_text(words))] if words else []

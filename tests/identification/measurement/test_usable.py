@@ -78,6 +78,30 @@ def test_without_noise_only_rows_of_no_torque_at_all_are_at_rest(tmp_path):
     np.testing.assert_array_equal(at_rest(measurement), ~table.duplicated("crank_deg"))
 
 
+def staircase(levels, held, noise=0.05, seed=0):
+    """Three cycles of torques that are held, each over some rows with noise [N m]."""
+    torque = np.repeat(np.concatenate([levels, *[levels[-2::-1], levels[1:]] * 2, levels[-2::-1]]), held)
+    read = torque + noise * np.random.default_rng(seed).standard_normal(len(torque))
+    number = np.arange(len(torque)) // (2 * held * (len(levels) - 1) + 1)
+    return torque, pd.DataFrame({"cycle": number, "crank_deg": 0.0, "torque_Nm": read, "angle_arcmin": loop(torque)})
+
+
+@pytest.mark.parametrize("held", [1, 2, 6])
+def test_rows_held_at_no_torque_are_not_usable(tmp_path, held):
+    torque, table = staircase(np.linspace(-6.0, 6.0, 13), held)
+    measurement = read(tmp_path, table)
+    np.testing.assert_array_equal(measurement.usable, torque != 0)
+    assert np.sum(torque == 0) == 6 * held
+
+
+def test_a_hold_beside_no_torque_and_a_sweep_through_it_stay(tmp_path):
+    torque, table = staircase(np.linspace(-6.5, 6.5, 14), 4)
+    assert np.min(np.abs(torque)) > SURE * NOISE
+    assert read(tmp_path / "held", table).usable.all()
+    sweeps = pd.concat([cycle(0.45, number) for number in range(3)], ignore_index=True)
+    assert read(tmp_path / "swept", sweeps).usable.all()
+
+
 PLAY, STIFFNESS = 2.0, 4.0
 """Play [arcmin], and stiffness [N m/arcmin] on both sides of it."""
 
