@@ -51,7 +51,7 @@ def rows_at_no_torque(
     """Rows (n,) of a hold at no torque, where every place within the play is an equilibrium.
 
     The least friction keeps the drive on the side of the play that it came from; a model without friction puts each
-    row on a side by the noise of its torque. A hold is one row or several in turn whose torque cannot be told from
+    row on a side by the noise of its torque. A hold is two rows or more in turn whose torque cannot be told from
     zero, while that of the row before and of the row after can be told from theirs: a slow sweep through zero is none.
     """
     smallest_change, is_held = _smallest_change(instrument, torque_noise), np.zeros(len(rows), bool)
@@ -60,7 +60,7 @@ def rows_at_no_torque(
         torque = rows.torque[numbers]
         is_step = np.concatenate([[True], np.abs(np.diff(torque)) > np.sqrt(2) * smallest_change, [True]])
         for start, stop in _runs(np.abs(torque) <= smallest_change):
-            is_held[numbers[start:stop]] = is_step[start] and is_step[stop]
+            is_held[numbers[start:stop]] = stop - start > 1 and is_step[start] and is_step[stop]
     return is_held
 
 
