@@ -10,7 +10,7 @@ import pandas as pd
 
 from pipeline.engine.store import write_json, write_tables
 from pipeline.identification.fitting.data import TurningData
-from pipeline.identification.identify import FaultyUnit, Identification
+from pipeline.identification.identify import FaultyUnit, Identification, one_thread
 from pipeline.identification.results import tables
 from pipeline.identification.results.corrected_design import (
     DESIGN_FILES,
@@ -62,6 +62,7 @@ def findings(identification: Identification) -> Findings:
     return Findings(identification, of_loops, loop_errors(identification))
 
 
+@one_thread
 def write(findings_of_unit: Findings | FaultyUnit, folder: Path) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
     """Write tables, verdict, and the corrected design and study into ``folder``, the verdict last.
 

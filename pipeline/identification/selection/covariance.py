@@ -93,7 +93,7 @@ class Covariance:
             for reach, common in common_features.items()
         }
         self._whitened_columns: dict[tuple[float, float], Real] = {}
-        self._products: dict[tuple[float, float], Real] = {}
+        self._products: dict[tuple[float, float, bytes], Real] = {}
 
     def _row_errors(self) -> Real:
         """Errors of the place of the jump through play between two rows, alike on all branches of a sense (n, ...)."""
@@ -135,13 +135,20 @@ class Covariance:
         """Features of all kinds, zeros of angles and places between rows (n, n_features)."""
         return np.hstack([*self._features[reach], self.fixed_features])
 
-    def whitened_features(self, reach: float, correlation: float) -> tuple[Real, Real]:
-        """The features (n, n_features), whitened, and their products."""
+    def whitened_features(self, reach: float, correlation: float) -> Real:
+        """The features (n, n_features), whitened."""
         key = reach, correlation
         if key not in self._whitened_columns:
             self._whitened_columns[key] = self.whiten(self.features(reach), correlation)
-            self._products[key] = self._whitened_columns[key].T @ self._whitened_columns[key]
-        return self._whitened_columns[key], self._products[key]
+        return self._whitened_columns[key]
+
+    def products(self, reach: float, correlation: float, is_chosen: Truth) -> Real:
+        """Products (n_features, n_features) of the whitened features over chosen cells (n,)."""
+        key = reach, correlation, is_chosen.tobytes()
+        if key not in self._products:
+            of_chosen = self.whitened_features(reach, correlation)[is_chosen]
+            self._products[key] = of_chosen.T @ of_chosen
+        return self._products[key]
 
     def spreads(self, structure: Structure) -> Real:
         """Standard deviation of the amount of each feature."""

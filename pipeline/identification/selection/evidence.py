@@ -91,22 +91,20 @@ class Evidence:
         """Whitened columns (n, n_columns): the jacobian, what is missed, the features."""
         of_model = np.column_stack([self.jacobian, self.misfit])
         white = self.covariance.whiten(of_model, structure.correlation)
-        return np.hstack([white, self.covariance.whitened_features(structure.reach, structure.correlation)[0]])
+        return np.hstack([white, self.covariance.whitened_features(structure.reach, structure.correlation)])
 
     def _gram(self, structure: Structure, is_chosen: Truth) -> Real:
         """Products of the whitened columns over chosen cells (n,)."""
-        key = structure.reach, structure.correlation
-        if key not in self._products:
-            columns, k = self._columns(structure), self.jacobian.shape[1] + 1
-            cross = columns[:, :k].T @ columns
-            products = np.empty((columns.shape[1],) * 2)
-            products[:k], products[:, :k] = cross, cross.T
-            products[k:, k:] = self.covariance.whitened_features(*key)[1]
-            self._products[key] = products
-        if np.all(is_chosen):
+        key, is_whole = (structure.reach, structure.correlation), bool(np.all(is_chosen))
+        if is_whole and key in self._products:
             return self._products[key]
-        left_out = self._columns(structure)[~is_chosen]
-        return self._products[key] - left_out.T @ left_out
+        of_model = self.covariance.whiten(np.column_stack([self.jacobian, self.misfit]), structure.correlation)
+        chosen = of_model if is_whole else of_model * is_chosen[:, None]
+        cross = chosen.T @ self.covariance.whitened_features(*key)
+        products = np.block([[chosen.T @ of_model, cross], [cross.T, self.covariance.products(*key, is_chosen)]])
+        if is_whole:
+            self._products[key] = products
+        return products
 
     def _solved(self, structure: Structure, is_chosen: Truth) -> tuple[Real, Real, Real, float]:
         """Deviations (n_columns,) of unknowns and features, factor of their posterior's precision, right side, square.
@@ -355,7 +353,7 @@ class Evidence:
 
     def _columns_times(self, white: Real, structure: Structure) -> Real:
         """Products (n_columns, n) of the whitened unknowns and features with whitened columns (n_cells, n)."""
-        features, _ = self.covariance.whitened_features(structure.reach, structure.correlation)
+        features = self.covariance.whitened_features(structure.reach, structure.correlation)
         jacobian = self.covariance.whiten(self.jacobian, structure.correlation)
         return np.vstack([jacobian.T @ white, features.T @ white])
 
