@@ -11,7 +11,7 @@ sys.path[:0] = [str(FOLDER.parent), str(FOLDER)]
 
 from architecture import draw  # noqa: E402  beside this file
 from constants import write_constants  # noqa: E402
-from keys import write_keys  # noqa: E402
+from keys import write_effects, write_keys  # noqa: E402
 from tables import write_tables  # noqa: E402
 
 project = "Tolerance study of cycloid reducers"
@@ -44,6 +44,7 @@ draw(FOLDER / "generated")
 write_tables(FOLDER / "generated")
 write_constants(FOLDER / "generated")
 write_keys(FOLDER / "generated")
+write_effects(FOLDER / "generated")
 
 
 def as_written(_app, _kind, _name, _object, _options, lines):

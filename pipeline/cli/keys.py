@@ -25,6 +25,7 @@ from pipeline.config.tolerance_notation import NOTATION
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.measurement.unit_sections import UnitSettings
+from pipeline.model.effects.effect import NEEDS, Effect, EffectDescription
 
 PLACEHOLDERS = {"tolerances": "<dimension>", "costs": "<dimension>"}
 NOT_IN_FILES = ("name", "design.", "thermal")
@@ -128,6 +129,12 @@ def key_lines(name: str) -> Iterator[str]:
     """
     if name in ("", "study", "tolerances"):
         yield from sign_lines()
+    if name == "effects":
+        from pipeline.identification.fitting.problem import candidates  # the solvers behind it take a second
+
+        for effect in candidates().values():
+            yield f"{effect.name}: {effect.title}"
+            yield from (f"  {title}: {text}" for title, text in effect_facts(effect))
     count = 0
     for file, keys in file_keys().items():
         selected_keys = [
@@ -157,6 +164,20 @@ def sign_lines() -> Iterator[str]:
     yield "Signs: a positive deviation of each dimension, what it does to the gaps, the sign of limits_mm"
     for dimension in dimension_library().values():
         yield f"  {dimension.name}: {'; '.join(sign_of(dimension))}"
+
+
+def effect_facts(effect: EffectDescription) -> Iterator[tuple[str, str]]:
+    """What is known of an effect: titles and texts."""
+    yield "part of", "the drive, [effects] of a design" if isinstance(effect, Effect) else "the bench"
+    yield "physics", effect.physics
+    for parameter in effect.parameters:
+        yield parameter.name, parameter.meaning + (f" [{parameter.unit}]" if parameter.unit != "1" else "")
+    yield "changes", effect.changes
+    yield "shows as", effect.signature
+    yield "hardly told from", ", ".join(effect.confused_with) or "no other effect"
+    yield "confirmed by", effect.told_apart_by
+    yield "data must have", "; ".join(NEEDS[need] for need in sorted(effect.needs)) or "loops"
+    yield "source", effect.source
 
 
 def sign_of(dimension: Dimension) -> tuple[str, str, str]:

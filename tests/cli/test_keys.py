@@ -10,6 +10,8 @@ from pipeline import cli, settings
 from pipeline.cli.keys import BASES, FOLDERS, examples, file_keys, key_lines, written_keys
 from pipeline.config import load_design, load_study
 from pipeline.config.dimensions import dimension_library
+from pipeline.identification.fitting.problem import candidates
+from pipeline.model.effects.effect import NEEDS
 
 ROOT = Path(__file__).parents[2]
 FILES = [(kind, path) for kind, pattern in FOLDERS.items() for path in sorted(ROOT.glob(pattern))]
@@ -49,6 +51,17 @@ def test_the_command_prints_one_part_and_the_signs(capsys):
     assert "disk_profile: material off the whole flank; positive gives clearance; opens gaps; state convention" in signs
     assert cli.main(["keys", "cyle"]) == 2
     assert "did you mean 'cycle'" in capsys.readouterr().err
+
+
+def test_the_command_prints_every_effect_with_its_parameters(capsys):
+    assert cli.main(["keys", "effects"]) == 0
+    out = capsys.readouterr().out
+    for effect in candidates().values():
+        assert f"\n{effect.name}: {effect.title}\n" in f"\n{out}"
+        assert all(f"  {parameter.name}: {parameter.meaning}" in out for parameter in effect.parameters)
+        assert effect.needs <= set(NEEDS)
+    assert "  torque_Nm: friction torque, referred to the output [N m]\n" in out
+    assert "part of: the bench" in out
 
 
 def test_what_new_writes_is_read_and_is_commented(tmp_path, monkeypatch, capsys):

@@ -12,17 +12,21 @@ from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.registry import EFFECTS
 
 CRANKS, CYCLES, TIME, TEMPERATURE, STILL, RATE = "cranks", "cycles", "time", "temperature", "still", "rate"
-"""What data must offer for an effect to be testable: at least 3 crank angles, 2 cycles, time stamps, a temperature that
-varies, a crank that stays within half a pitch of the pins, a rate of the torque that changes (or a dwell)."""
-LOOPS, SENSES, TORQUES = "loops", "senses", "torques"
-"""The same: a torque that turns back at a standing crank, both senses of motion, several torques. Loops have all."""
-
-MOVES = "moves"
-"""The same: a crank of known angle that turns within the loops, the output locked."""
-
-FLANGE = "flange"
-"""The same: the angle of the reducer's flange beside that of the lever, which no reading has so far. Without it a play
-behind the flange is not told from one of the gaps, and a study alone can have it."""
+LOOPS, SENSES, TORQUES, MOVES, FLANGE = "loops", "senses", "torques", "moves", "flange"
+NEEDS = {
+    CRANKS: "at least three crank angles",
+    CYCLES: "at least two cycles",
+    TIME: "time stamps",
+    TEMPERATURE: "a temperature that varies",
+    STILL: "a crank that stays within half a pitch of the pins",
+    RATE: "a rate of the torque that changes, or a dwell",
+    LOOPS: "a torque that turns back while the crank stands still",
+    SENSES: "both senses of motion",
+    TORQUES: "several torques",
+    MOVES: "a crank of known angle that turns within the loops, the output locked",
+    FLANGE: "the angle of the reducer's flange beside that of the lever, which no unit file can state",
+}
+"""What data must offer for an effect to be testable, in words. Loops have turns, both senses and several torques."""
 
 LARGEST_CLEARANCE = 1 / 3
 """Clearance that an effect may give, over the eccentricity."""
