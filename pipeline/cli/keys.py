@@ -24,8 +24,9 @@ from pipeline.config.studies.study import Study
 from pipeline.config.tolerance_notation import NOTATION
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
+from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.measurement.unit_sections import UnitSettings
-from pipeline.model.effects.effect import NEEDS, Effect, EffectDescription
+from pipeline.model.effects.effect import NEEDS, Effect
 
 PLACEHOLDERS = {"tolerances": "<dimension>", "costs": "<dimension>"}
 NOT_IN_FILES = ("name", "design.", "thermal")
@@ -166,7 +167,7 @@ def sign_lines() -> Iterator[str]:
         yield f"  {dimension.name}: {'; '.join(sign_of(dimension))}"
 
 
-def effect_facts(effect: EffectDescription) -> Iterator[tuple[str, str]]:
+def effect_facts(effect: Effect | InstrumentEffect) -> Iterator[tuple[str, str]]:
     """What is known of an effect: titles and texts."""
     yield "part of", "the drive, [effects] of a design" if isinstance(effect, Effect) else "the bench"
     yield "physics", effect.physics

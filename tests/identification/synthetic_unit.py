@@ -40,6 +40,8 @@ offset = "{offset}"
 as_measured = "{dimensions}"
 {more}
 """
+STATES_A_CYCLE = 24
+"""Pieces of a cycle in which wear and temperature stand still."""
 LISTED = ("pin_radial", "pin_tangential", "pin_radius", "lobe_profile", "roller_diameter")
 SINGLE = ("disk_profile", "eccentricity", "bearing_clearance")
 
@@ -87,25 +89,27 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
     study = load_study("quick", ROOT)
     sampled = draw(study, bench.sample, bench.sample + 1)
     item = assembly.errors(sampled)
-    errors = type(item)(**{name: np.repeat(values, bench.cycles, axis=0) for name, values in vars(item).items()})
     model = _model_of(effects, len(bench.cranks))
     values = [value for own_value in effects.values() for value in own_value]
-    number = np.arange(bench.cycles, dtype=float)
-    conditions = Conditions(number, bench.warming * number)
     torque = np.concatenate(
         [np.linspace(a, b, bench.rows, endpoint=False) for a, b in zip(bench.turns[:-1], bench.turns[1:], strict=True)]
     )
     leg = np.repeat(np.arange(len(bench.state)), bench.rows)
     time = bench.seconds * np.arange(len(torque))
+    travelled = bench.cycles * np.cumsum(np.abs(np.gradient(torque))) / np.sum(np.abs(np.gradient(torque)))
+    state = np.unique(np.floor(STATES_A_CYCLE * travelled), return_inverse=True)[1] if model.by_state else 0 * leg
+    number = np.bincount(state, travelled) / np.bincount(state)
+    conditions = Conditions(number, bench.warming * number)
+    errors = type(item)(**{name: np.repeat(values, len(number), axis=0) for name, values in vars(item).items()})
     tables = []
     for crank, compliance in zip(bench.cranks, condensed(study, bench.cranks), strict=True):
-        loose = assembly.bearing_clearance(study.design, np.repeat(sampled.bearing_clearance, bench.cycles))
+        loose = assembly.bearing_clearance(study.design, np.repeat(sampled.bearing_clearance, len(number)))
         drive = drive_of(study, crank, compliance, errors, loose)
         (unit,), instrument = model.put([drive], [conditions], values)
         at_input = bench.locked == "output"
         position, lobes = np.radians(crank), study.design.cycloid.lobes
         course = Course(
-            *(bench.turns, leg, bench.state[leg], np.column_stack([torque, torque]), time),
+            *(bench.turns, leg, state, np.column_stack([torque, torque]), time),
             *((float(lobes), position) if at_input else (1.0, -position / lobes)),
             is_output_locked=at_input,
         )
@@ -123,7 +127,7 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
                     "torque_Nm": torque + rippled,
                     "angle_arcmin": reading.angle + offset + bench.noise * rng.standard_normal(len(torque)),
                     "time_s": time + 1e5 * len(tables),
-                    "temperature_C": TEMPERATURE + conditions.temperature_rise[cycle],
+                    "temperature_C": TEMPERATURE + bench.warming * travelled,
                 }
             )
         )

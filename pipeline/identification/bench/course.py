@@ -42,7 +42,8 @@ class Course:
     ----------
     torque : (n_turns,) [N m] from the first to the last, turning at each.
     leg : (n_cells,) the cell lies between torque[leg] and torque[leg + 1].
-    state : (n_cells,) state of the drive at each cell: a cycle may end on the way from one turn to the next.
+    state : (n_cells,) state of the drive at each cell, between two numbers so far on a line from one to the next: the
+        drive wears and warms on the way from one turn to the next.
     cell_torques : (n_cells, n_edges) torques [N m] within each cell, ascending, with as many rows between any two: the
         angle of a cell is the mean over them.
     time : (n_cells,) [s] from the unit's first cell, or zeros.
@@ -61,7 +62,7 @@ class Course:
 
     torque: Real
     leg: Whole
-    state: Whole
+    state: Real | Whole
     cell_torques: Real
     time: Real
     encoder_turns: float
@@ -87,14 +88,19 @@ class Course:
 
     @cached_property
     def states(self) -> tuple[int, ...]:
-        """Numbers of the states of its cells, ascending."""
-        return tuple(np.unique(self.state).tolist())
+        """Numbers of the states that its cells lie between, ascending."""
+        ends = np.concatenate([np.floor(self.state), np.ceil(self.state)])
+        return tuple(np.unique(ends.astype(np.int64)).tolist())
+
+    def share_of(self, state: int) -> Real:
+        """Weight (n_cells,) of a state at each cell."""
+        return np.asarray(np.maximum(1 - np.abs(self.state - state), 0.0))
 
     @cached_property
     def state_of_legs(self) -> Whole:
-        """State (n_turns - 1,) in which each leg ends: that of its last cell, or without one that of the leg before."""
+        """State (n_turns - 1,) nearest to the end of each leg: of its last cell, or without one of the leg before."""
         last_cells = np.searchsorted(self.leg, np.arange(len(self.torque) - 1), side="right") - 1
-        return np.asarray(self.state[np.maximum(last_cells, 0)])
+        return np.rint(self.state[np.maximum(last_cells, 0)]).astype(np.int64)
 
     @cached_property
     def edges_beside_turns(self) -> tuple[Whole, Whole]:

@@ -235,19 +235,23 @@ def _means_of_ways(
     course: Course, ways: Sequence[tuple[int, Real, Whole]], at_turns: Real, edges: Real
 ) -> LoadPath:
     """Means over the cells, of each state (number, corners of its way, ends of its legs); NaN without a way."""
-    mean, slope = np.full((2, len(edges)), np.nan), np.full((2, len(edges)), np.nan)
+    total = np.full((2, 2, len(edges)), 0.0 if ways else np.nan)
     for state, corners, ends in ways:
-        means_along(edges, course.leg, corners, ends, course.state == state, mean, slope)
-    return LoadPath(mean[0], slope[0], mean[1], at_turns)
+        of_state, share = np.zeros_like(total), course.share_of(state)
+        means_along(edges, course.leg, corners, ends, share > 0, *of_state)
+        total += share * of_state
+    (angle, carried_torque), (slope, _) = total
+    return LoadPath(angle, slope, carried_torque, at_turns)
 
 
 def _frictionless_path(course: Course, elastic: Elastic, torque: Real, edges: Real) -> LoadPath:
     """The way without friction: the elastic curve, wherever it is."""
-    angle, slope = np.empty(len(edges)), np.empty(len(edges))
+    angle_and_slope = np.zeros((2, len(edges)))
     for state in course.states:
-        cells = course.state == state if len(course.states) > 1 else slice(None)
-        of_state = elastic.curve_of_state(state)
-        angle[cells], slope[cells] = means(edges[cells], of_state.torque, of_state.angle)
+        share, of_state = course.share_of(state), elastic.curve_of_state(state)
+        cells = share > 0
+        angle_and_slope[:, cells] += share[cells] * means(edges[cells], of_state.torque, of_state.angle)
+    angle, slope = angle_and_slope
     return LoadPath(angle, slope, mean_torque(edges), torque)
 
 
@@ -282,15 +286,18 @@ def memory_twist(drive: Drive, course: Course, torques: Torques) -> Real:
 def _slid(drive: Drive, course: Course, curve: Backbone, torque: Real, edges: Real) -> LoadPath:
     """The way of an output that slides all along in one sense at each cell: see ``slid_torque``."""
     assert course.sliding is not None
-    angle, slope, carried_torque = np.empty((3, len(edges)))
+    angle, slope, carried_torque = np.zeros((3, len(edges)))
     leaning = 1 + drive.lean
     for state in course.states:
-        cells = course.state == state
+        share_of_state = course.share_of(state)
+        cells = share_of_state > 0
+        weight = share_of_state[cells]
         nodes = leaning * drive.stiffening(state) * curve.torque
         edges_carried, share = slid_torque(edges[cells], course.sliding[cells], drive.sliders.of_scaled_load(leaning))
-        angle[cells], rise = means(edges_carried, nodes, curve.angle[state])
-        slope[cells] = rise * share
-        carried_torque[cells] = mean_torque(edges_carried) / leaning
+        of_state, rise = means(edges_carried, nodes, curve.angle[state])
+        angle[cells] += weight * of_state
+        slope[cells] += weight * rise * share
+        carried_torque[cells] += weight * mean_torque(edges_carried) / leaning
     return LoadPath(angle, slope, carried_torque, torque)
 
 
@@ -365,17 +372,6 @@ def read_with_ripple(
     angle, path, is_sound, rise = read(root)
     response = np.where(is_found, np.sign(rise) / np.maximum(np.abs(rise), STEEP), 1.0)
     return np.where(is_found, middle + root - zero, angle), path, is_sound, response
-
-
-def answered(change: Real, response: Real) -> Real:
-    """Change (n_cells, ...) of the angle of a position where its curve changes so, with the response of a ripple.
-
-    A change that is alike everywhere is one of the zero of the angle, which is measured, and no ripple answers it.
-    """
-    if np.all(response == 1):
-        return change
-    common = np.median(change, axis=0)
-    return np.asarray(common + ((change - common).T * response).T)
 
 
 def _nearest_root(function: Callable[[Real], tuple[Real, Real]], places: Real, values: Real) -> tuple[Real, Truth]:

@@ -51,21 +51,22 @@ class ElasticOverCrank(Elastic):
 
         By the curves from three starts over the range of the twist, and a parabola between them.
         """
-        state = self.course.state
         reach = np.array([0.0, 0.5, 1.0]) * np.ptp(twist) + np.min(twist)
         share = (twist - reach[1]) / (reach[2] - reach[1]) if np.ptp(twist) > 0 else np.zeros(len(twist))
         change = np.zeros(len(torque))
-        for number in np.unique(state):
-            cells = state == number
+        for number in self.course.states:
+            weight = self.course.share_of(number)
+            cells = weight > 0
             low, middle, high, held = (
                 np.interp(torque[cells], curve.torque, curve.angle)
                 for curve in (
-                    *(self.from_start(int(number), self.start - self.motion.ratio * m) for m in reach),
-                    self.curve_of_state(int(number)),
+                    *(self.from_start(number, self.start - self.motion.ratio * m) for m in reach),
+                    self.curve_of_state(number),
                 )
             )
             x = share[cells]
-            change[cells] = middle + 0.5 * (high - low) * x + 0.5 * (high - 2 * middle + low) * x**2 - held
+            turned = middle + 0.5 * (high - low) * x + 0.5 * (high - 2 * middle + low) * x**2 - held
+            change[cells] += weight[cells] * turned
         return change
 
 

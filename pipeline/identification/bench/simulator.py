@@ -283,13 +283,15 @@ class Forward:
     def _at_torques(self, drive: Drive, position: int, carried_torque: Real, values: Real) -> Real:
         """Values (n, n_nodes, k) [rad] of a backbone at ``carried_torque`` (n_cells,): (n_cells, k) [arcmin]."""
         course, nodes = self.courses[position], self.backbone(drive).torque
-        state = course.state
-        carried_torque = (
-            carried_torque / np.array([drive.stiffening(number) for number in range(state.max() + 1)])[state]
-        )
-        j = np.clip(np.searchsorted(nodes, carried_torque) - 1, 0, len(nodes) - 2)
-        x = np.clip((carried_torque - nodes[j]) / (nodes[j + 1] - nodes[j]), 0, 1)[:, None]
-        return ARCMIN * ((1 - x) * values[state, j] + x * values[state, j + 1])
+        at_cells = np.zeros((len(carried_torque), values.shape[2]))
+        for state in course.states:
+            share = course.share_of(state)
+            cells = share > 0
+            torque = carried_torque[cells] / drive.stiffening(state)
+            j = np.clip(np.searchsorted(nodes, torque) - 1, 0, len(nodes) - 2)
+            x = np.clip((torque - nodes[j]) / (nodes[j + 1] - nodes[j]), 0, 1)[:, None]
+            at_cells[cells] += share[cells, None] * ((1 - x) * values[state, j] + x * values[state, j + 1])
+        return ARCMIN * at_cells
 
 
 def _reading(read: Real, path: LoadPath, is_sound: bool, response: Real) -> Reading:

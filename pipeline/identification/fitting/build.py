@@ -9,7 +9,7 @@ from pipeline.arrays import Real, Truth, Whole
 from pipeline.config.designs.design import Design, plausible_range
 from pipeline.config.studies.study import LAW_FACTORS, Study
 from pipeline.config.studies.tolerances import Case
-from pipeline.constant_kinds import Fineness
+from pipeline.constant_kinds import Fineness, Rounding
 from pipeline.errors import InputError
 from pipeline.identification.bench.course import Course, CrankMotion
 from pipeline.identification.bench.simulator import BEYOND, Forward
@@ -20,6 +20,7 @@ from pipeline.identification.fitting.problem import PriorModes, Problem, first_s
 from pipeline.identification.fitting.scaled_drives import drives_of
 from pipeline.identification.fitting.stations import Stations, stations_of
 from pipeline.identification.measurement.cells import Cells
+from pipeline.identification.measurement.enough import SURE
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 from pipeline.identification.measurement.unit_file import UnitFile
@@ -39,6 +40,9 @@ LOBE_PROFILES = ("disk_profile", "lobe_profile")
 """Dimensions that are one deviation of each lobe's flank."""
 POPULATION: Fineness = 192
 """Units drawn from the study's distributions where the dimensions are not measured."""
+STRAIGHT: Rounding = 0.02
+"""Largest departure from a line between two states: of the logarithm of the cycles travelled, one added, and of the
+temperature as a share of its range."""
 WAYS, STILL_ALONE = frozenset({LOOPS, RATE, STILL}), frozenset({STILL})
 """Needs of effects that a crank which turns under a held torque, or within a loop, does not meet."""
 RESOLUTION = 0.02
@@ -171,24 +175,74 @@ def _asked_nodes(measurement: Measurement, torque: Real) -> Whole | slice:
     return np.unique(np.argmin(np.abs(torque[:, None] - levels), axis=0))
 
 
-def _states(measurement: Measurement) -> tuple[list[Whole], list[Conditions]]:
-    """State of every cell of each position, and the conditions of each state: one per cycle."""
-    blocks, cells, environment = measurement.branches, measurement.cells, measurement.unit.settings.environment
+def _states(measurement: Measurement) -> tuple[list[Real], list[Conditions]]:
+    """State of every cell of each position, and the conditions of each state.
+
+    A record of a turning crank has a state for each cycle. In loops wear and temperature go on within a cycle, and
+    cells lie on lines between states.
+    """
+    cells, environment = measurement.cells, measurement.unit.settings.environment
     is_turning, states, conditions = isinstance(measurement, TurningMeasurement), [], []
     for position in range(len(measurement.rows.cranks)):
         of_position = cells.position == position
-        cycles = np.unique(cells.cycle if is_turning else blocks.cycle[blocks.position == position])
-        states.append(np.searchsorted(cycles, cells.cycle[of_position]))
-        rise = _rise(cells, cycles, of_position | is_turning, environment.temperature_C)
-        conditions.append(Conditions((cycles - cycles[0]).astype(float), rise))
+        if is_turning:
+            cycles = np.unique(cells.cycle)
+            states.append(np.searchsorted(cycles, cells.cycle[of_position]))
+            rise = _rise(cells, cycles, environment.temperature_C)
+            conditions.append(Conditions((cycles - cycles[0]).astype(float), rise))
+            continue
+        travelled = _cycles_travelled(measurement, position)
+        rise = np.nan_to_num(cells.temperature_mean[of_position] - environment.temperature_C)
+        state, of_states = _piecewise_linear(np.column_stack([travelled, rise]))
+        states.append(state)
+        conditions.append(Conditions(*of_states))
     return states, conditions
 
 
-def _rise(cells: Cells, cycles: Whole, is_chosen: Truth, drawing_C: float) -> Real:
-    """Temperature over that of the drawing (n_cycles,) [K], mean of the chosen cells; 0 where it was not measured."""
+def _cycles_travelled(measurement: Measurement, position: int) -> Real:
+    """Way of the torque (n_cells,) from the start of a position to each of its cells, over the usual one of a cycle."""
+    cells, turns = measurement.cells, measurement.history.torque[position]
+    of_position = cells.position == position
+    leg = measurement.history.leg[cells.block[of_position]]
+    travel = np.append(0.0, np.cumsum(np.abs(np.diff(turns))))
+    cycles = measurement.branches.cycle[measurement.branches.position == position]
+    here = travel[leg] + np.abs(cells.torque_mean[of_position] - turns[leg])
+    return np.asarray(here * len(np.unique(cycles)) / travel[-1])
+
+
+def _piecewise_linear(conditions: Real) -> tuple[Real, Real]:
+    """Conditions over the cells, travelled cycles and temperature (n_cells, 2), as lines between a few states.
+
+    States are added at the cell that lies farthest from the lines until all lie within a tolerance (Douglas and
+    Peucker, Cartographica 10 (1973) 112).
+
+    Returns
+    -------
+    State of each cell (n_cells,), between two numbers so far on the line between them, and the conditions of the states
+    (2, n_states) by least squares over the cells.
+    """
+    travelled, rise = conditions.T
+    noise = SURE * float(np.median(np.abs(np.diff(rise)))) if len(rise) > 1 else 0.0
+    tolerance = max(STRAIGHT * float(np.ptp(rise)), noise, 1e-9)
+    curves = np.column_stack([np.log1p(travelled) / STRAIGHT, rise / tolerance])
+    place = np.maximum.accumulate(travelled) + 1e-9 * np.arange(len(curves))
+    chosen = sorted({0, len(curves) - 1})
+    while True:
+        lines = np.column_stack([np.interp(place, place[chosen], curve[chosen]) for curve in curves.T])
+        distance = np.max(np.abs(curves - lines), axis=1)
+        if np.max(distance) <= 1:
+            break
+        chosen = sorted({*chosen, int(np.argmax(distance))})
+    state = np.interp(place, place[chosen], np.arange(len(chosen)))
+    weights = np.maximum(1 - np.abs(state[:, None] - np.arange(len(chosen))), 0.0)
+    return state, np.linalg.lstsq(weights, conditions, rcond=None)[0].T
+
+
+def _rise(cells: Cells, cycles: Whole, drawing_C: float) -> Real:
+    """Temperature over that of the drawing (n_cycles,) [K], mean of each cycle; 0 where it was not measured."""
     rise = np.zeros(len(cycles))
     for number, cycle in enumerate(cycles):
-        temperature = cells.temperature_mean[is_chosen & (cells.cycle == cycle)]
+        temperature = cells.temperature_mean[cells.cycle == cycle]
         if np.any(np.isfinite(temperature)):
             rise[number] = np.nanmean(temperature) - drawing_C
     return rise
@@ -202,7 +256,7 @@ def _reach(courses: Sequence[Course], training_positions: Whole) -> float:
 
 
 def _course(
-    measurement: Measurement, states: Sequence[Whole], stations: Stations, position: int, visible: Truth
+    measurement: Measurement, states: Sequence[Real], stations: Stations, position: int, visible: Truth
 ) -> Course:
     unit, cells, turns = measurement.unit, measurement.cells, measurement.history
     of_position = cells.position == position

@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.arrays import Real, Truth
 from pipeline.constant_kinds import Rounding, Shortcut, ShortcutCount, ShortcutGrid
-from pipeline.identification.bench.load_path import Instrument, answered
+from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Drives, Forward
 from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector, values_at_shares
@@ -303,3 +303,14 @@ class Fitter:
         raw = np.column_stack([*columns, prediction.influence]) if columns else prediction.influence
         jacobian = self.centred_values(np.nan_to_num(raw), weight)
         return jacobian, (unknowns.scales if usable is None else usable[0], jacobian)
+
+
+def answered(change: Real, response: Real) -> Real:
+    """Change (n_cells, ...) of the angle of a position where its curve changes so, with the response of a ripple.
+
+    A change that is alike everywhere is one of the zero of the angle, which is measured, and no ripple answers it.
+    """
+    if np.all(response == 1):
+        return change
+    common = np.median(change, axis=0)
+    return np.asarray(common + ((change - common).T * response).T)

@@ -269,7 +269,8 @@ def start_from_declared(fitter: Fitter, model: Model, cells: Truth, base: Vector
     held = replace(declared_unknowns, reach=np.zeros_like(declared_unknowns.reach))
     if effect.starts == PERIODIC:
         without = fitter.fit(Model(tuple(others)), cells, replace(held, shares=base.shares), FIRST_ITERATIONS)
-        starts = ripple_starts(Screening(fitter, cells, without, without.sigma), effect)
+        ripples = ripple_starts(Screening(fitter, cells, without, without.sigma), effect)
+        starts = [*ripples, (np.inf, held)]  # no wave may be found from the numbers as declared
         return replace(min(starts, key=lambda start: start[0])[1], reach=declared_unknowns.reach)
     fits = []
     for senses in product((-1.0, 1.0), repeat=len(bounds)):

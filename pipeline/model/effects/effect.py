@@ -80,7 +80,7 @@ def clearances(drive: Drive, shrinks: bool = False) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Conditions:
-    """Of the ``n`` states of a drive: load cycles before (n,), temperature less that of the drawing (n,) [K]."""
+    """Of the ``n`` states of a drive: load cycles travelled (n,), temperature less that of the drawing (n,) [K]."""
 
     cycle: Real
     temperature_rise: Real

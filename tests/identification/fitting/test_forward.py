@@ -9,8 +9,9 @@ from synthetic_unit import ROOT
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.identification.bench.course import Course
-from pipeline.identification.bench.load_path import Ripple, _nearest_root, answered
+from pipeline.identification.bench.load_path import Ripple, _nearest_root
 from pipeline.identification.bench.simulator import Forward, Instrument
+from pipeline.identification.fitting.fitter import answered
 from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.effects.creep import KelvinVoigt
@@ -64,7 +65,7 @@ def test_frictionless_reading_is_the_backbone_at_its_nodes(drive):
     forward = Forward([course_of()], drive.rated_torque)
     curve = backbone(drive, forward.shares)
     course = replace(course_of(), leg=np.full(len(curve.torque), 1), cell_torques=points(1e-3 * curve.torque[::-1]))
-    course = replace(course, time=np.zeros(len(curve.torque)), torque=1.05 * TURNS)
+    course = replace(course, time=np.zeros(len(curve.torque)), state=0 * course.leg, torque=1.05 * TURNS)
     reading = Forward([course], drive.rated_torque / 1.05).read(drive, 0, Instrument())
     fine = np.interp(1e-3 * curve.torque[::-1], 1e-3 * curve.torque, ARCMIN * curve.angle[0])
     np.testing.assert_allclose(reading.angle, fine, atol=5e-3)

@@ -341,13 +341,40 @@ def test_cells_of_a_held_torque_are_known_as_well_as_others(tmp_path):
     assert np.mean((data.noise / data.sigma[loaded]) ** 2) > 0.82
 
 
-def test_each_cell_has_the_state_of_its_cycle_though_cycles_follow_each_other_without_a_turn(tmp_path):
-    """Cycles 0, 12, -12, 0 N m: from -12 to 12 N m one way belongs to two cycles."""
-    measurement = Measurement.read(load_measured_unit(write_unit(tmp_path, {"rows.csv": measured()}), ROOT))
+def states_of(folder, table):
+    """State of each cell at the first position, conditions of the states, and the measurement."""
+    measurement = Measurement.read(load_measured_unit(write_unit(folder, {"rows.csv": table}), ROOT))
     states, conditions = build._states(measurement)
-    legs = measurement.history.leg[measurement.cells.block]
-    for position, state in enumerate(states):
-        of_position = measurement.cells.position == position
-        np.testing.assert_array_equal(state, measurement.cells.cycle[of_position])
-        assert any(len(np.unique(state[legs[of_position] == leg])) == 2 for leg in np.unique(legs[of_position]))
-    assert [condition.cycle.tolist() for condition in conditions] == 3 * [[0.0, 1.0, 2.0]]
+    return states[0], conditions[0], measurement
+
+
+def test_wear_and_temperature_go_on_within_a_cycle(tmp_path):
+    """Cycles 0, 12, -12, 0 N m, a way of 48 N m each, while the temperature nears 50 C."""
+    table = measured(positions=(0.0,), per_branch=100)
+    way = np.append(0.0, np.cumsum(np.abs(np.diff(table["torque_Nm"])))) / 48
+    warm = 50 - 30 * np.exp(-way)
+    noise = 0.1 * np.random.default_rng(1).standard_normal(len(table))
+    state, conditions, measurement = states_of(tmp_path, table.assign(temperature_C=warm + noise))
+    cycles, rise = (
+        np.interp(state, np.arange(len(values)), values) for values in (conditions.cycle, conditions.temperature_rise)
+    )
+    middle = measurement.cells.first_row + 0.5 * (measurement.cells.count - 1)
+    expected = np.interp(middle, np.arange(len(way)), way)
+    np.testing.assert_allclose(np.exp(-cycles / 0.7), np.exp(-expected / 0.7), atol=0.01)
+    unit = measurement.unit.settings.environment.temperature_C
+    np.testing.assert_allclose(rise, np.interp(middle, np.arange(len(way)), warm) - unit, atol=0.4)
+    assert len(conditions.cycle) < 15
+
+
+def test_a_temperature_of_each_cycle_is_followed_to_its_step(tmp_path):
+    table = measured(positions=(0.0,), per_branch=100)
+    warm = np.array([20.0, 45.0, 30.0])[table["cycle"]]
+    state, conditions, measurement = states_of(tmp_path, table.assign(temperature_C=warm))
+    rise = np.interp(state, np.arange(len(conditions.cycle)), conditions.temperature_rise)
+    expected = warm[measurement.cells.first_row] - measurement.unit.settings.environment.temperature_C
+    np.testing.assert_allclose(rise, expected, atol=0.5)
+
+
+def test_a_record_of_one_cell_has_one_state():
+    state, conditions = build._piecewise_linear(np.array([[0.5, 3.0]]))
+    assert (state.tolist(), conditions.tolist()) == ([0.0], [[0.5], [3.0]])

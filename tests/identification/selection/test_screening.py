@@ -13,6 +13,7 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Vector, shares_of_values, values_at_shares
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection import ripples
+from pipeline.identification.selection import screening as screening_module
 from pipeline.identification.selection.fitted_numbers import intervals
 from pipeline.identification.selection.model_selection import Selector
 from pipeline.identification.selection.ripples import OwnPhases, _Search
@@ -24,6 +25,7 @@ from pipeline.identification.selection.screening import (
     STEPS,
     Screening,
     screen_effects,
+    start_from_declared,
 )
 
 TWO, THREE = Bench(), Bench(cranks=CRANKS)
@@ -186,6 +188,17 @@ def test_a_ripple_starts_with_the_phases_and_the_size_that_it_was_looked_at_with
             ripple = instrument.ripple_at(position)
             assert ripple.amplitude == pytest.approx(200.0)  # N mm
             assert np.cos(ripple.phase - phase) == pytest.approx(1.0)
+
+
+def test_a_ripple_without_a_wave_starts_from_none(tmp_path, condensed, monkeypatch):
+    """The numbers as declared may lead to no balance anywhere."""
+    monkeypatch.setattr(screening_module, "ripple_starts", lambda *_: [])
+    problem = problem_of(make_unit(tmp_path / "u", {}, TWO, condensed), condensed)
+    fitter, cells = Fitter(problem), np.ones(len(problem.data), bool)
+    model = Model((candidates()["motor_cogging"].of_positions(2),))
+    start = start_from_declared(fitter, model, cells, fitter.start(Model()))
+    np.testing.assert_array_equal(start.shares, 0.5)
+    np.testing.assert_array_equal(start.reach, fitter.start(model).reach)
 
 
 @pytest.mark.parametrize(("positions", "is_fitted"), [([0], True), ([0, 1, 2], False)])

@@ -14,6 +14,10 @@ TEMPERATURE_C = 20.0
 """At which the dimensions hold."""
 
 
+PIECES = 24
+"""Parts of a cycle in which wear stands still."""
+
+
 @dataclass(frozen=True)
 class Ramp:
     """What one position is put through.
@@ -56,9 +60,19 @@ class Ramp:
         return np.gradient(self.torque, self.time)
 
     @property
-    def conditions(self) -> Conditions:
-        """Of each cycle as a state of the drive."""
-        return Conditions(np.arange(self.n_cycles, dtype=float), self.temperature - TEMPERATURE_C)
+    def travelled(self) -> Real:
+        """Way of the torque to every row (n_rows,), over the usual one of a cycle."""
+        travel = np.append(0.0, np.cumsum(np.abs(np.diff(self.turns))))
+        here = travel[self.leg] + np.abs(self.torque - self.turns[self.leg])
+        return np.asarray(here * self.n_cycles / travel[-1])
+
+    def states(self, wears: bool) -> tuple[Whole, Conditions]:
+        """State of every row (n_rows,) and its conditions: of each cycle, or of a part of one where the drive wears."""
+        part = np.floor(PIECES * self.travelled).astype(int) if wears else 0
+        number = np.unique(self.cycle * PIECES * (self.n_cycles + 1) + part, return_inverse=True)[1].ravel()
+        first_rows = np.unique(number, return_index=True)[1]
+        travelled = np.bincount(number, self.travelled) / np.bincount(number)
+        return number, Conditions(travelled, self.temperature[self.cycle[first_rows]] - TEMPERATURE_C)
 
 
 @dataclass(frozen=True)

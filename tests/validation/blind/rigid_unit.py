@@ -61,7 +61,7 @@ class RigidUnit:
         """The same with an effect that the library lacks."""
         angles = []
         for position, ramp, crank in zip(self.positions, self.bench.ramps, self.bench.cranks, strict=True):
-            curve = position.curve({}, 0, NMM_PER_NM * float(np.max(np.abs(ramp.turns))))
+            curve = position.curve({}, (0.0, 0.0), NMM_PER_NM * float(np.max(np.abs(ramp.turns))))
 
             def angle_at(torque: Real, curve: Curve = curve) -> Real:
                 return curve.at(NMM_PER_NM * np.asarray(torque)) / RAD_PER_ARCMIN
@@ -153,5 +153,5 @@ OUTPUTS: Mapping[str, Callable[[Any, Real], Output]] = {"roller_plate": _slides,
 
 
 def _loading(ramp: Ramp) -> Loading:
-    warmer = np.asarray(ramp.conditions.temperature_rise, float)
-    return Loading(ramp.torque, ramp.begin + ramp.time, ramp.turns, ramp.leg, ramp.cycle, warmer)
+    warmer = np.asarray(ramp.states(wears=False)[1].temperature_rise, float)
+    return Loading(ramp.torque, ramp.begin + ramp.time, ramp.turns, ramp.leg, ramp.cycle, warmer, ramp.travelled)

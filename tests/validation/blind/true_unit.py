@@ -14,6 +14,7 @@ from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.fitting.scaled_drives import scaled_design
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.effects.creep import KelvinVoigt
+from pipeline.model.effects.effect import CYCLES
 from pipeline.model.effects.hysteresis import Rayleigh
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
@@ -79,18 +80,22 @@ class TrueUnit:
 
     def angles(self, effects: Sequence[Candidate] = (), values: Sequence[float] = ()) -> list[Real]:
         """Angle [arcmin] at the rows of every position with effects of the library, before noise."""
-        drives, instrument = Model(tuple(effects)).put(
-            self.drives, [ramp.conditions for ramp in self.bench.ramps], values
-        )
+        wears = any(CYCLES in effect.needs for effect in effects)
+        states, conditions = zip(*(ramp.states(wears) for ramp in self.bench.ramps), strict=True)
+        alike = [
+            drive.some(np.zeros(len(of_states.cycle), int))
+            for drive, of_states in zip(self.drives, conditions, strict=True)
+        ]
+        drives, instrument = Model(tuple(effects)).put(alike, conditions, values)
         encoder_place = encoder_places(self.bench, self.study.design.cycloid.lobes)
         turns = float(self.study.design.cycloid.lobes) if self.bench.locked == "output" else 1.0
         angles = []
-        positions = zip(drives, self.bench.ramps, encoder_place, strict=True)
-        for number, (drive, ramp, encoder_angle) in enumerate(positions):
+        positions = zip(drives, self.bench.ramps, states, encoder_place, strict=True)
+        for number, (drive, ramp, of_rows, encoder_angle) in enumerate(positions):
             ripple = instrument.ripple_at(number)
             in_space = ripple.phase + ripple.waves * float(self.bench.offset[number]) / ARCMIN  # of the angle as read
             at_output = self.bench.locked != "output"
-            angle = _solved(drive, ramp, instrument, replace(ripple, phase=in_space), at_output)
+            angle = _solved(drive, ramp, of_rows, instrument, replace(ripple, phase=in_space), at_output)
             encoder_reading = turns * angle + encoder_angle
             elapsed = ramp.time + (ramp.begin if self.bench.common else 0.0)
             read = ARCMIN * angle + instrument.drift * elapsed / SECONDS_AN_HOUR
@@ -137,11 +142,10 @@ def true_unit(
     true_study = study.model_copy(update={"design": scaled_design(study.design, keys, scales)})
     softness = study.design.disk.thickness_mm / true_study.design.disk.thickness_mm
     drives = []
-    for crank, compliance, ramp in zip(bench.cranks, compliances, bench.ramps, strict=True):
-        n = ramp.n_cycles
-        loose = assembly.bearing_clearance(true_study.design, np.full(n, loose_um))
-        states = Errors(**{name: np.repeat(value[:1], n, axis=0) for name, value in vars(errors).items()})
-        drives.append(drive_of(true_study, crank, softness * compliance, states, loose))
+    one_state = Errors(**{name: value[:1] for name, value in vars(errors).items()})
+    loose = assembly.bearing_clearance(true_study.design, np.array([loose_um]))
+    for crank, compliance in zip(bench.cranks, compliances, strict=True):
+        drives.append(drive_of(true_study, crank, softness * compliance, one_state, loose))
     return TrueUnit(true_study, tuple(drives), bench)
 
 
@@ -153,8 +157,10 @@ def _fine(drive: Drive, top: float) -> Backbone:
     return curve
 
 
-def _solved(drive: Drive, ramp: Ramp, instrument: Instrument, ripple: Ripple, at_output: bool) -> Real:
-    """Angle [rad] at the rows of a ramp that loads the output, or the input against a locked output."""
+def _solved(
+    drive: Drive, ramp: Ramp, states: Whole, instrument: Instrument, ripple: Ripple, at_output: bool
+) -> Real:
+    """Angle [rad] at the rows of a ramp, each in its state, that loads the output, or the input of a locked output."""
     turns, true_torque = instrument.true_torque(ramp.turns), instrument.true_torque(ramp.torque)
     if instrument.torque_creep[0]:
         delayed = _crept(instrument.delayed_reading, true_torque, ramp.time)
@@ -163,7 +169,7 @@ def _solved(drive: Drive, ramp: Ramp, instrument: Instrument, ripple: Ripple, at
     curve = _fine(drive, float(np.max(np.abs(turns))) / NMM_PER_NM)
     angle, carried_torque = np.empty(len(true_torque)), np.empty(len(true_torque))
     for state in range(len(curve.angle)):
-        of_cycle = ramp.cycle == state
+        of_state = states == state
         levels = drive.stiffening(state) * curve.torque
         elastic_angle = curve.angle[state]
         if ripple.amplitude or len(drive.sliders.acting):
@@ -179,11 +185,11 @@ def _solved(drive: Drive, ramp: Ramp, instrument: Instrument, ripple: Ripple, at
                     else output_path(steps, leaning * levels, elastic_angle, sliders).at_turns
                 )
                 output_angle, play_torque = at_rows[0], at_rows[1] / leaning
-            angle[of_cycle], carried_torque[of_cycle] = output_angle[is_row][of_cycle], play_torque[is_row][of_cycle]
+            angle[of_state], carried_torque[of_state] = output_angle[is_row][of_state], play_torque[is_row][of_state]
         else:
-            angle[of_cycle], carried_torque[of_cycle] = (
-                np.interp(true_torque[of_cycle], levels, elastic_angle),
-                true_torque[of_cycle],
+            angle[of_state], carried_torque[of_state] = (
+                np.interp(true_torque[of_state], levels, elastic_angle),
+                true_torque[of_state],
             )
     in_series = true_torque if at_output else carried_torque
     angle = angle + drive.twist(in_series)

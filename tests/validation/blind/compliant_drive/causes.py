@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +15,9 @@ NMM = 1e3
 """N mm of a N m."""
 BEYOND = 1.02
 """Reach of a curve over the largest torque."""
+PIECES = 24
+"""Parts of a cycle in which wear stands still."""
+FIRST_ROW = np.zeros(1, int)
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,18 @@ class Course:
     cycle: Whole
     warmer: Real
 
+    @cached_property
+    def travelled(self) -> Real:
+        """Way of the torque to every row (n_rows,), over the usual one of a cycle."""
+        way = np.cumsum(np.abs(np.gradient(self.torque)))
+        return np.asarray(way * (self.cycle.max() + 1) / way[-1])
+
+    def states(self, wears: bool) -> list[Whole]:
+        """Rows of each cycle, or of each part of one where the drive wears."""
+        part = np.floor(PIECES * self.travelled).astype(int) if wears else np.zeros(len(self.cycle), int)
+        numbers = self.cycle * (part.max() + 1) + part
+        return [np.flatnonzero(numbers == number) for number in np.unique(numbers)]
+
     @property
     def top(self) -> float:
         """Largest torque [N m]."""
@@ -45,12 +61,12 @@ class Cause:
     Attributes
     ----------
     sizes : of a drive and a course, a size that is clearly seen, for each value of the effect.
-    drive : disk with the effect, by its values, the cycle and the temperature.
+    drive : disk with the effect, by its values, the cycles travelled and the temperature.
     read : angle [arcmin] of a position by its values; None where the disk alone is changed.
     """
 
     sizes: Callable[[Disk, Course, np.random.Generator], Sequence[float]]
-    drive: Callable[[Disk, Sequence[float], int, float], Disk] | None = None
+    drive: Callable[[Disk, Sequence[float], float, float], Disk] | None = None
     read: "Callable[[Position, Sequence[float]], Real] | None" = None
     needs: str = ""
 
@@ -65,15 +81,15 @@ class Position:
     def __post_init__(self) -> None:
         self._curves: dict[tuple[object, ...], Curve] = {}
 
-    def curve(self, name: str = "", values: Sequence[float] = (), cycle: int = 0) -> Curve:
-        """The elastic curve of the disk with an effect; kept."""
+    def curve(self, name: str = "", values: Sequence[float] = (), rows: Whole = FIRST_ROW) -> Curve:
+        """The elastic curve of the disk with an effect, in the state of some rows; kept."""
         cause = LIBRARY.get(name)
-        by_cycle = bool(cause and cause.needs in ("cycle", "temperature"))
-        key = (name, *values, cycle if by_cycle else 0)
+        condition = float(np.mean(self.course.travelled[rows])), float(self.course.warmer[self.course.cycle[rows[0]]])
+        key = (name, *values, *(condition if cause and cause.needs in ("cycle", "temperature") else ()))
         if key not in self._curves:
             disk = self.disk
             if cause and cause.drive:
-                disk = cause.drive(disk, values, cycle, float(self.course.warmer[cycle]))
+                disk = cause.drive(disk, values, *condition)
             self._curves[key] = disk.curve(1.4 * NMM * self.course.top)
         return self._curves[key]
 
@@ -84,9 +100,8 @@ class Position:
             return cause.read(self, values)
         if cause and cause.needs in ("cycle", "temperature"):
             angle = np.empty(len(self.course.torque))
-            for cycle in np.unique(self.course.cycle):
-                rows = self.course.cycle == cycle
-                angle[rows] = self.curve(name, values, int(cycle)).at(NMM * self.course.torque[rows]) / ARCMIN
+            for rows in self.course.states(cause.needs == "cycle"):
+                angle[rows] = self.curve(name, values, rows).at(NMM * self.course.torque[rows]) / ARCMIN
             return angle
         return np.asarray(self.curve(name, values).at(NMM * self.course.torque) / ARCMIN)
 
@@ -109,7 +124,7 @@ def _grown(disk: Disk, by: Real | float) -> Disk:
 
 
 def _oval(order: int) -> Cause:
-    def drive(disk: Disk, values: Sequence[float], cycle: int, warmer: float) -> Disk:
+    def drive(disk: Disk, values: Sequence[float], travelled: float, warmer: float) -> Disk:
         around = order * np.angle(disk.pins)
         return _moved(disk, UM * (values[0] * np.cos(around) + values[1] * np.sin(around)))
 
@@ -120,13 +135,13 @@ def _oval(order: int) -> Cause:
     return Cause(sizes, drive, needs="crank")
 
 
-def _worn(disk: Disk, values: Sequence[float], cycle: int, warmer: float) -> Disk:
+def _worn(disk: Disk, values: Sequence[float], travelled: float, warmer: float) -> Disk:
     at = np.angle(disk.pins) - disk.turned
     pressed = np.sin((len(disk.pins) - 1) * at) * values[0] < 0
     return _grown(disk, np.where(pressed, -UM * abs(values[0]), 0.0))
 
 
-def _seats(disk: Disk, values: Sequence[float], cycle: int, warmer: float) -> Disk:
+def _seats(disk: Disk, values: Sequence[float], travelled: float, warmer: float) -> Disk:
     return replace(disk, compliance=disk.compliance + values[0] * np.eye(len(disk.pins)))
 
 

@@ -18,6 +18,10 @@ BEYOND = 1.01
 """Reach of a curve over the largest torque read."""
 
 
+PIECES = 24
+"""Parts of a cycle in which wear stands still."""
+
+
 @dataclass(frozen=True)
 class Loading:
     """What one position is put through.
@@ -29,6 +33,7 @@ class Loading:
     leg : (n_rows,) between which turns each row lies.
     cycle : (n_rows,)
     warmer : (n_cycles,) temperature over that of the drawing [K].
+    travelled : (n_rows,) way of the torque from the start, over the usual one of a cycle.
     """
 
     torque: Real
@@ -37,6 +42,12 @@ class Loading:
     leg: Whole
     cycle: Whole
     warmer: Real
+    travelled: Real
+
+    @property
+    def pieces(self) -> Whole:
+        """Number of the part of a cycle (n_rows,) in which wear stands still."""
+        return np.floor(PIECES * self.travelled).astype(int) + PIECES * self.cycle
 
 
 @dataclass
@@ -65,9 +76,12 @@ class Position:
         turns = NMM_PER_NM * (loading.turns - sensors.torque_zero) / (1 + sensors.torque_gain)
         steps, is_row = _with_turns(torque, turns, loading.leg)
         output_angle, carried_torque = np.empty(len(torque)), np.empty(len(torque))
-        for cycle in np.unique(loading.cycle):
-            rows = loading.cycle == cycle
-            curve = self.curve(effects, int(cycle), float(np.max(np.abs(steps))))
+        wears = any(EFFECTS[name].changes_with == "cycle" for name in effects)
+        states = loading.pieces if wears else loading.cycle
+        for state in np.unique(states):
+            rows = states == state
+            condition = float(np.mean(loading.travelled[rows])), float(loading.warmer[loading.cycle[rows][0]])
+            curve = self.curve(effects, condition, float(np.max(np.abs(steps))))
             angle, play_position = train.walked(curve, steps)
             output_angle[rows], carried_torque[rows] = angle[is_row][rows], play_position[is_row][rows]
         in_series = torque if self.at_output else carried_torque
@@ -76,17 +90,19 @@ class Position:
         wave = sensors.encoder_cosine * np.cos(encoder) + sensors.encoder_sine * np.sin(encoder)
         return output_angle / RAD_PER_ARCMIN + wave + sensors.drift * loading.time / SECONDS_AN_HOUR
 
-    def curve(self, effects: Mapping[str, Sequence[float]], cycle: int, largest: float) -> Curve:
-        """The curve without friction [rad] in one cycle, to the ``largest`` torque [N mm]; kept."""
+    def curve(
+        self, effects: Mapping[str, Sequence[float]], condition: tuple[float, float], largest: float
+    ) -> Curve:
+        """The curve without friction [rad] to the ``largest`` torque [N mm], in a condition; kept."""
         acting = {name: tuple(values) for name, values in effects.items() if EFFECTS[name].drive}
         with_state = any(EFFECTS[name].changes_with for name in acting)
-        key = tuple(acting.items()), cycle if with_state else 0, largest
+        key = tuple(acting.items()), condition if with_state else 0, largest
         if key not in self._curves:
             drive = self.drive
             for name, values in acting.items():
                 effect_of = EFFECTS[name].drive
                 assert effect_of is not None
-                drive = effect_of(values)(drive, float(cycle), float(self.loading.warmer[cycle]))
+                drive = effect_of(values)(drive, *condition)
             self._curves[key] = drive.curve(BEYOND * largest)
         return self._curves[key]
 
