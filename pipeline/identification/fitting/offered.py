@@ -58,10 +58,12 @@ def _of_turns(measurement: TurningMeasurement, training: Truth) -> set[str]:
 
 
 def rate_changes(measurement: Measurement, training: Truth) -> bool:
-    """Whether the torque of the training cells (n_cells,) goes at unlike rates, or dwells somewhere.
+    """Whether the torque of the training cells (n_cells,) goes at unlike rates, dwells somewhere, or goes by steps.
 
     Only then is a delay (creep) told from a hysteresis that does not depend on the rate.
     """
+    if _goes_by_steps(measurement, training):
+        return True
     cells, history = measurement.cells, measurement.history
     rates, durations, extra = [], [], []
     for position in np.unique(cells.position[training]):
@@ -88,3 +90,11 @@ def rate_changes(measurement: Measurement, training: Truth) -> bool:
     if not rates:
         return False
     return bool(max(rates) > OTHER_RATE * min(rates) or max(extra) > DWELL * np.median(durations))
+
+
+def _goes_by_steps(measurement: Measurement, training: Truth) -> bool:
+    """Whether a bench holds each torque over some rows: from row to row it then usually changes by noise alone."""
+    rows, blocks = measurement.rows, np.unique(measurement.cells.block[training])
+    runs = [measurement.branches.rows[block] for block in blocks]
+    steps = np.concatenate([np.abs(np.diff(rows.torque[run][measurement.usable[run]])) for run in runs])
+    return bool(np.median(steps) * OTHER_RATE < np.mean(steps))
