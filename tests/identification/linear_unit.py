@@ -67,7 +67,7 @@ class LinearFitter(Fitter):
         influence = self.design[:, self.design.shape[1] - n_modes :] if modes else np.zeros((len(data), n_modes))
         angle = np.where(in_positions, self.design @ flat, np.nan)
         nothing = np.zeros(len(data))
-        return Prediction(angle, influence * in_positions[:, None], nothing, nothing, nothing + 1, True)
+        return Prediction(angle, influence * in_positions[:, None], nothing, nothing, nothing + 1, nothing + 1, True)
 
     def drives(self, model, unknowns, positions=None):
         return {}, None
@@ -79,4 +79,5 @@ class LinearFitter(Fitter):
 def stood(fitter: LinearFitter, model: Model, unknowns, sigma) -> Fit:
     """The fitter's model as it stands at some unknowns, its derivatives with their means."""
     predicted = fitter.design @ unknowns.flat
-    return Fit(model, unknowns, unknowns.shares, predicted, 0.0, fitter.design, np.asarray(sigma), True)
+    one = np.ones(len(sigma))
+    return Fit(model, unknowns, unknowns.shares, predicted, 0.0, fitter.design, np.asarray(sigma), one, True)

@@ -13,7 +13,7 @@ from pipeline.identification.bench.course import Course, slid_torque
 from pipeline.model.effects.creep import KelvinVoigt
 from pipeline.model.elements import Path, merged_path
 from pipeline.model.load_history.backbone import NO_LOAD, Backbone
-from pipeline.model.load_history.cell_means import means, means_along
+from pipeline.model.load_history.cell_means import mean_torque, means, means_along
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.incremental import solve_path
 from pipeline.model.load_history.friction.output_path import output_path
@@ -63,6 +63,15 @@ class Ripple:
     def slope(self, angle: Real) -> Real:
         """Its derivative [N mm/rad] at angles of any shape [rad]."""
         return self.amplitude * self.waves * np.cos(self.waves * angle + self.phase)
+
+    def balances(self, slope: Real) -> Real:
+        """Angles of balance at one torque where the drive turns by ``slope`` (n,) [rad/(N mm)], mean over the phases.
+
+        Those of x + b sin(x + phase) = 0 number the mean of |1 + b cos| over a period (Kac, Bull. Amer. Math. Soc. 49
+        (1943) 314): one up to b = 1.
+        """
+        steepness = np.maximum(np.abs(slope) * self.amplitude * self.waves, 1.0)
+        return np.asarray(2 / np.pi * (np.sqrt(steepness**2 - 1) + np.arcsin(1 / steepness)))
 
 
 @dataclass(frozen=True)
@@ -253,11 +262,6 @@ def _frictionless_path(course: Course, elastic: Elastic, torque: Real, edges: Re
         angle_and_slope[:, cells] += share[cells] * means(edges[cells], of_state.torque, of_state.angle)
     angle, slope = angle_and_slope
     return LoadPath(angle, slope, mean_torque(edges), torque)
-
-
-def mean_torque(edges: Real) -> Real:
-    """Mean (n_cells,) of torques within cells (n_cells, n_edges), as many rows between any two."""
-    return np.asarray((0.5 * (edges[:, 1:] + edges[:, :-1])).mean(axis=1))
 
 
 def with_springs(drive: Drive, course: Course, curve: Backbone, path: LoadPath, torques: Torques) -> LoadPath:

@@ -19,13 +19,13 @@ from pipeline.identification.bench.load_path import (
     Instrument,
     LoadPath,
     load_path,
-    mean_torque,
     read_with_ripple,
     with_springs,
 )
 from pipeline.identification.bench.locked_output import interpolation_error, locked_path
 from pipeline.model.elements import Spring, same
 from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
+from pipeline.model.load_history.cell_means import mean_torque
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import NMM_PER_NM
@@ -57,6 +57,7 @@ class Reading:
     slope : (n_cells,) d angle / d torque [arcmin/(N m)].
     carried_torque : (n_cells,) torque in the reducer [N mm].
     response : (n_cells,) change of the angle for a change of the drive's own angle: 1 but where a ripple answers it.
+    balances : (n_cells,) angles of balance at one torque in the mean over the phases of a ripple: 1 without one.
     sound : whether nearly every equilibrium was found.
     """
 
@@ -64,6 +65,7 @@ class Reading:
     slope: Real
     carried_torque: Real
     response: Real
+    balances: Real
     sound: bool
 
 
@@ -142,9 +144,9 @@ class Forward:
             read, path, is_followed, response = read_with_ripple(ripple, course, edges, read_at)
             # a ripple that is steeper than the drive at most cells has a balance beside any angle that was measured
             is_told_apart = bool(np.median(np.abs(1 / response - 1)) <= 1)
-            return _reading(read, path, sound and is_followed and is_told_apart, response)
+            return _reading(read, path, sound and is_followed and is_told_apart, response, ripple.balances(path.slope))
         read, path, is_followed = read_at(edges)
-        return _reading(read, path, sound and is_followed, np.ones(len(read)))
+        return _reading(read, path, sound and is_followed, *np.ones((2, len(read))))
 
     @staticmethod
     def _along_crank(stations: Drives, course: Course, curves: Sequence[Backbone], turns: Real) -> Way:
@@ -294,8 +296,9 @@ class Forward:
         return ARCMIN * at_cells
 
 
-def _reading(read: Real, path: LoadPath, is_sound: bool, response: Real) -> Reading:
-    return Reading(read, ARCMIN * NMM_PER_NM * path.slope * response, path.carried_torque, response, is_sound)
+def _reading(read: Real, path: LoadPath, is_sound: bool, response: Real, balances: Real) -> Reading:
+    slope = ARCMIN * NMM_PER_NM * path.slope * response
+    return Reading(read, slope, path.carried_torque, response, balances, is_sound)
 
 
 def _alike_but_for_springs(drive: Drive, neighbour: Drive) -> bool:

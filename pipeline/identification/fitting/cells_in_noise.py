@@ -273,9 +273,7 @@ def side_errors(cells: Cells, training: Truth, torque_noise: float) -> Real:
     A row on the wrong side errs by the whole height of the jump. Its mean square error is therefore the square of the
     height times the probability of the wrong side. In one sense of the torque the play is crossed at one torque, above
     the last row before each jump and below the first row after it, but for normal noise. The posterior mean and the
-    standard deviation of this torque follow from all jumps of the sense. At no torque, within its noise, either side is
-    an equilibrium, and the least friction holds the one that the drive came from. A row at no torque
-    therefore gets the error of a row whose side is unknown, since a model without friction cannot predict it.
+    standard deviation of this torque follow from all jumps of the sense.
     """
     height, torque = jumps_between(cells, np.zeros(len(cells)), torque_noise), cells.torque_mean * cells.direction
     errors = np.zeros(len(cells))
@@ -298,8 +296,7 @@ def side_errors(cells: Cells, training: Truth, torque_noise: float) -> Real:
             at_position = cells.position == position
             chosen, jump_height = is_of_sense & at_position, np.median(height[(has_jump & at_position)[:-1]])
             wrong_side = ndtr(-np.abs(torque[chosen] - place) / scatter)
-            unloaded = ndtr(-np.abs(torque[chosen]) / max(torque_noise, 1e-9))
-            errors[chosen] = jump_height * np.sqrt(np.maximum(wrong_side, unloaded))
+            errors[chosen] = jump_height * np.sqrt(wrong_side)
     return errors
 
 

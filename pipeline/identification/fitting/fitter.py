@@ -79,7 +79,7 @@ class Fitter:
         problem, data = self.problem, self.problem.data
         forward = self.forward(model)
         drives, instrument = self.drives(model, unknowns, positions)
-        angle, slope, carried_torque, response = np.full((4, len(data)), np.nan)
+        angle, slope, carried_torque, response, balances = np.full((5, len(data)), np.nan)
         influence = np.zeros((len(data), problem.n_modes))
         sound = True
         for position in self.positions if positions is None else positions:
@@ -87,12 +87,13 @@ class Fitter:
             reading = forward.read(drives[position], position, instrument)
             angle[of_position], carried_torque[of_position] = reading.angle, reading.carried_torque
             slope[of_position], response[of_position] = reading.slope, reading.response
+            balances[of_position] = reading.balances
             sound = sound and reading.sound and bool(np.all(np.isfinite(reading.angle)))
             if modes and problem.n_modes:
                 modes_of_stations = tuple(problem.modes[station] for station in problem.stations[position])
                 of_curve = forward.influence(drives[position], position, reading.carried_torque, modes_of_stations)
                 influence[of_position] = answered(of_curve, reading.response)
-        return Prediction(angle, influence, carried_torque, slope, response, sound)
+        return Prediction(angle, influence, carried_torque, slope, response, balances, sound)
 
     def mean_of_draws(
         self, model: Model, unknowns: Vector, prediction: Prediction, draws: Real, positions: Sequence[int]
@@ -235,6 +236,7 @@ class Fitter:
             cost=descent.in_noise if is_found else np.inf,
             jacobian=descent.jacobian,
             sigma=descent.sigma,
+            balances=prediction.balances,
             sound=is_found and prediction.sound,
         )
 
@@ -254,6 +256,7 @@ class Fitter:
             predicted_angle=angle,
             cost=float(misfit @ misfit + deviation @ deviation),
             jacobian=jacobian,
+            balances=prediction.balances,
             sound=prediction.sound and bool(np.all(np.isfinite(jacobian))),
         )
 

@@ -72,6 +72,7 @@ class Prediction(NamedTuple):
     carried_torque : (n_cells,) torque in the reducer [N mm].
     slope : (n_cells,) d angle / d torque [arcmin/(N m)].
     response : (n_cells,) change of the angle for a change of the drive's own angle: 1 but where a ripple answers it.
+    balances : (n_cells,) angles at which drive and ripple are in balance at one torque, in the mean over its phases.
     sound : whether nearly every equilibrium was found.
     """
 
@@ -80,6 +81,7 @@ class Prediction(NamedTuple):
     carried_torque: Real
     slope: Real
     response: Real
+    balances: Real
     sound: bool
 
 
@@ -96,6 +98,7 @@ class Fit:
     cost : sum of squares over the cells fitted, in units of their sigma, priors included.
     jacobian : (n_cells, n_unknowns) [arcmin], offsets removed within the cells fitted.
     sigma : (n_cells,) [arcmin] by which the cells were weighted: their noise, and what the form of the model misses.
+    balances : (n_cells,) of the prediction, of which the nearest to each angle was taken.
     sound : whether every equilibrium was found.
     """
 
@@ -106,6 +109,7 @@ class Fit:
     cost: float
     jacobian: Real
     sigma: Real
+    balances: Real
     sound: bool
 
 

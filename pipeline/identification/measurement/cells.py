@@ -52,6 +52,12 @@ class Cells:
         return bool(np.all(self.count == 1))
 
 
+def are_rows_few(usable: Truth, blocks: BranchBlocks, levels: int = CELLS_PER_SENSE) -> bool:
+    """Whether even the longest block has fewer than three usable rows for each interval of torque."""
+    most_rows = max((np.count_nonzero(usable[of_block]) for of_block in blocks.rows), default=0)
+    return bool(most_rows < FEWEST_COMPARED * (2 * levels - 1))
+
+
 def cells(
     rows: Rows, usable: Truth, blocks: BranchBlocks, levels: int = CELLS_PER_SENSE, *, may_be_single: bool = False
 ) -> Cells:
@@ -75,8 +81,7 @@ def cells(
     """
     owners: list[int] = []
     averages: list[tuple[float, ...]] = []
-    most_rows = max((np.count_nonzero(usable[of_block]) for of_block in blocks.rows), default=0)
-    is_single = may_be_single and most_rows < FEWEST_COMPARED * (2 * levels - 1)
+    is_single = may_be_single and are_rows_few(usable, blocks, levels)
     for position in range(len(rows.cranks)):
         in_position = usable & (rows.position == position)
         top = np.max(np.abs(rows.coordinate[in_position]), initial=0.0)

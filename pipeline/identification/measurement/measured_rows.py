@@ -8,7 +8,8 @@ import numpy as np
 from pipeline.arrays import Truth
 from pipeline.identification.measurement import row_filters
 from pipeline.identification.measurement.branches import BranchBlocks, find_blocks
-from pipeline.identification.measurement.cells import Cells, cells
+from pipeline.identification.measurement.cells import Cells, are_rows_few, cells
+from pipeline.identification.measurement.enough import SURE
 from pipeline.identification.measurement.estimate import smallest_step, torque_noise
 from pipeline.identification.measurement.load_history import History, history
 from pipeline.identification.measurement.repeatability import Noise, measured_noise, restrict_to_training
@@ -72,7 +73,7 @@ class MeasuredRows:
     @cached_property
     def is_readable(self) -> Truth:
         """Rows (n_rows,) with branches: numbers, not cut off, no jumps, not at rest before the first load."""
-        at_rest = row_filters.at_rest(self.rows, self.unit.settings.instrument, self.torque_noise)
+        at_rest = row_filters.at_rest(self.rows, self.smallest_torque)
         return self.numeric & ~self.is_saturated & ~self.is_clipped & ~self.spikes & ~at_rest
 
     @cached_property
@@ -84,10 +85,15 @@ class MeasuredRows:
         if self.unit.design_study is None or self.unit.settings.crank.moves != "fixed":
             return np.zeros(len(self.rows), bool)
         in_play = row_filters.rows_in_play(self.rows, self.is_readable, self.branches)
-        instrument = self.unit.settings.instrument
+        fewest = 1 if are_rows_few(self.is_readable, self.branches) else 2
         return in_play | row_filters.rows_at_no_torque(
-            self.rows, self.is_readable, self.branches, instrument, self.torque_noise
+            self.rows, self.is_readable, self.branches, self.smallest_torque, fewest
         )
+
+    @property
+    def smallest_torque(self) -> float:
+        """Torque [N m] that is surely none of the noise of a row and of the step of the sensor."""
+        return SURE * self.torque_noise + (self.unit.settings.instrument.torque_resolution_Nm or 0.0)
 
     @cached_property
     def usable(self) -> Truth:

@@ -4,7 +4,7 @@ import numpy as np
 
 from pipeline.arrays import Real, Truth
 from pipeline.identification.measurement.branches import TURN_NOISE, BranchBlocks, monotone
-from pipeline.identification.measurement.enough import FEWEST_COMPARED, FEWEST_PIECE_ROWS, SURE, UNLOADED_SHARE
+from pipeline.identification.measurement.enough import FEWEST_COMPARED, FEWEST_PIECE_ROWS, UNLOADED_SHARE
 from pipeline.identification.measurement.estimate import MAD_TO_STD, smallest_step
 from pipeline.identification.measurement.repeated_branches import PLAY_SHARE
 from pipeline.identification.measurement.rows import Rows
@@ -29,38 +29,32 @@ SPIKE_FACTOR = 8.0
 """Robust standard deviations by which a spike stands out from both neighbours."""
 
 
-def at_rest(rows: Rows, instrument: InstrumentSection, torque_noise: float) -> Truth:
+def at_rest(rows: Rows, smallest_torque: float) -> Truth:
     """Rows at the start of a position before the torque differs from zero (n,): nobody knows where in the play."""
-    smallest_change = _smallest_change(instrument, torque_noise)
     is_at_rest = np.zeros(len(rows), bool)
     for position in range(len(rows.cranks)):
         of_position = np.flatnonzero(rows.position == position)
-        is_loaded = np.abs(rows.torque[of_position]) > smallest_change
+        is_loaded = np.abs(rows.torque[of_position]) > smallest_torque
         is_at_rest[of_position[: int(np.argmax(is_loaded)) if np.any(is_loaded) else 0]] = True
     return is_at_rest
 
 
-def _smallest_change(instrument: InstrumentSection, torque_noise: float) -> float:
-    """Torque [N m] that is surely none of the noise of a row and of the step of the sensor."""
-    return SURE * torque_noise + (instrument.torque_resolution_Nm or 0.0)
-
-
 def rows_at_no_torque(
-    rows: Rows, usable: Truth, branches: BranchBlocks, instrument: InstrumentSection, torque_noise: float
+    rows: Rows, usable: Truth, branches: BranchBlocks, smallest_torque: float, fewest: int
 ) -> Truth:
     """Rows (n,) of a hold at no torque, where every place within the play is an equilibrium.
 
     The least friction keeps the drive on the side of the play that it came from; a model without friction puts each
-    row on a side by the noise of its torque. A hold is two rows or more in turn whose torque cannot be told from
-    zero, while that of the row before and of the row after can be told from theirs: a slow sweep through zero is none.
+    row on a side by the noise of its torque. A hold is ``fewest`` rows or more in turn within ``smallest_torque`` of
+    zero [N m], from which the row before and the row after can be told: a slow sweep through zero is none.
     """
-    smallest_change, is_held = _smallest_change(instrument, torque_noise), np.zeros(len(rows), bool)
+    is_held = np.zeros(len(rows), bool)
     for block in branches.rows:
         numbers = np.flatnonzero(usable[block]) + block.start
         torque = rows.torque[numbers]
-        is_step = np.concatenate([[True], np.abs(np.diff(torque)) > np.sqrt(2) * smallest_change, [True]])
-        for start, stop in _runs(np.abs(torque) <= smallest_change):
-            is_held[numbers[start:stop]] = stop - start > 1 and is_step[start] and is_step[stop]
+        is_step = np.concatenate([[True], np.abs(np.diff(torque)) > np.sqrt(2) * smallest_torque, [True]])
+        for start, stop in _runs(np.abs(torque) <= smallest_torque):
+            is_held[numbers[start:stop]] = stop - start >= fewest and is_step[start] and is_step[stop]
     return is_held
 
 

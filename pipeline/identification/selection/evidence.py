@@ -119,12 +119,13 @@ class Evidence:
         return spread, factor, spread * gram[other_columns, k], float(gram[k, k])
 
     def _log_evidence(self, structure: Structure, is_chosen: Truth) -> float:
-        """Logarithm of the evidence of chosen cells (n,)."""
+        """Logarithm of the evidence of chosen cells (n,); of several balances with a ripple each is as probable."""
         _, factor, right_side, square = self._solved(structure, is_chosen)
         explained_square = np.sum(solve_triangular(factor, right_side, lower=True) ** 2)
         size = float(np.sum(np.log(np.diag(factor)))) + 0.5 * float(is_chosen.sum()) * np.log(2 * np.pi)
         scale = self.covariance.log_scale(structure.correlation, is_chosen)
-        return float(-0.5 * (square - explained_square) - size + scale - self.cost_of_widths)
+        choice = float(np.sum(np.log(self.fit.balances[self.covariance.cells][is_chosen])))
+        return float(-0.5 * (square - explained_square) - size + scale - choice - self.cost_of_widths)
 
     def _value(self, structure: Structure) -> float:
         if structure not in self._known_values:

@@ -118,3 +118,8 @@ def means_along(edges: Real, leg: Index, corners: Real, ends: Index, is_wanted: 
     mean, slope : (n_values, n_cells), of which the cells wanted are filled.
     """
     _means_along(np.ascontiguousarray(edges), leg, np.ascontiguousarray(corners), ends, is_wanted, mean, slope)
+
+
+def mean_torque(edges: Real) -> Real:
+    """Mean (n_cells,) of torques within cells (n_cells, n_edges), as many rows between any two."""
+    return np.asarray((0.5 * (edges[:, 1:] + edges[:, :-1])).mean(axis=1))

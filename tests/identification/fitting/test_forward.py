@@ -384,3 +384,14 @@ def test_a_cycle_that_ends_on_the_way_between_two_turns_ends_there(drive, fricti
     assert mixed.sound
     np.testing.assert_allclose(mixed.angle, np.where(second, readings[1], readings[0]), atol=1e-12)
     assert np.max(np.abs(readings[1] - readings[0])) > 0.1
+
+
+@pytest.mark.parametrize("steepness", [0.5, 1.0, 1.3, 2.0, 6.0])
+def test_a_ripple_has_as_many_balances_as_sign_changes_are_counted(steepness):
+    """x + b sin(x + phase) over 400 phases; a drive of 2e-6 rad/(N mm) and 20,000 waves a turn."""
+    ripple = Ripple(steepness / 2e-6 / 20_000, 20_000.0)
+    x = np.linspace(-8, 8, 20_001)
+    phases = 2 * np.pi * (np.arange(400) + 0.5) / 400
+    counts = [np.count_nonzero(np.diff(np.sign(x + steepness * np.sin(x + phase)))) for phase in phases]
+    assert ripple.balances(np.array([2e-6]))[0] == pytest.approx(np.mean(counts), abs=0.02)
+    assert Ripple().balances(np.array([2e-6])) == 1

@@ -48,13 +48,18 @@ def test_cells_of_more_rows_are_known_better_by_the_noise_of_their_rows(tmp_path
     assert np.median(data.sigma[few_rows]) > 1.2 * np.median(data.sigma[many_rows])
 
 
-def paced(folder, second=1.0, dwell=0.0):
-    """Two cycles whose torque goes at one rate, the second ``second`` times as fast, with a dwell [s] at its top."""
+def paced(folder, second=1.0, dwell=0.0, held=1, noise=0.0):
+    """Two cycles whose torque goes at one rate, the second ``second`` times as fast, with a dwell [s] at its top.
+
+    Each torque is read ``held`` times, with noise [N m].
+    """
     table = measured(positions=(0.0,), cycles=2, per_branch=60)
+    table = table.loc[np.repeat(table.index, held)].reset_index(drop=True)
     torque = table["torque_Nm"].to_numpy()
     step = np.abs(np.diff(torque, prepend=0.0)) / np.where(table["cycle"] == 1, second, 1.0)
     step[np.flatnonzero((table["cycle"] == 1) & (torque == torque.max()))] += dwell
-    table["time_s"] = np.cumsum(step)
+    table["time_s"] = np.cumsum(np.maximum(step, 0.05))
+    table["torque_Nm"] += noise * np.random.default_rng(1).standard_normal(len(table))
     measurement = Measurement.read(load_measured_unit(write_unit(folder, {"rows.csv": table}), ROOT))
     return rate_changes(measurement, np.ones(len(measurement.cells), bool))
 
@@ -65,6 +70,8 @@ def test_creep_is_told_from_hysteresis_by_another_rate_or_a_dwell(tmp_path):
     assert not paced(tmp_path / "hardly", second=1.2)
     assert paced(tmp_path / "fast", second=2.0)
     assert paced(tmp_path / "dwell", dwell=20.0)
+    assert paced(tmp_path / "staircase", held=4, noise=0.02)
+    assert not paced(tmp_path / "noisy", noise=0.3)
     assert RATE in candidates()["creep"].needs
     assert RATE not in candidates()["rayleigh"].needs
 

@@ -23,8 +23,7 @@ def read(folder, table, text=DECLARED):
 
 def at_rest(measurement):
     """Rows before the first load."""
-    instrument = measurement.unit.settings.instrument
-    return row_filters.at_rest(measurement.rows, instrument, measurement.torque_noise)
+    return row_filters.at_rest(measurement.rows, measurement.smallest_torque)
 
 
 def cycle(start=0.0, number=0, crank=0.0):
@@ -86,7 +85,7 @@ def staircase(levels, held, noise=0.05, seed=0):
     return torque, pd.DataFrame({"cycle": number, "crank_deg": 0.0, "torque_Nm": read, "angle_arcmin": loop(torque)})
 
 
-@pytest.mark.parametrize("held", [2, 6])
+@pytest.mark.parametrize("held", [1, 2, 6])
 def test_rows_held_at_no_torque_are_not_usable(tmp_path, held):
     torque, table = staircase(np.linspace(-6.0, 6.0, 13), held)
     measurement = read(tmp_path, table)

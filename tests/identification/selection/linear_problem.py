@@ -83,7 +83,7 @@ class LinearFitter:
         predicted = jacobian @ np.append(result[:1], shares - start)
         values = BOUNDS[0] + width * shares
         vector = Vector(result[:1], shares, np.zeros(0))
-        return Fit(model, vector, values, predicted, 0.0, jacobian, data.sigma, True)
+        return Fit(model, vector, values, predicted, 0.0, jacobian, data.sigma, np.ones(len(data.sigma)), True)
 
 
 EVERYTHING = np.ones(BLOCKS * CELLS, bool)

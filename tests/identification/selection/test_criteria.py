@@ -58,7 +58,7 @@ def trial(name, evidence, rms=1.0, shares=None, modes=0):
     model = Model(tuple(candidates()[part] for part in name.split("+") if part))
     shares = np.full(model.n_parameters, 0.4) if shares is None else np.array(shares)
     unknowns = Vector(np.zeros(0), shares, np.zeros(modes))
-    fit = Fit(model, unknowns, 10 * shares - 2, np.zeros(4), 0.0, np.zeros((4, 0)), np.ones(4), True)
+    fit = Fit(model, unknowns, 10 * shares - 2, np.zeros(4), 0.0, np.zeros((4, 0)), np.ones(4), np.ones(4), True)
     return Trial(fit, evidence, rms)
 
 

@@ -150,6 +150,16 @@ def test_unused_cells_are_scored_by_their_density_given_all_others():
         assert score == pytest.approx(expected, abs=1e-4)
 
 
+def test_the_nearest_of_several_balances_costs_the_logarithm_of_their_number():
+    """Each is as probable, so that the density of a cell is that about its own balance over their number."""
+    fitter, fit = fitted(*drawn()[::-1])
+    balances = np.where(DATA.position == 1, 3.0, 1.0)
+    one, several = (Evidence(COVARIANCE, fitter, replace(fit, balances=values)) for values in (fit.balances, balances))
+    in_three = np.log(3) * np.sum(DATA.position == 1)
+    assert several.value == pytest.approx(one.value - in_three)
+    np.testing.assert_allclose(several.predictive, one.predictive - np.array([0, in_three, 0]))
+
+
 def test_a_size_that_cannot_be_negative_takes_the_share_of_its_posterior_above_zero():
     design, angle = drawn(size=0.01)
     fitter, fit = fitted(angle, design)
