@@ -107,7 +107,7 @@ def test_cells_left_out_add_the_square_of_their_error_under_its_covariance(tmp_p
 @pytest.mark.long
 def test_a_right_model_passes_where_its_derivatives_do_not_hold(tmp_path, condensed):
     """Unknown tolerances, little noise: a fold misses by 50 times the noise, in the square three times what it may."""
-    bench = {"noise": 0.001, "known": False, "sample": 5}
+    bench = {"noise": 0.001, "known": False, "sample": 9}
     selector, selection, everything = problem_without_effects(tmp_path / "u", condensed, **bench)
     training, left_out = splits_of(selector.problem.data, everything)[2]
     fold = selector.trained_on(training)
