@@ -19,7 +19,8 @@ def within_cells(measurement: Measurement, numbers: Index) -> Real:
     """Torques within cells (n, PARTS + 1) [N m], as many rows between any two.
 
     Each row stands for its surroundings, as far as the torque went: no further than where it turned or ended. If the
-    play was crossed between two cells, each ends at its own row. A cell of one row is at the torque of that row.
+    play was crossed between two cells, each ends at its own row. The torque of a cell of one row is that of the row
+    with the scatter of its noise: the angle to expect is the mean over what the torque may have been.
     """
     rows, cells, usable = measurement.rows, measurement.cells, np.flatnonzero(measurement.usable)
     turns, leg = measurement.history.torque, measurement.history.leg[cells.block[numbers]]
@@ -29,13 +30,14 @@ def within_cells(measurement: Measurement, numbers: Index) -> Real:
     lowest_torques[crosses_below], highest_torques[crosses_above] = np.inf, -np.inf
     first_row = np.searchsorted(usable, cells.first_row[numbers])
     shares = np.arange(PARTS + 1) / PARTS
+    scatter = measurement.torque_noise * np.sqrt(3) * (2 * shares - 1)
     edges = []
-    for start, count, lowest, highest in zip(
-        first_row, cells.count[numbers], lowest_torques, highest_torques, strict=True
+    for start, count, lowest, highest, of_leg in zip(
+        first_row, cells.count[numbers], lowest_torques, highest_torques, np.sort(ends, axis=1), strict=True
     ):
         torque = np.sort(rows.torque[usable[start : start + count]])
         if count == 1:
-            edges.append(np.repeat(torque, PARTS + 1))
+            edges.append(np.clip(torque + scatter, min(of_leg[0], torque[0]), max(of_leg[1], torque[0])))
             continue
         torque_before, first_place = _end(torque[1] - torque[0], torque[0] - lowest)
         torque_after, final_place = _end(torque[-1] - torque[-2], highest - torque[-1])

@@ -127,7 +127,24 @@ def test_each_row_is_a_cell_where_a_branch_has_fewer_than_three_for_each_interva
     assert measurement.repeatability.floor.value == pytest.approx(0.02 / np.sqrt(np.median(cells.count)), rel=0.3)
     if rows_of_cell == 1:
         np.testing.assert_array_equal(cells.torque_mean, table["torque_Nm"][np.abs(table["torque_Nm"]) > 1e-9])
-        np.testing.assert_array_equal(followed_torques(measurement), np.tile(cells.torque_mean[:, None], 5))
+        followed, noise = followed_torques(measurement), measurement.torque_noise
+        np.testing.assert_allclose(np.median(np.std(followed, axis=1)), noise * np.sqrt(0.96), rtol=1e-6, atol=1e-12)
+        is_inner = np.abs(cells.torque_mean) < 11.5
+        np.testing.assert_allclose(followed[is_inner].mean(axis=1), cells.torque_mean[is_inner], atol=1e-9)
+        assert np.all(np.abs(followed) <= np.max(np.abs(measurement.history.torque[0])) + 1e-9)
+
+
+def test_a_row_beside_the_play_is_expected_between_both_sides_as_its_torque_may_be(tmp_path):
+    """At the torque of the jump itself half of the way, and none of it two standard deviations away."""
+    table = path_table([-12.0, 12.0, -12.0, 12.0], per_branch=61, noise=0.2)
+    measurement = taken(tmp_path, table)
+    followed, noise = followed_torques(measurement), measurement.torque_noise
+    assert noise == pytest.approx(0.2, rel=0.3)
+    share = np.mean(followed > 1.0, axis=1)
+    distance = (measurement.cells.torque_mean - 1.0) / noise
+    np.testing.assert_array_equal(share[distance > 2], 1.0)
+    np.testing.assert_array_equal(share[distance < -2], 0.0)
+    assert np.all(np.abs(share - 0.5)[np.abs(distance) < 0.3] < 0.2)
 
 
 def test_angle_spread_is_the_noise_about_the_line(tmp_path):
