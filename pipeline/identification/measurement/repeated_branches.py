@@ -6,6 +6,7 @@ import numpy as np
 from scipy import sparse
 
 from pipeline.arrays import Index, Real, Truth, Whole
+from pipeline.constant_kinds import Rounding
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.enough import FEWEST_COMPARED, SURE
@@ -17,6 +18,8 @@ motor the difference of two repeats is the noise of the torque times the slope, 
 PLAY_SHARE = 0.1
 """Height of a jump, over the range of the angle, from which it is a way through the play: a knee of the curve scatters
 too."""
+SAME_PLACE: Rounding = 0.02
+"""Share of the torque between two rows within which a torque is that of the nearer one."""
 
 
 class UsableRows(NamedTuple):
@@ -182,7 +185,8 @@ def on_cells(branch: Branch, cells: Branch) -> tuple[Real, Real]:
     """Mean angle of a branch at the rows of another branch's cells, and its variance in that of a cell.
 
     Interpolated between rows, not between cells, because the curve is bent over a cell of few rows. NaN where the
-    branch does not reach a cell, is steep or jumps.
+    branch does not reach a cell, is steep or jumps. Between two rows whose angles differ by as much as a way through
+    the play, as on a coarse staircase, only their own torques are compared.
     """
     if min(branch.torque.size, cells.torque.size) < FEWEST_COMPARED:
         return np.full(len(cells.torque), np.nan), np.ones(len(cells.torque))
@@ -190,9 +194,13 @@ def on_cells(branch: Branch, cells: Branch) -> tuple[Real, Real]:
     upper = np.clip(np.searchsorted(torque, cells.row_torque), 1, torque.size - 1)
     share = (cells.row_torque - torque[upper - 1]) / (torque[upper] - torque[upper - 1])
     share = np.clip(share, 0, 1)
+    may_jump = np.abs(angle[upper] - angle[upper - 1]) > PLAY_SHARE * np.ptp(angle)
+    is_between = may_jump & (np.abs(share - np.rint(share)) > SAME_PLACE)
+    share = np.where(may_jump, np.rint(share), share)
     rows = np.tile(cells.cell_of_row, 2), np.append(upper - 1, upper)
     weights = sparse.csr_array((np.append(1 - share, share), rows), (len(cells.torque), len(torque)))
     is_known = _is_even(branch, cells.torque) & ~_meets_jump(branch, cells)
+    is_known &= np.bincount(cells.cell_of_row, is_between, len(cells.torque)) == 0
     variance = weights**2 @ (1 / count) / cells.row_count
     return np.where(is_known, weights @ angle / cells.row_count, np.nan), variance
 

@@ -101,6 +101,21 @@ def test_a_hold_beside_no_torque_and_a_sweep_through_it_stay(tmp_path):
     assert read(tmp_path / "swept", sweeps).usable.all()
 
 
+@pytest.mark.parametrize("levels", [(4.0, 8.0, 12.0), (6.0, 12.0)])
+def test_repeats_of_a_coarse_staircase_are_not_compared_across_the_play(tmp_path, levels):
+    """A play of two thirds of the range lies between two levels; one cycle in three has levels of its own."""
+    rng, parts = np.random.default_rng(5), []
+    for number, steps in enumerate([(4.0, 8.0, 12.0), levels, (4.0, 8.0, 12.0)]):
+        up = np.array(steps)
+        cycle = np.concatenate([up, up[-2::-1], [0.0], -up, -up[-2::-1], [0.0]])
+        torque = np.repeat(cycle, 8)
+        angle = 0.05 * torque + 2.0 * np.sign(torque) + 0.01 * rng.standard_normal(len(torque))
+        reading = torque + 0.02 * rng.standard_normal(len(torque))
+        parts.append(pd.DataFrame({"cycle": number, "crank_deg": 0.0, "torque_Nm": reading, "angle_arcmin": angle}))
+    measurement = read(tmp_path, pd.concat(parts, ignore_index=True), UNIT)
+    assert measurement.repeatability.floor.value == pytest.approx(0.01, rel=0.25)
+
+
 PLAY, STIFFNESS = 2.0, 4.0
 """Play [arcmin], and stiffness [N m/arcmin] on both sides of it."""
 
