@@ -194,7 +194,7 @@ def on_cells(branch: Branch, cells: Branch) -> tuple[Real, Real]:
     upper = np.clip(np.searchsorted(torque, cells.row_torque), 1, torque.size - 1)
     share = (cells.row_torque - torque[upper - 1]) / (torque[upper] - torque[upper - 1])
     share = np.clip(share, 0, 1)
-    may_jump = np.abs(angle[upper] - angle[upper - 1]) > PLAY_SHARE * np.ptp(angle)
+    may_jump = _rises(branch, angle)[upper - 1] > PLAY_SHARE * np.ptp(angle)
     is_between = may_jump & (np.abs(share - np.rint(share)) > SAME_PLACE)
     share = np.where(may_jump, np.rint(share), share)
     rows = np.tile(cells.cell_of_row, 2), np.append(upper - 1, upper)
@@ -220,12 +220,17 @@ def _meets_jump(branch: Branch, cells: Branch) -> Truth:
     The slope between cells does not show such a jump where cells are wide.
     """
     torque, angle, _ = branch.by_torque
-    rise, angle_range = np.abs(np.diff(angle)) - SURE * np.sqrt(2) * branch.row_blur, np.ptp(angle)
+    rise, angle_range = _rises(branch, angle), np.ptp(angle)
     is_steep = rise * np.ptp(torque) > STEEP * angle_range * np.diff(torque)
     jumps = np.flatnonzero(is_steep & (rise > PLAY_SHARE * angle_range))
     starts = np.cumsum(cells.row_count) - cells.row_count
     lowest, highest = (extreme.reduceat(cells.row_torque, starts)[:, None] for extreme in (np.minimum, np.maximum))
     return np.asarray(np.any((torque[jumps] < highest) & (torque[jumps + 1] > lowest), axis=1))
+
+
+def _rises(branch: Branch, angle: Real) -> Real:
+    """Size of the steps between the angles (n_torques,) of a branch, less what the noise of its rows makes of them."""
+    return np.asarray(np.abs(np.diff(angle)) - SURE * np.sqrt(2) * branch.row_blur)
 
 
 def _is_steep(torque: Real, angle: Real, blur: float) -> Truth:
