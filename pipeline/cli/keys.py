@@ -175,9 +175,9 @@ def effect_facts(effect: Effect | InstrumentEffect) -> Iterator[tuple[str, str]]
         yield parameter.name, parameter.meaning + (f" [{parameter.unit}]" if parameter.unit != "1" else "")
     yield "changes", effect.changes
     yield "shows as", effect.signature
-    yield "hardly told from", ", ".join(effect.confused_with) or "no other effect"
+    yield "looks like", ", ".join(effect.confused_with) or "no other effect"
     yield "confirmed by", effect.told_apart_by
-    yield "data must have", "; ".join(NEEDS[need] for need in sorted(effect.needs)) or "loops"
+    yield "the data need", "; ".join(NEEDS[need] for need in sorted(effect.needs)) or "loops"
     yield "source", effect.source
 
 
