@@ -17,6 +17,7 @@ from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.effects.creep import KelvinVoigt
 from pipeline.model.load_history.backbone import backbone
 from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.model.units import NMM_PER_NM
 from pipeline.mounting import drive_of
 from pipeline.sampling.errors import draw
 from tests.validation.blind.true_unit import turned_in_small_steps
@@ -211,6 +212,9 @@ def test_the_change_by_a_ripple_is_that_of_predictions(drive, change):
     readings = [forward.read(drive, 0, instrument) for instrument in (before, after)]
     curve_slope = readings[0].slope / readings[0].response
     computed = answered(forward.change_by_ripple(0, before, after, curve_slope), readings[0].response)
+    balances = before.ripple.balances(curve_slope / ARCMIN / NMM_PER_NM)
+    np.testing.assert_allclose(readings[0].balances, balances)
+    assert np.max(forward.read(drive, 0, Instrument(ripple=STEEP)).balances) > 1.2
     is_loaded = np.abs(course.cell_torques[:, 0]) > 2.0
     by_zero = np.column_stack([np.ones(len(angle)), 1 - readings[0].response])[is_loaded]  # the zero of the angle moves
     difference = (readings[1].angle - readings[0].angle - computed)[is_loaded]
@@ -384,6 +388,28 @@ def test_a_cycle_that_ends_on_the_way_between_two_turns_ends_there(drive, fricti
     assert mixed.sound
     np.testing.assert_allclose(mixed.angle, np.where(second, readings[1], readings[0]), atol=1e-12)
     assert np.max(np.abs(readings[1] - readings[0])) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("effect", "size"), [("", 0.0), ("coulomb", 0.3), ("contact_friction", 0.05), ("sliding", 0.3)]
+)
+def test_between_two_states_the_angle_lies_on_a_line(drive, effect, size):
+    """A quarter of the way from the new drive to the worn one; with friction, and where the output slides all along."""
+    name = "coulomb" if effect == "sliding" else effect
+    rubbing = library()[name].apply(drive, [size], Conditions.run_in(1)) if name else drive
+    both, course = library()["run_in"].apply(rubbing.some(np.array([0, 0])), [3.0, 1.0], FIRST_AND_LAST), course_of()
+    if effect == "sliding":
+        course = replace(course, sliding=np.where(course.cell_torques[:, 0] > 0, 1, -1))
+    courses = [replace(course, state=np.full(len(course.leg), share)) for share in (0, 1, 0.25)]
+    forward = Forward(courses, drive.rated_torque)
+    new, worn, between = (forward.read(both, number, Instrument()) for number in range(3))
+    for values in ("angle", "slope", "carried_torque"):
+        expected = 0.75 * getattr(new, values) + 0.25 * getattr(worn, values)
+        np.testing.assert_allclose(getattr(between, values), expected, rtol=1e-9, atol=1e-9)
+    assert np.max(np.abs(worn.angle - new.angle)) > 0.1
+    gaps = (1e-3 * np.ones((1, len(drive.laws))),)
+    at_new, at_worn, at_place = (forward.influence((both,), number, new.carried_torque, gaps) for number in range(3))
+    np.testing.assert_allclose(at_place, 0.75 * at_new + 0.25 * at_worn, atol=1e-9)
 
 
 @pytest.mark.parametrize("steepness", [0.5, 1.0, 1.3, 2.0, 6.0])

@@ -66,6 +66,17 @@ def test_where_nothing_depends_on_the_crank_the_reading_is_that_of_the_crank_tha
     np.testing.assert_allclose(turning.carried_torque, reference.carried_torque, rtol=1e-12, atol=1e-9)
 
 
+def test_between_two_states_that_are_alike_creep_turns_the_crank_as_in_one(problem):
+    course = problem.forward_by_state.courses[0]
+    course = replace(course, time=np.arange(len(course.leg), dtype=float))
+    stations = tuple(problem.nominal[k].with_elements(KelvinVoigt(2e-7, 40.0)) for k in problem.stations[0])
+    courses = [replace(course, state=np.full(len(course.leg), share)) for share in (0, 0.25)]
+    forward = Forward(courses, problem.rated_torque * 1e3)
+    first, between = (forward.read(stations, number, Instrument()) for number in range(2))
+    assert between.sound
+    np.testing.assert_allclose(between.angle, first.angle, atol=1e-9)
+
+
 @pytest.mark.parametrize(("side", "sound"), [(1, True), (-1, False)])
 def test_the_crank_must_stay_between_the_stations_on_the_side_to_which_it_turns(problem, side, sound):
     """A loop of one side, most of its cells near the largest torque: few lie far below the mean crank angle."""

@@ -140,11 +140,13 @@ def test_a_row_beside_the_play_is_expected_between_both_sides_as_its_torque_may_
     measurement = taken(tmp_path, table)
     followed, noise = followed_torques(measurement), measurement.torque_noise
     assert noise == pytest.approx(0.2, rel=0.3)
-    share = np.mean(followed > 1.0, axis=1)
-    distance = (measurement.cells.torque_mean - 1.0) / noise
-    np.testing.assert_array_equal(share[distance > 2], 1.0)
-    np.testing.assert_array_equal(share[distance < -2], 0.0)
-    assert np.all(np.abs(share - 0.5)[np.abs(distance) < 0.3] < 0.2)
+    for jump in np.arange(-6.0, 6.0, 0.1):
+        distance = (measurement.cells.torque_mean - jump) / noise
+        share = np.mean(followed > jump, axis=1)
+        np.testing.assert_allclose(share, np.clip(0.5 + distance / np.sqrt(12), 0, 1), atol=0.11)
+    assert np.max(np.abs(followed)) <= np.max(np.abs(measurement.history.torque[0])) + 2 * noise
+    last = measurement.cells.torque_mean > 11.5
+    assert np.max(followed[last]) < 12.0 + noise
 
 
 def test_angle_spread_is_the_noise_about_the_line(tmp_path):

@@ -110,7 +110,7 @@ def test_repeats_of_a_coarse_staircase_are_not_compared_across_the_play(tmp_path
         cycle = np.concatenate([up, up[-2::-1], [0.0], -up, -up[-2::-1], [0.0]])
         torque = np.repeat(cycle, 8)
         angle = 0.05 * torque + 2.0 * np.sign(torque) + 0.01 * rng.standard_normal(len(torque))
-        reading = torque + 0.02 * rng.standard_normal(len(torque))
+        reading = torque + 0.05 * rng.standard_normal(len(torque))
         parts.append(pd.DataFrame({"cycle": number, "crank_deg": 0.0, "torque_Nm": reading, "angle_arcmin": angle}))
     measurement = read(tmp_path, pd.concat(parts, ignore_index=True), UNIT)
     assert measurement.repeatability.floor.value == pytest.approx(0.01, rel=0.25)
