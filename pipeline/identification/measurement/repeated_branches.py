@@ -196,7 +196,6 @@ def on_cells(branch: Branch, cells: Branch) -> tuple[Real, Real]:
     share = np.clip(share, 0, 1)
     may_jump = _rises(branch, angle)[upper - 1] > PLAY_SHARE * np.ptp(angle)
     is_between = may_jump & (np.abs(share - np.rint(share)) > SAME_PLACE)
-    share = np.where(may_jump, np.rint(share), share)
     rows = np.tile(cells.cell_of_row, 2), np.append(upper - 1, upper)
     weights = sparse.csr_array((np.append(1 - share, share), rows), (len(cells.torque), len(torque)))
     is_known = _is_even(branch, cells.torque) & ~_meets_jump(branch, cells)
