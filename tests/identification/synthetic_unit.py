@@ -83,6 +83,15 @@ def _model_of(effects: Mapping[str, Sequence[float]], n_positions: int) -> Model
     return Model(tuple(library[name].of_positions(n_positions) if own_phases else library[name] for name in effects))
 
 
+def _wear_of(torque: np.ndarray, cycles: int, by_state: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cycles travelled at each row (n_rows,), state of each row, and cycles travelled in each state."""
+    way = np.cumsum(np.abs(np.gradient(torque)))
+    travelled = cycles * way / way[-1]
+    part = STATES_A_CYCLE * travelled if by_state else np.zeros(len(way))
+    state = np.unique(np.floor(part), return_inverse=True)[1]
+    return travelled, state, np.bincount(state, travelled) / np.bincount(state)
+
+
 def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench, condensed: Condensed) -> Path:
     """A unit's folder: one drawn from the quick study, with the ``effects`` by their names and values."""
     rng = np.random.default_rng(bench.seed)
@@ -96,9 +105,7 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
     )
     leg = np.repeat(np.arange(len(bench.state)), bench.rows)
     time = bench.seconds * np.arange(len(torque))
-    travelled = bench.cycles * np.cumsum(np.abs(np.gradient(torque))) / np.sum(np.abs(np.gradient(torque)))
-    state = np.unique(np.floor(STATES_A_CYCLE * travelled), return_inverse=True)[1] if model.by_state else 0 * leg
-    number = np.bincount(state, travelled) / np.bincount(state)
+    travelled, state, number = _wear_of(torque, bench.cycles, model.by_state)
     conditions = Conditions(number, bench.warming * number)
     errors = type(item)(**{name: np.repeat(values, len(number), axis=0) for name, values in vars(item).items()})
     tables = []

@@ -192,7 +192,9 @@ def _states(measurement: Measurement) -> tuple[list[Real], list[Conditions]]:
             conditions.append(Conditions((cycles - cycles[0]).astype(float), rise))
             continue
         travelled = _cycles_travelled(measurement, position)
-        rise = np.nan_to_num(cells.temperature_mean[of_position] - environment.temperature_C)
+        rise = cells.temperature_mean[of_position] - environment.temperature_C
+        known = np.flatnonzero(np.isfinite(rise))
+        rise = np.interp(np.arange(len(rise)), known, rise[known]) if known.size else np.zeros(len(rise))
         state, of_states = _piecewise_linear(np.column_stack([travelled, rise]))
         states.append(state)
         conditions.append(Conditions(*of_states))
@@ -221,6 +223,8 @@ def _piecewise_linear(conditions: Real) -> tuple[Real, Real]:
     State of each cell (n_cells,), between two numbers so far on the line between them, and the conditions of the states
     (2, n_states) by least squares over the cells.
     """
+    if not len(conditions):
+        return np.zeros(0), np.zeros((2, 1))
     travelled, rise = conditions.T
     noise = SURE * float(np.median(np.abs(np.diff(rise)))) if len(rise) > 1 else 0.0
     tolerance = max(STRAIGHT * float(np.ptp(rise)), noise, 1e-9)

@@ -363,6 +363,22 @@ def test_a_temperature_of_each_cycle_is_followed_to_its_step(tmp_path):
     np.testing.assert_allclose(rise, expected, atol=0.5)
 
 
+def test_a_temperature_that_was_read_at_some_rows_is_taken_between_them(tmp_path):
+    table = measured(positions=(0.0,), per_branch=40)
+    warm = np.linspace(20.0, 40.0, len(table))
+    state, conditions, measurement = states_of(
+        tmp_path, table.assign(temperature_C=np.where(np.arange(len(table)) % 7, np.nan, warm))
+    )
+    rise = np.interp(state, np.arange(len(conditions.cycle)), conditions.temperature_rise)
+    expected = warm[measurement.cells.first_row] - measurement.unit.settings.environment.temperature_C
+    np.testing.assert_allclose(rise, expected, atol=1.0)
+
+
+def test_a_position_without_cells_has_one_state():
+    state, conditions = build._piecewise_linear(np.zeros((0, 2)))
+    assert (state.shape, conditions.tolist()) == ((0,), [[0.0], [0.0]])
+
+
 def test_a_record_of_one_cell_has_one_state():
     state, conditions = build._piecewise_linear(np.array([[0.5, 3.0]]))
     assert (state.tolist(), conditions.tolist()) == ([0.0], [[0.5], [3.0]])
