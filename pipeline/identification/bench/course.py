@@ -42,8 +42,8 @@ class Course:
     ----------
     torque : (n_turns,) [N m] from the first to the last, turning at each.
     leg : (n_cells,) the cell lies between torque[leg] and torque[leg + 1].
-    state : (n_cells,) state of the drive at each cell, between two numbers so far on a line from one to the next: the
-        drive wears and warms on the way from one turn to the next.
+    state : (n_cells,) state of the drive at each cell. A value k + s stands for states k and k + 1 with the weights
+        1 - s and s: the drive wears and warms on the way from one turn to the next.
     cell_torques : (n_cells, n_edges) torques [N m] within each cell, ascending, with as many rows between any two: the
         angle of a cell is the mean over them.
     time : (n_cells,) [s] from the unit's first cell, or zeros.

@@ -93,7 +93,7 @@ def rate_changes(measurement: Measurement, training: Truth) -> bool:
 
 
 def _goes_by_steps(measurement: Measurement, training: Truth) -> bool:
-    """Whether a bench holds each torque over some rows: from row to row it then usually changes by noise alone."""
+    """Whether a bench holds each torque for several rows: between most rows the torque then changes only by noise."""
     rows, blocks = measurement.rows, np.unique(measurement.cells.block[training])
     runs = [measurement.branches.rows[block] for block in blocks]
     steps = np.concatenate([np.abs(np.diff(rows.torque[run][measurement.usable[run]])) for run in runs])

@@ -45,8 +45,8 @@ def rows_at_no_torque(
     """Rows (n,) of a hold at no torque, where every place within the play is an equilibrium.
 
     The least friction keeps the drive on the side of the play that it came from; a model without friction puts each
-    row on a side by the noise of its torque. A hold is ``fewest`` rows or more in turn within ``smallest_torque`` of
-    zero [N m], from which the row before and the row after can be told: a slow sweep through zero is none.
+    row on a side by the noise of its torque. A hold is ``fewest`` or more consecutive rows within ``smallest_torque``
+    [N m] of zero. The torques of the rows before and after it differ by more than noise: a slow sweep is no hold.
     """
     is_held = np.zeros(len(rows), bool)
     for block in branches.rows:
