@@ -220,8 +220,8 @@ def _piecewise_linear(conditions: Real) -> tuple[Real, Real]:
 
     Returns
     -------
-    State of each cell (n_cells,), a fraction between two states, and the conditions of the states (2, n_states) by least
-    squares over the cells.
+    State of each cell (n_cells,), a fraction between two states, and the conditions of the states (2, n_states), by
+    least squares over the cells.
     """
     if not len(conditions):
         return np.zeros(0), np.zeros((2, 1))
