@@ -6,9 +6,11 @@ are correlated, and a discrepancy may be alike at all positions, at each, and in
 Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; autoregressive noise: Prais and Winsten (1954).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array, hstack
 from scipy.special import ndtri
 
 from pipeline.arrays import Real, Truth, Whole
@@ -86,14 +88,13 @@ class Covariance:
         self.fixed_features = np.hstack(
             [OFFSET * self.unit * (group[:, None] == np.unique(group)), self._row_errors()]
         )
-        common_features = {reach: self._common_features(reach) for reach in REACHES}
-        of_cycles = self._by_number(common_features[max(REACHES)], data.cycle[cells])
-        self._features = {
-            reach: (common, self._by_number(common, data.position[cells]), of_cycles)
-            for reach, common in common_features.items()
-        }
-        self._whitened_columns: dict[tuple[float, float], Real] = {}
-        self._products: dict[tuple[float, float, bytes], Real] = {}
+        self._bumps = {reach: self._bumps_at(reach) for reach in REACHES}
+        kinds, positions = self._kinds(), data.position[cells]
+        self._of_kinds = [kinds == kind for kind in np.unique(kinds)]
+        self._of_positions = [positions == position for position in self._distinct(positions)]
+        cycles = data.cycle[cells]
+        self._of_cycles = [cycles == cycle for cycle in self._distinct(cycles)]
+        self._white_features: dict[tuple[float, float, bytes], WhiteFeatures] = {}
 
     def _row_errors(self) -> Real:
         """Errors of the place of the jump through play between two rows, alike on all branches of a sense (n, ...)."""
@@ -101,27 +102,29 @@ class Covariance:
         of_senses = errors[:, None] * (senses[:, None] == np.unique(senses))
         return np.asarray(of_senses[:, np.any(of_senses > 0, axis=0)])
 
-    def _common_features(self, reach: float) -> Real:
-        """Features (n, n_features) that all positions and cycles share, variances summing to one."""
+    def _kinds(self) -> Real:
+        """Number of the curve that each cell (n,) is on: its sense; of a turning crank its torque as well."""
+        senses = self.data.senses[self.cells].astype(float)
+        return senses * (1.0 + self.data.level[self.cells]) if isinstance(self.data, TurningData) else senses
+
+    def _distinct(self, numbers: Whole) -> Whole:
+        """The numbers whose curves may differ: none of a single one, and of a turning crank."""
+        distinct_numbers = np.unique(numbers)
+        return distinct_numbers[: 0 if isinstance(self.data, TurningData) or len(distinct_numbers) == 1 else None]
+
+    def _bumps_at(self, reach: float) -> Real:
+        """Features (n, n_bumps) of a curve over torque or crank angle, variances summing to one."""
         data = self.data
         if isinstance(data, TurningData):
-            place, kind = data.crank[self.cells], data.senses[self.cells] * (1.0 + data.level[self.cells])
+            place = data.crank[self.cells]
             place = 2 * (place - place.min()) / max(float(np.ptp(place)), 1e-9) - 1
         else:
-            place, kind = data.torque[self.cells], data.senses[self.cells]
+            place = data.torque[self.cells]
             place = place / max(float(np.max(np.abs(place))), 1e-9)
         centres = np.arange(-1 - reach, 1 + 1.5 * reach, reach)
         bumps = np.exp(-(((place[:, None] - centres) / reach) ** 2))
         bumps[bumps < np.finfo(float).eps] = 0.0  # products of smaller ones are denormal, which takes ten times as long
-        bumps /= np.linalg.norm(bumps, axis=1)[:, None]
-        return np.hstack([bumps * (kind == number)[:, None] for number in np.unique(kind)])
-
-    def _by_number(self, features: Real, numbers: Whole) -> Real:
-        """The features of each number (n,) by itself; none of a single one, and of a turning crank."""
-        distinct_numbers = np.unique(numbers)
-        if isinstance(self.data, TurningData) or len(distinct_numbers) == 1:
-            return np.zeros((len(features), 0))
-        return np.hstack([features * (numbers == number)[:, None] for number in distinct_numbers])
+        return np.asarray(bumps / np.linalg.norm(bumps, axis=1)[:, None])
 
     def whiten(self, columns: Real, correlation: float) -> Real:
         """Columns (n, ...) over the noise, its correlation between neighbours of a branch removed."""
@@ -131,30 +134,29 @@ class Covariance:
         white[self.is_first] = scaled_columns[self.is_first]
         return white
 
-    def features(self, reach: float) -> Real:
-        """Features of all kinds, zeros of angles and places between rows (n, n_features)."""
-        return np.hstack([*self._features[reach], self.fixed_features])
-
-    def whitened_features(self, reach: float, correlation: float) -> Real:
-        """The features (n, n_features), whitened."""
-        key = reach, correlation
-        if key not in self._whitened_columns:
-            self._whitened_columns[key] = self.whiten(self.features(reach), correlation)
-        return self._whitened_columns[key]
-
-    def products(self, reach: float, correlation: float, is_chosen: Truth) -> Real:
-        """Products (n_features, n_features) of the whitened features over chosen cells (n,)."""
+    def white_features(self, reach: float, correlation: float, is_chosen: Truth) -> "WhiteFeatures":
+        """The features, whitened, of chosen cells (n,)."""
         key = reach, correlation, is_chosen.tobytes()
-        if key not in self._products:
-            of_chosen = self.whitened_features(reach, correlation)[is_chosen]
-            self._products[key] = of_chosen.T @ of_chosen
-        return self._products[key]
+        if key not in self._white_features:
+            bumps = self.whiten(self._bumps[reach], correlation) * is_chosen[:, None]
+            of_cycles = self.whiten(self._bumps[max(REACHES)], correlation) * is_chosen[:, None]
+            fixed = self.whiten(self.fixed_features, correlation) * is_chosen[:, None]
+            shared = [bumps * rows[:, None] for rows in self._of_kinds]
+            shared += [of_cycles * (kind & cycle)[:, None] for cycle in self._of_cycles for kind in self._of_kinds]
+            of_one = [kind & position for position in self._of_positions for kind in self._of_kinds]
+            self._white_features[key] = white_features(np.hstack([*shared, fixed]), bumps, of_one)
+        return self._white_features[key]
 
     def spreads(self, structure: Structure) -> Real:
-        """Standard deviation of the amount of each feature."""
-        counts = [features.shape[1] for features in self._features[structure.reach]]
-        sizes = self.unit * np.array([structure.common, structure.own_size, structure.cycle_size])
+        """Standard deviation of the amount of each shared feature."""
+        n_bumps, n_of_cycle = (self._bumps[reach].shape[1] for reach in (structure.reach, max(REACHES)))
+        counts = len(self._of_kinds) * np.array([n_bumps, len(self._of_cycles) * n_of_cycle])
+        sizes = self.unit * np.array([structure.common, structure.cycle_size])
         return np.append(np.repeat(sizes, counts), np.ones(self.fixed_features.shape[1]))
+
+    def own_variance(self, structure: Structure) -> float:
+        """Variance of the amounts of the features that each position has by itself."""
+        return (self.unit * structure.own_size) ** 2
 
     def log_scale(self, correlation: float, is_chosen: Truth) -> float:
         """Logarithm of what turns the density of whitened cells into that of ``is_chosen`` ones (n,)."""
@@ -164,9 +166,52 @@ class Covariance:
     @property
     def can_scatter(self) -> tuple[bool, bool]:
         """Whether positions can scatter, and whether cycles can."""
-        _, *of_numbers = self._features[REACHES[0]]
-        positions, cycles = (features.shape[1] > 0 for features in of_numbers)
-        return positions, cycles
+        return bool(self._of_positions), bool(self._of_cycles)
+
+
+@dataclass(frozen=True)
+class WhiteFeatures:
+    """Whitened features of cells, those that each position has by itself in their principal axes.
+
+    The latter are orthogonal, so that they are taken up before anything else is solved for, whatever their variance.
+
+    Attributes
+    ----------
+    shared : (n, n_shared) all others.
+    own : (n, n_own), sparse.
+    squares : (n_own,) of the columns of ``own``.
+    shared_products, own_products : (n_shared, n_shared) and (n_own, n_shared) of both with the shared ones.
+    """
+
+    shared: Real
+    own: csr_array
+    squares: Real
+    shared_products: Real
+    own_products: Real
+
+    def shares(self, variance: float) -> Real:
+        """Variances (n_own,) of the amounts of own features once the cells are known, of a prior ``variance``."""
+        return variance / (1 + variance * self.squares)
+
+    def left(self, white: Real, variance: float) -> Real:
+        """What own features of a variance leave of whitened columns (n, ...), at their most probable amounts."""
+        return np.asarray(white - self.own @ ((self.own.T @ white).T * self.shares(variance)).T)
+
+    def log_size(self, variance: float) -> float:
+        """Half the logarithm of the determinant of the own features' covariance beside the noise."""
+        return 0.5 * float(np.sum(np.log1p(variance * self.squares)))
+
+
+def white_features(shared: Real, bumps: Real, groups: Sequence[Truth]) -> WhiteFeatures:
+    """Features of which each group of cells (n,) has ``bumps`` (n, n_bumps) by itself."""
+    blocks = [csr_array((len(shared), 0))]
+    for rows in (np.flatnonzero(group) for group in groups):
+        axes, sizes, _ = np.linalg.svd(bumps[rows], full_matrices=False)
+        axes = (axes * sizes)[:, sizes > np.finfo(float).eps * max(sizes.max(initial=0.0), 1.0)]
+        places = np.repeat(rows, axes.shape[1]), np.tile(np.arange(axes.shape[1]), len(rows))
+        blocks.append(csr_array((axes.ravel(), places), shape=(len(shared), axes.shape[1])))
+    own = csr_array(hstack(blocks))
+    return WhiteFeatures(shared, own, np.asarray(own.multiply(own).sum(axis=0)), shared.T @ shared, own.T @ shared)
 
 
 def _possible_correlations(data: Data, cells: Truth) -> tuple[float, ...]:

@@ -22,7 +22,14 @@ from scipy.special import chdtrc, gammaincinv, log_ndtr, logsumexp
 from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
-from pipeline.identification.selection.covariance import CORRELATIONS, REACHES, SIZES, Covariance, Structure
+from pipeline.identification.selection.covariance import (
+    CORRELATIONS,
+    REACHES,
+    SIZES,
+    Covariance,
+    Structure,
+    WhiteFeatures,
+)
 from pipeline.statistics.resampling import CONFIDENCE
 
 PRIOR_WIDTHS = (1.0, 1 / 4, 1 / 16, 1 / 64, 1 / 256)
@@ -54,7 +61,7 @@ class Evidence:
         self.misfit = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
         self.of_fit = deviation
         self.counts_promise = True
-        self._products: dict[tuple[float, float], Real] = {}
+        self._products: dict[tuple[float, float], tuple[Real, Real]] = {}
         self._known_values: dict[Structure, float] = {}
         self._systems: dict[Structure, tuple[Real, Real]] = {}
         self.widths, self.cost_of_widths = np.ones(jacobian.shape[1]), 0.0
@@ -87,31 +94,40 @@ class Evidence:
     def _everything(self) -> Truth:
         return np.ones(len(self.misfit), bool)
 
-    def _columns(self, structure: Structure) -> Real:
-        """Whitened columns (n, n_columns): the jacobian, what is missed, the features."""
-        of_model = np.column_stack([self.jacobian, self.misfit])
-        white = self.covariance.whiten(of_model, structure.correlation)
-        return np.hstack([white, self.covariance.whitened_features(structure.reach, structure.correlation)])
+    def _features(self, structure: Structure, is_chosen: Truth | None = None) -> WhiteFeatures:
+        chosen = self._everything if is_chosen is None else is_chosen
+        return self.covariance.white_features(structure.reach, structure.correlation, chosen)
 
-    def _gram(self, structure: Structure, is_chosen: Truth) -> Real:
-        """Products of the whitened columns over chosen cells (n,)."""
+    def _whitened(self, columns: Real, structure: Structure) -> Real:
+        return self.covariance.whiten(columns, structure.correlation)
+
+    def _all_products(self, structure: Structure, is_chosen: Truth) -> tuple[Real, Real]:
+        """Products of the whitened columns of chosen cells (n,), and of each position's own features with them.
+
+        The columns are the jacobian, what is missed, and the features that positions share.
+        """
         key, is_whole = (structure.reach, structure.correlation), bool(np.all(is_chosen))
         if is_whole and key in self._products:
             return self._products[key]
-        of_model = self.covariance.whiten(np.column_stack([self.jacobian, self.misfit]), structure.correlation)
-        chosen = of_model if is_whole else of_model * is_chosen[:, None]
-        cross = chosen.T @ self.covariance.whitened_features(*key)
-        products = np.block([[chosen.T @ of_model, cross], [cross.T, self.covariance.products(*key, is_chosen)]])
+        features = self._features(structure, is_chosen)
+        of_model = self._whitened(np.column_stack([self.jacobian, self.misfit]), structure) * is_chosen[:, None]
+        cross = of_model.T @ features.shared
+        products = np.block([[of_model.T @ of_model, cross], [cross.T, features.shared_products]])
+        own_products = np.hstack([features.own.T @ of_model, features.own_products])
         if is_whole:
-            self._products[key] = products
-        return products
+            self._products[key] = products, own_products
+        return products, own_products
 
     def _solved(self, structure: Structure, is_chosen: Truth) -> tuple[Real, Real, Real, float]:
         """Deviations (n_columns,) of unknowns and features, factor of their posterior's precision, right side, square.
 
-        Of chosen cells (n,); the square is that of the misfit, in noise.
+        Of chosen cells (n,), the features that each position has by itself taken up; the square is that of the misfit,
+        in noise.
         """
-        k, gram = self.jacobian.shape[1], self._gram(structure, is_chosen)
+        k, variance = self.jacobian.shape[1], self.covariance.own_variance(structure)
+        products, own_products = self._all_products(structure, is_chosen)
+        shares = self._features(structure, is_chosen).shares(variance)
+        gram = products - own_products.T @ (shares[:, None] * own_products)
         other_columns = np.delete(np.arange(len(gram)), k)
         spread = np.append(self.widths, self.covariance.spreads(structure))
         scaled_gram = spread[:, None] * gram[np.ix_(other_columns, other_columns)] * spread
@@ -123,6 +139,7 @@ class Evidence:
         _, factor, right_side, square = self._solved(structure, is_chosen)
         explained_square = np.sum(solve_triangular(factor, right_side, lower=True) ** 2)
         size = float(np.sum(np.log(np.diag(factor)))) + 0.5 * float(is_chosen.sum()) * np.log(2 * np.pi)
+        size += self._features(structure, is_chosen).log_size(self.covariance.own_variance(structure))
         scale = self.covariance.log_scale(structure.correlation, is_chosen)
         choice = float(np.sum(np.log(self.fit.balances[self.covariance.cells][is_chosen])))
         return float(-0.5 * (square - explained_square) - size + scale - choice - self.cost_of_widths)
@@ -320,10 +337,10 @@ class Evidence:
         structure is that of the largest evidence unless another is given.
         """
         structure = structure or self.structure
-        spread, factor = self._system(structure)
-        white = self.covariance.whiten(changes[self.covariance.cells], structure.correlation)
-        followed_part = solve_triangular(factor, spread[:, None] * self._columns_times(white, structure), lower=True)
-        return np.asarray(white.T @ white - followed_part.T @ followed_part)
+        white = self._whitened(changes[self.covariance.cells], structure)
+        left, products = self._beside_own_features(white, structure)
+        followed_part = solve_triangular(self._system(structure)[1], products, lower=True)
+        return np.asarray(white.T @ left - followed_part.T @ followed_part)
 
     def scores(self, changes: Real) -> Real:
         """Products (n_blocks, n) of changes (n_cells, n) with what is left of the cells, branch by branch.
@@ -331,32 +348,24 @@ class Evidence:
         What unknowns and structure take up of the changes within their priors is taken off.
         """
         covariance, structure = self.covariance, self.structure
-        white = covariance.whiten(changes[covariance.cells], structure.correlation)
-        white_columns = np.delete(self._columns(structure), self.jacobian.shape[1], axis=1)
-        white -= white_columns @ self._amounts(white, structure)
-        white_left = covariance.whiten(self.residual, structure.correlation)
+        white = self._whitened(np.column_stack([self.misfit, changes[covariance.cells]]), structure)
+        spread, factor = self._system(structure)
+        amounts = spread[:, None] * cho_solve((factor, True), self._beside_own_features(white, structure)[1])
+        white -= np.hstack([self._whitened(self.jacobian, structure), self._features(structure).shared]) @ amounts
+        left = self._features(structure).left(white, covariance.own_variance(structure))
         _, block = np.unique(covariance.data.block[covariance.cells], return_inverse=True)
-        products = white * white_left[:, None]
+        products = left[:, 1:] * left[:, :1]
         return np.array([products[block == number].sum(axis=0) for number in range(block.max() + 1)])
 
-    @cached_property
-    def residual(self) -> Real:
-        """What model and structure leave of the cells (n,) [arcmin], both as they are most probable."""
-        columns = np.hstack([self.jacobian, self.covariance.features(self.structure.reach)])
-        white_misfit = self.covariance.whiten(self.misfit, self.structure.correlation)
-        return np.asarray(self.misfit - columns @ self._amounts(white_misfit[:, None], self.structure)[:, 0])
+    def _beside_own_features(self, white: Real, structure: Structure) -> tuple[Real, Real]:
+        """What own features leave of whitened columns (n, m), and its products (n_columns, m) with scaled unknowns.
 
-    def _amounts(self, white: Real, structure: Structure) -> Real:
-        """Most probable amounts (n_columns, n) of unknowns and features in whitened columns (n_cells, n)."""
-        spread, factor = self._system(structure)
-        products = spread[:, None] * self._columns_times(white, structure)
-        return np.asarray(spread[:, None] * cho_solve((factor, True), products))
-
-    def _columns_times(self, white: Real, structure: Structure) -> Real:
-        """Products (n_columns, n) of the whitened unknowns and features with whitened columns (n_cells, n)."""
-        features = self.covariance.whitened_features(structure.reach, structure.correlation)
-        jacobian = self.covariance.whiten(self.jacobian, structure.correlation)
-        return np.vstack([jacobian.T @ white, features.T @ white])
+        And with the features that positions share, these scaled by their standard deviations, too.
+        """
+        features = self._features(structure)
+        left = features.left(white, self.covariance.own_variance(structure))
+        products = np.vstack([self._whitened(self.jacobian, structure).T @ left, features.shared.T @ left])
+        return left, self._system(structure)[0][:, None] * products
 
     def _system(self, structure: Structure) -> tuple[Real, Real]:
         """Standard deviations of unknowns and features (n_columns,), and the factor of their posterior's precision."""

@@ -249,8 +249,8 @@ def test_information_is_the_inverse_covariance_of_an_amount():
     larger = replace(evidence.structure, common=1.6)
     inverse_of_larger = np.linalg.inv(dense(larger, design, columns=1))
     np.testing.assert_allclose(evidence.information(change, larger), change.T @ inverse_of_larger @ change, rtol=1e-5)
-    left = noise(evidence.structure.correlation) @ inverse @ angle
-    np.testing.assert_allclose(evidence.residual, left, atol=1e-4 * SIGMA)
+    scores = change.T @ inverse @ noise(evidence.structure.correlation) @ inverse @ angle
+    np.testing.assert_allclose(evidence.scores(change).sum(axis=0), scores, rtol=1e-4)
 
 
 def test_scores_scatter_by_the_information_wherever_the_numbers_of_the_model_are():
