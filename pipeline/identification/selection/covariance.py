@@ -19,7 +19,7 @@ from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.statistics.resampling import CONFIDENCE
 
-REACHES = (0.15, 0.5)
+REACHES = (0.05, 0.15, 0.5)
 """Distances, in largest torques, over which a discrepancy is alike."""
 SIZES = (1e-3, *(0.1 * 2.0 ** np.arange(10)).tolist())
 """Standard deviations of a discrepancy that are tried, in those of the median cell's noise."""

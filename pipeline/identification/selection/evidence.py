@@ -36,7 +36,7 @@ PRIOR_WIDTHS = (1.0, 1 / 4, 1 / 16, 1 / 64, 1 / 256)
 """Standard deviations of the prior of a size, as shares of the widest: ``OPEN_SHARE`` of the range of the size.
 
 All five are equally probable. Usual sizes are a hundred to two thousand times smaller than their range."""
-FIRST = Structure(SIZES[2], SIZES[2], REACHES[0], CORRELATIONS[0])
+FIRST = Structure(SIZES[2], SIZES[2], REACHES[1], CORRELATIONS[0])
 """From where the structure of the largest evidence is sought."""
 
 

@@ -239,6 +239,21 @@ def test_structure_is_found_where_it_is():
     assert Evidence(COVARIANCE, fitter, fit).structure.correlation >= 0.3
 
 
+@pytest.mark.parametrize(("wave", "reach"), [(0.15, REACHES[0]), (0.6, REACHES[1]), (3.0, REACHES[2])])
+def test_the_reach_found_is_that_of_what_the_model_misses(wave, reach):
+    """Waves of a length in largest torques: a discrepancy competes with a ripple that is as fine."""
+    rng = np.random.default_rng(4)
+    data = linear_data(positions=2, cycles=1, branches=2, cells=80, sigma=SIGMA)
+    data = replace(data, torque=np.tile(np.concatenate([np.linspace(-5, 5, 80), np.linspace(5, -5, 80)]), 2))
+    covariance = Covariance(data, np.ones(len(data), bool), parts_of(data, np.ones(len(data), bool)))
+    design = rng.normal(size=(len(data), 1))
+    missed = SIGMA * (2 * np.sin(2 * np.pi * data.torque / (5 * wave)) + rng.standard_normal(len(data)))
+    fitter = LinearFitter(replace(data, angle=missed), design, (SPREAD,))
+    structure = Evidence(covariance, fitter, fitter.fit(Model(), covariance.cells, fitter.start(Model()))).structure
+    assert structure.reach == reach
+    assert structure.size > 1
+
+
 def test_information_is_the_inverse_covariance_of_an_amount():
     design, angle = drawn()
     fitter, fit = fitted(angle, design, columns=1)
