@@ -1,7 +1,7 @@
 """The loop on one unit: read, judge the data, refit, try the effects, judge, report errors on held-out data."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -17,7 +17,7 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import read_measurement
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.selection.baselines import METHODS, TURN_METHODS, Cycles, baselines
-from pipeline.identification.selection.criteria import Selection, without_names
+from pipeline.identification.selection.criteria import ODDS, Selection, without_names
 from pipeline.identification.selection.held_out import (
     AngleError,
     Folds,
@@ -128,10 +128,8 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
     cranks = measurement.rows.cranks
     is_training = measurement.training_cells if unit.settings.held_out.train else np.ones(len(measurement.cells), bool)
     compliances = condense(unit.study, stations_of(measurement).cranks.tolist())
-    fitter = Fitter(build_problem(measurement, compliances, is_training))
-    data = fitter.problem.data
-    selector = Selector(fitter, is_training)
-    selection = selector.select(is_training)
+    selector, selection = _selected(build_problem(measurement, compliances, is_training), is_training)
+    fitter, data = selector.fitter, selector.problem.data
     baseline_curves = _baseline_curves(measurement, fitter, is_training)
     selection, verdict, folds = _tested_on_unused_data(selector, selection, is_training, baseline_curves)
     recalibration_error = angle_error(data, cranks, *folds.curves(False)["recalibrated"], folds.cells)
@@ -171,6 +169,23 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
         could_hide=detection_limits(fitter, selection.base, selector.testable) if has_limits else (),
         between_cranks=_between_cranks(fitter, selection),
     )
+
+
+def _selected(problem: Problem, cells: Truth) -> tuple[Selector, Selection]:
+    """What is tried on the cells (n_cells,) of a problem, and by whom.
+
+    Once more with contacts on a part of the width where these make its answer more probable, so that no compliance is
+    named in their place.
+    """
+    selector = Selector(Fitter(problem), cells)
+    selection = selector.select(cells)
+    answer, short_contacts = selection.answer, Selector(Fitter(problem.with_short_contacts()), cells)
+    start = replace(answer.fit.unknowns, reach=problem.short_range)
+    fits = short_contacts.fitter.fit(answer.fit.model, cells, start), short_contacts.recalibrate(cells)
+    rivals = [short_contacts.trial(fit, cells, answer.evidence.covariance, answer) for fit in fits if fit.sound]
+    value = max((rival.evidence.without_promise().value for rival in rivals), default=-np.inf)
+    is_better = value - answer.evidence.without_promise().value > ODDS
+    return (short_contacts, short_contacts.select(cells)) if is_better else (selector, selection)
 
 
 def _between_cranks(fitter: Fitter, selection: Selection) -> float | None:

@@ -99,7 +99,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     nmm = NMM_PER_NM * study.design.cycloid.rated_torque_Nm
     reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))
     stateless = Forward([course.without_states() for course in courses], nmm, reach)
-    ranges = _scale_ranges(study, keys)
+    ranges, short_ranges = (_scale_ranges(study, keys, are_short) for are_short in (False, True))
     by_state = Forward(courses, nmm, reach)
     nominal = first_states([drives((1.0,) * ranges.shape[1], station) for station in range(len(stations.cranks))])
     errors = assembly.errors(population_errors)
@@ -121,6 +121,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
             drives=drives,
             calibrated_keys=keys,
             scale_range=ranges,
+            short_range=short_ranges,
             modes=modes,
             influences=influences,
             compliances=tuple(compliances),
@@ -134,13 +135,15 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     return trained_on(visible_cells)
 
 
-def _scale_ranges(study: Study, keys: Sequence[str]) -> Real:
+def _scale_ranges(study: Study, keys: Sequence[str], are_short: bool) -> Real:
     """Logarithms (2, n_scales) between which the factors of the numbers at ``keys`` and of the laws are plausible.
 
-    The range of a law's factor is that of the whole factor, that of the study included.
+    The range of a law's factor is that of the whole factor, that of the study included; ``are_short`` says that
+    contacts may be on a part of the width.
     """
     of_numbers = np.array([plausible_range(study.design, key).log for key in keys]).reshape(-1, 2)
-    of_laws = np.array([factor.plausible.log for factor in LAW_FACTORS])
+    ranges = [(factor.if_short if are_short else None) or factor.plausible for factor in LAW_FACTORS]
+    of_laws = np.array([of_law.log for of_law in ranges])
     further = of_laws - np.log(assembly.law_factors(study))[:, None]
     further = np.column_stack([np.minimum(further[:, 0], 0.0), np.maximum(further[:, 1], 0.0)])  # its own is plausible
     return np.vstack([of_numbers, further]).T

@@ -1,7 +1,7 @@
 """A measured unit against its model: cells, drives, what is not known of them, and what may be added."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -51,6 +51,7 @@ class Problem:
     calibrated_keys : keys of the design's calibrated numbers, whose scales come first.
     scale_range : (2, n_scales) logarithms of the factors between which each scale is plausible; scales after those of
         the calibrated numbers are of the force laws of pins and output.
+    short_range : the same where contacts may be on a part of the width.
     modes : patterns of gaps of the unmeasured tolerances per station (n_modes, n_contacts) [mm], of unit variance.
     influences : per station d angle / d gap along the frictionless curve (n_nodes, n_contacts) [rad/mm].
     compliances : per station, of the disks between the contacts as condensed (n_contacts, n_contacts) [mm/N].
@@ -70,6 +71,7 @@ class Problem:
     drives: Callable[[tuple[float, ...], int], Drive]
     calibrated_keys: tuple[str, ...]
     scale_range: Real
+    short_range: Real
     modes: tuple[Real, ...]
     influences: tuple[Real, ...]
     compliances: tuple[Real, ...]
@@ -124,6 +126,15 @@ class Problem:
     def nominal(self) -> tuple[Drive, ...]:
         """Declared drives."""
         return tuple(self.drives((1.0,) * len(self.scale_spread), station) for station in range(len(self.modes)))
+
+    def with_short_contacts(self) -> "Problem":
+        """The problem with the ranges of contacts on a part of the width, of other training cells as well."""
+        of_others = self.trained_on
+        return replace(
+            self,
+            scale_range=self.short_range,
+            trained_on=lambda training: of_others(training).with_short_contacts(),
+        )
 
     @property
     def scale_spread(self) -> Real:

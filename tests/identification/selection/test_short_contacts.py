@@ -1,0 +1,39 @@
+"""Contacts on a part of the width: softer than any law of line contacts, and no effect."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_unit import Bench, make_unit, problem_of, with_angles
+
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.problem import Model
+from pipeline.identification.identify import _selected
+
+
+@pytest.mark.parametrize(("factor", "are_short"), [(1.3, False), (2.8, True)])
+def test_contacts_on_a_part_of_the_width_are_tried_where_they_explain_more(factor, are_short, tmp_path, condensed):
+    """Contacts that give way 2.8 times as far, where another law of line contacts allows 1.65 times.
+
+    Within the range of line contacts a torsion of the output is named in their place.
+    """
+    problem = problem_of(make_unit(tmp_path / "u", {}, Bench(), condensed), condensed)
+    free = np.where(np.arange(problem.scale_range.shape[1]) < len(problem.calibrated_keys), 1e-3, 1.0)
+    problem = replace(problem, scale_range=free * problem.scale_range, short_range=free * problem.short_range)
+    fitter = Fitter(problem.with_short_contacts())
+    start = fitter.start(Model())
+    scales = start.scales.copy()
+    of_laws = slice(len(problem.calibrated_keys), len(problem.calibrated_keys) + 2)
+    scales[of_laws] = np.log(factor)
+    angle = fitter.predict(Model(), replace(start, scales=scales)).angle
+    noise = np.random.default_rng(3).normal(scale=problem.data.sigma)
+    selector, selection = _selected(with_angles(problem, angle + noise), np.ones(len(noise), bool))
+    expected_range = problem.short_range if are_short else problem.scale_range
+    np.testing.assert_array_equal(selector.problem.scale_range, expected_range)
+    assert selection.members == ()
+
+
+def test_a_part_of_the_data_has_the_ranges_of_the_whole(tmp_path, condensed):
+    problem = problem_of(make_unit(tmp_path / "u", {}, Bench(), condensed), condensed).with_short_contacts()
+    fold = problem.trained_on(problem.data.position == 0)
+    np.testing.assert_array_equal(fold.scale_range, problem.short_range)
