@@ -172,10 +172,10 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
 
 
 def _selected(problem: Problem, cells: Truth) -> tuple[Selector, Selection]:
-    """What is tried on the cells (n_cells,) of a problem, and by whom.
+    """The selection on the cells (n_cells,) of a problem, and the selector that made it.
 
-    Once more with contacts on a part of the width where these make its answer more probable, so that no compliance is
-    named in their place.
+    Where contacts on a part of the width make the answer more probable, everything is tried again with their ranges, so
+    that no compliance is named in their place.
     """
     selector = Selector(Fitter(problem), cells)
     selection = selector.select(cells)

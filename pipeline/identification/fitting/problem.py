@@ -128,7 +128,7 @@ class Problem:
         return tuple(self.drives((1.0,) * len(self.scale_spread), station) for station in range(len(self.modes)))
 
     def with_short_contacts(self) -> "Problem":
-        """The problem with the ranges of contacts on a part of the width, of other training cells as well."""
+        """The problem, and that of any other training cells, with the ranges of contacts on a part of the width."""
         of_others = self.trained_on
         return replace(
             self,
