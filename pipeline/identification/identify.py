@@ -128,7 +128,7 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
     cranks = measurement.rows.cranks
     is_training = measurement.training_cells if unit.settings.held_out.train else np.ones(len(measurement.cells), bool)
     compliances = condense(unit.study, stations_of(measurement).cranks.tolist())
-    selector, selection = _selected(build_problem(measurement, compliances, is_training), is_training)
+    selector, selection = _best_selection(build_problem(measurement, compliances, is_training), is_training)
     fitter, data = selector.fitter, selector.problem.data
     baseline_curves = _baseline_curves(measurement, fitter, is_training)
     selection, verdict, folds = _tested_on_unused_data(selector, selection, is_training, baseline_curves)
@@ -171,7 +171,7 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
     )
 
 
-def _selected(problem: Problem, cells: Truth) -> tuple[Selector, Selection]:
+def _best_selection(problem: Problem, cells: Truth) -> tuple[Selector, Selection]:
     """The selection on the cells (n_cells,) of a problem, and the selector that made it.
 
     Where contacts on a part of the width make the answer more probable, everything is tried again with their ranges, so

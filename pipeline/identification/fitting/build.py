@@ -98,10 +98,10 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     drives = drives_of(study, keys, sampled_errors, stations.cranks, compliances, at_stations)
     nmm = NMM_PER_NM * study.design.cycloid.rated_torque_Nm
     reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))
-    stateless = Forward([course.without_states() for course in courses], nmm, reach)
-    ranges, short_ranges = (_scale_ranges(study, keys, are_short) for are_short in (False, True))
-    by_state = Forward(courses, nmm, reach)
-    nominal = first_states([drives((1.0,) * ranges.shape[1], station) for station in range(len(stations.cranks))])
+    of_one_state = [course.without_states() for course in courses]
+    stateless, by_state = (Forward(some_courses, nmm, reach) for some_courses in (of_one_state, courses))
+    ranges = _scale_ranges(study, keys, are_short=False)
+    nominal = first_states([drives((1.0,) * ranges.shape[1], k) for k in range(len(stations.cranks))])
     errors = assembly.errors(population_errors)
     errors = _indistinguishable_errors(errors, case) if case else errors
     influences = _influences(measurement, [stateless.backbone(drive) for drive in nominal])
@@ -121,7 +121,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
             drives=drives,
             calibrated_keys=keys,
             scale_range=ranges,
-            short_range=short_ranges,
+            short_range=_scale_ranges(study, keys, are_short=True),
             modes=modes,
             influences=influences,
             compliances=tuple(compliances),

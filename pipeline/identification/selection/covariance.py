@@ -143,8 +143,8 @@ class Covariance:
             fixed = self.whiten(self.fixed_features, correlation) * is_chosen[:, None]
             shared = [bumps * rows[:, None] for rows in self._of_kinds]
             shared += [of_cycles * (kind & cycle)[:, None] for cycle in self._of_cycles for kind in self._of_kinds]
-            of_one = [kind & position for position in self._of_positions for kind in self._of_kinds]
-            self._white_features[key] = white_features(np.hstack([*shared, fixed]), bumps, of_one)
+            of_positions = [kind & position for position in self._of_positions for kind in self._of_kinds]
+            self._white_features[key] = white_features(np.hstack([*shared, fixed]), bumps, of_positions)
         return self._white_features[key]
 
     def spreads(self, structure: Structure) -> Real:
@@ -171,16 +171,17 @@ class Covariance:
 
 @dataclass(frozen=True)
 class WhiteFeatures:
-    """Whitened features of cells, those that each position has by itself in their principal axes.
+    """Whitened features of cells: those that positions share, and those that each position has by itself.
 
-    The latter are orthogonal, so that they are taken up before anything else is solved for, whatever their variance.
+    The latter are in their principal axes. These are orthogonal, so that the part of other columns that they explain is
+    removed without a system of equations, whatever their variance.
 
     Attributes
     ----------
-    shared : (n, n_shared) all others.
+    shared : (n, n_shared)
     own : (n, n_own), sparse.
-    squares : (n_own,) of the columns of ``own``.
-    shared_products, own_products : (n_shared, n_shared) and (n_own, n_shared) of both with the shared ones.
+    squares : (n_own,) sums of squares of the columns of ``own``.
+    shared_products, own_products : (n_shared, n_shared) and (n_own, n_shared), products of both with ``shared``.
     """
 
     shared: Real
@@ -189,13 +190,13 @@ class WhiteFeatures:
     shared_products: Real
     own_products: Real
 
-    def shares(self, variance: float) -> Real:
-        """Variances (n_own,) of the amounts of own features once the cells are known, of a prior ``variance``."""
+    def variances(self, variance: float) -> Real:
+        """Posterior variances (n_own,) of the amounts of own features whose prior has ``variance``."""
         return variance / (1 + variance * self.squares)
 
     def left(self, white: Real, variance: float) -> Real:
-        """What own features of a variance leave of whitened columns (n, ...), at their most probable amounts."""
-        return np.asarray(white - self.own @ ((self.own.T @ white).T * self.shares(variance)).T)
+        """Whitened columns (n, ...) less what own features of a prior variance most probably explain of them."""
+        return np.asarray(white - self.own @ ((self.own.T @ white).T * self.variances(variance)).T)
 
     def log_size(self, variance: float) -> float:
         """Half the logarithm of the determinant of the own features' covariance beside the noise."""
@@ -203,7 +204,7 @@ class WhiteFeatures:
 
 
 def white_features(shared: Real, bumps: Real, groups: Sequence[Truth]) -> WhiteFeatures:
-    """Features of which each group of cells (n,) has ``bumps`` (n, n_bumps) by itself."""
+    """Features of cells of which each group (n,) has an own curve, made of ``bumps`` (n, n_bumps)."""
     blocks = [csr_array((len(shared), 0))]
     for rows in (np.flatnonzero(group) for group in groups):
         axes, sizes, _ = np.linalg.svd(bumps[rows], full_matrices=False)

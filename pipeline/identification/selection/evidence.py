@@ -126,8 +126,8 @@ class Evidence:
         """
         k, variance = self.jacobian.shape[1], self.covariance.own_variance(structure)
         products, own_products = self._all_products(structure, is_chosen)
-        shares = self._features(structure, is_chosen).shares(variance)
-        gram = products - own_products.T @ (shares[:, None] * own_products)
+        variances = self._features(structure, is_chosen).variances(variance)
+        gram = products - own_products.T @ (variances[:, None] * own_products)
         other_columns = np.delete(np.arange(len(gram)), k)
         spread = np.append(self.widths, self.covariance.spreads(structure))
         scaled_gram = spread[:, None] * gram[np.ix_(other_columns, other_columns)] * spread
@@ -358,9 +358,9 @@ class Evidence:
         return np.array([products[block == number].sum(axis=0) for number in range(block.max() + 1)])
 
     def _beside_own_features(self, white: Real, structure: Structure) -> tuple[Real, Real]:
-        """What own features leave of whitened columns (n, m), and its products (n_columns, m) with scaled unknowns.
+        """Whitened columns (n, m) less what own features explain, and products (n_columns, m) of the rest.
 
-        And with the features that positions share, these scaled by their standard deviations, too.
+        The products are those with unknowns and shared features, each scaled by its standard deviation.
         """
         features = self._features(structure)
         left = features.left(white, self.covariance.own_variance(structure))

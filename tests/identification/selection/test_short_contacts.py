@@ -8,7 +8,7 @@ from synthetic_unit import Bench, make_unit, problem_of, with_angles
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Model
-from pipeline.identification.identify import _selected
+from pipeline.identification.identify import _best_selection
 
 
 @pytest.mark.parametrize(("factor", "are_short"), [(1.3, False), (2.8, True)])
@@ -27,7 +27,7 @@ def test_contacts_on_a_part_of_the_width_are_tried_where_they_explain_more(facto
     scales[of_laws] = np.log(factor)
     angle = fitter.predict(Model(), replace(start, scales=scales)).angle
     noise = np.random.default_rng(3).normal(scale=problem.data.sigma)
-    selector, selection = _selected(with_angles(problem, angle + noise), np.ones(len(noise), bool))
+    selector, selection = _best_selection(with_angles(problem, angle + noise), np.ones(len(noise), bool))
     expected_range = problem.short_range if are_short else problem.scale_range
     np.testing.assert_array_equal(selector.problem.scale_range, expected_range)
     assert selection.members == ()
