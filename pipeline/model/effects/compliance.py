@@ -180,7 +180,7 @@ MODULUS_TEMPERATURE = Effect(
     source="first order of the modulus in the temperature; a material's own slope is that of the storage modulus as "
     "ISO 6721-1 has it measured",
     parameters=(Parameter("loss_per_K", "1/K", "share of the modulus that is lost per kelvin"),),
-    changes="stiffness of disk, contacts and bearing, with the temperature of each cycle",
+    changes="stiffness of disk, contacts and bearing, with the temperature above that of the drawing",
     signature="rigidity falls as the drive warms, play does not",
     confused_with=("thermal_growth", "run_in"),
     told_apart_by="the same loop at two temperatures: its slope under load, not its width at zero torque",

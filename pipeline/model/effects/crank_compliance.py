@@ -31,7 +31,8 @@ def crank_compliance(
         name=f"crank_compliance_{order}",
         title=f"compliance that varies {word} a turn of the crank",
         physics=physics,
-        source=f"harmonic {order} of a compliance in series with the output, about a mean that keeps it from zero up",
+        source=f"harmonic {order} of a compliance in series with the output, about a mean of its own amplitude, "
+        "which keeps it from zero up",
         parameters=tuple(
             Parameter(f"{part}_arcmin_per_Nm", "arcmin/(N m)", f"wave of the compliance with {wave} of {times}")
             for part, wave in (("cosine", "cos"), ("sine", "sin"))

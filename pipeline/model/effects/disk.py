@@ -86,7 +86,9 @@ FLANK_WEAR = Effect(
     title="wear of one flank",
     physics="the flanks that carry one sense of torque have lost material along their normal",
     source="uniform depth along the normal",
-    parameters=(Parameter("depth_um", "um", "depth; positive: on the flanks loaded by positive torque"),),
+    parameters=(
+        Parameter("depth_um", "um", "depth; positive: on the flanks that positive torque loads, negative: on the others"),
+    ),
     changes="gap of the pins that carry one sense of torque",
     signature="one end of the play moves, the other stays",
     confused_with=("pin_circle_error", "pin_radius_error"),
@@ -106,7 +108,8 @@ def _apply_run_in(drive: Drive, values: Sequence[float], conditions: Conditions)
 RUN_IN = Effect(
     name="run_in",
     title="running in over the load cycles",
-    physics="the first cycles wear the flanks, ever more slowly, as asperities are worn off",
+    physics="the first cycles wear the flanks, ever more slowly, as asperities are worn off; a cycle is the usual way "
+    "of the torque in one, counted from the start of a position, whose flanks are new to the load",
     source="Archard, J. Appl. Phys. 24 (1953) 981, with a pressure that falls as the surfaces conform",
     parameters=(
         Parameter("wear_um", "um", "depth of the wear at last"),

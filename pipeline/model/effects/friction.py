@@ -91,8 +91,9 @@ def _apply_contact_friction(drive: Drive, values: Sequence[float], conditions: C
 CONTACT_FRICTION = Effect(
     name="contact_friction",
     title="friction of the pins on the flank, proportional to the load",
-    physics="every pin resists sliding along the flank by the coefficient of friction times its force; where a bench "
-    "turns the crank by pitches, all pins slide on and their friction is in proportion to the torque (load_friction)",
+    physics="every pin of the housing resists sliding along the flank by the coefficient of friction times its force; "
+    "where a bench turns the crank by pitches, all pins slide on and their friction is in proportion to the torque "
+    "(load_friction)",
     source="Coulomb; tangential stiffness after Mindlin, J. Appl. Mech. 16 (1949) 259",
     parameters=(Parameter("coefficient", "1", "coefficient of friction"),),
     changes="a slider at every pin, pressed by its force",

@@ -26,7 +26,8 @@ def _apply_presliding(drive: Drive, values: Sequence[float], conditions: Conditi
 PRESLIDING = Effect(
     name="presliding",
     title="friction that yields before it slides",
-    physics="bristles of different reach bend before they slip: four elastic-slip elements in parallel",
+    physics="bristles of different reach bend before they slip: four equal elastic-slip elements in parallel, which "
+    "slip after 1/4, 1/2, 3/4 and all of the distance",
     source="Iwan, J. Appl. Mech. 33 (1966) 893; Al-Bender et al., IEEE Trans. Autom. Control 50 (2005) 1883",
     parameters=(
         Parameter("torque_Nm", "N m", "friction torque once all slide, referred to the output"),
