@@ -36,6 +36,7 @@ def linear_data(positions=2, cycles=2, branches=2, cells=10, sigma=0.1, count=4)
         sigma=np.broadcast_to(sigma, n).astype(float),
         row_error=np.zeros(n),
         common_offset=False,
+        torque_noise=0.0,
     )
 
 

@@ -31,7 +31,7 @@ BETWEEN_ROWS: Unit = 12**-0.5
 """Rms of the distance of a place that is anywhere between two rows from their middle [rows]."""
 PLACE: Unit = 24**-0.5
 """Rms of what half a row reaches beyond a place that is anywhere between two rows [rows]."""
-PLACES: Fineness = 400
+PLACES: Fineness = 2000
 """Torques at which the posterior of the torque is evaluated at which the play is crossed."""
 SECTORS = 8
 """Of a turn of the crank: what the model's form misses goes with the pins that carry, a quarter of the circle."""
@@ -48,7 +48,7 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
     kinds = np.column_stack([blocks.position, blocks.kind])
     branch = np.unique(kinds, axis=0, return_inverse=True)[1].ravel()[cells.block]
     row_torque_noise = float(np.nan_to_num(noise.torque_noise_Nm))
-    slope, _ = _slopes(cells, _noise_between_rows(row_torque_noise))
+    slope, _ = _slopes(cells, noise_between_rows(row_torque_noise))
     steeper_square = np.maximum(slope**2 - np.median(slope[training]) ** 2, 0.0)
     torque_noise = row_torque_noise / np.sqrt(cells.count)
     usual_share = np.mean(1 / cells.count[training])
@@ -72,6 +72,7 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
         sigma=np.sqrt(cell_variance + steeper_square * torque_noise**2 + within**2 + beside**2),
         row_error=np.hypot(row_error_within, row_error_beside),
         common_offset=measurement.unit.settings.offset == "common",
+        torque_noise=float(np.median(torque_noise)),
     )
 
 
@@ -100,6 +101,7 @@ def _of_turns(measurement: TurningMeasurement, training: Truth) -> TurningData:
         sigma=np.sqrt(floor**2 + white**2 * (1 / cells.count - usual_share)),
         row_error=np.zeros(len(cells)),
         common_offset=True,
+        torque_noise=0.0,
         part=measurement.parts,
         direction=cells.direction,
         level=measurement.level,
@@ -108,7 +110,7 @@ def _of_turns(measurement: TurningMeasurement, training: Truth) -> TurningData:
     )
 
 
-def _noise_between_rows(torque_noise: float) -> float:
+def noise_between_rows(torque_noise: float) -> float:
     """Difference [N m] that noise of the torque of a row [N m] makes between two rows at the same torque (95 %)."""
     return float(ndtri(0.5 * (1 + CONFIDENCE)) * np.sqrt(2) * torque_noise)
 
@@ -239,10 +241,10 @@ def place_errors(cells: Cells, height_within: Real, torque_noise: float) -> tupl
 def jumps_between(cells: Cells, height_within: Real, torque_noise: float) -> Real:
     """Height [arcmin] (n_cells - 1,) of the way through the play from each cell to the next; 0 where there is none.
 
-    The usual slope beside a jump is taken over at least the ``_noise_between_rows`` of ``torque_noise`` [N m].
+    The usual slope beside a jump is taken over at least the ``noise_between_rows`` of ``torque_noise`` [N m].
     """
     slope, step = _slopes_of_links(cells)
-    beside, _ = _slopes_of_links(cells, _noise_between_rows(torque_noise))
+    beside, _ = _slopes_of_links(cells, noise_between_rows(torque_noise))
     usual_slope = np.maximum(_usual_after(beside, cells), _usual_after(beside[::-1], cells)[::-1])
     smallest = PLAY_SHARE * _ranges(cells)
     jumps_within = height_within > smallest
@@ -272,8 +274,9 @@ def side_errors(cells: Cells, training: Truth, torque_noise: float) -> Real:
     -----
     A row on the wrong side errs by the whole height of the jump. Its mean square error is therefore the square of the
     height times the probability of the wrong side. In one sense of the torque the play is crossed at one torque, above
-    the last row before each jump and below the first row after it, but for normal noise. The posterior mean and the
-    standard deviation of this torque follow from all jumps of the sense.
+    the last row before each jump and below the first row after it, but for normal noise. The posterior of this torque
+    follows from all jumps of the sense, and the probability of the wrong side is the mean over it. Between the weights
+    of a staircase the torque may be anywhere, yet rows at the weights are on the right side.
     """
     height, torque = jumps_between(cells, np.zeros(len(cells)), torque_noise), cells.torque_mean * cells.direction
     errors = np.zeros(len(cells))
@@ -290,12 +293,11 @@ def side_errors(cells: Cells, training: Truth, torque_noise: float) -> Real:
             log_ndtr((places - before[:, None]) / noise) + log_ndtr((after[:, None] - places) / noise), axis=0
         )
         density = np.exp(log_density - log_density.max())
-        place = np.average(places, weights=density)
-        scatter = np.hypot(noise, np.sqrt(np.average((places - place) ** 2, weights=density)))
+        density /= density.sum()
         for position in np.unique(cells.position[has_jump]):
             at_position = cells.position == position
             chosen, jump_height = is_of_sense & at_position, np.median(height[(has_jump & at_position)[:-1]])
-            wrong_side = ndtr(-np.abs(torque[chosen] - place) / scatter)
+            wrong_side = ndtr(-np.abs(torque[chosen][:, None] - places) / noise) @ density
             errors[chosen] = jump_height * np.sqrt(wrong_side)
     return errors
 

@@ -63,6 +63,7 @@ class Data:
     row_error : (n_cells,) [arcmin]: of the mean angle beside a way through the play, whose place between two rows is
         not known; alike in all branches of one sense where their rows lie at the same torques. 0 elsewhere.
     common_offset : whether all positions share one zero of the angle.
+    torque_noise : of a cell [N m].
     """
 
     position: Whole
@@ -76,6 +77,7 @@ class Data:
     sigma: Real
     row_error: Real
     common_offset: bool
+    torque_noise: float
 
     def __len__(self) -> int:
         return len(self.angle)

@@ -1,20 +1,24 @@
 """The covariance of cells beyond a model: noise, its correlation, and what every model of the library may miss.
 
-The noise of a cell has the blur beside a jump through the play (``fitting.cells_in_noise``), its neighbours of a branch
-are correlated, and a discrepancy may be alike at all positions, at each, and in each cycle.
+The noise of a cell has the blur beside a jump through the play (``fitting.cells_in_noise``), a share of it is
+correlated along a branch, and a discrepancy may be alike at all positions, at each, and in each cycle.
 
-Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; autoregressive noise: Prais and Winsten (1954).
+Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; autoregressive noise: Prais and Winsten (1954); beside
+white noise: Box and Jenkins, Time Series Analysis (1970), sections 3.4 and A4.3.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, hstack
+from scipy.linalg import cholesky, solve_triangular
+from scipy.sparse import block_diag, csr_array, hstack
 from scipy.special import ndtri
 
 from pipeline.arrays import Real, Truth, Whole
 from pipeline.constant_kinds import Rounding
+from pipeline.identification.fitting.cells_in_noise import noise_between_rows
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.statistics.resampling import CONFIDENCE
@@ -23,8 +27,29 @@ REACHES = (0.05, 0.15, 0.5)
 """Distances, in largest torques, over which a discrepancy is alike."""
 SIZES = (1e-3, *(0.1 * 2.0 ** np.arange(10)).tolist())
 """Standard deviations of a discrepancy that are tried, in those of the median cell's noise."""
-CORRELATIONS = (0.0, 0.3, 0.6, 0.85)
-"""Correlations of the noise of neighbouring cells of a branch."""
+
+
+class Correlation(NamedTuple):
+    """Share of the variance of the noise that is correlated, and its correlation between neighbouring cells.
+
+    The correlated share is an autoregressive process of the first order along a branch; the rest is white.
+    """
+
+    share: float
+    of_neighbours: float
+
+
+CORRELATIONS = (
+    Correlation(1.0, 0.0),
+    Correlation(1.0, 0.3),
+    Correlation(1.0, 0.6),
+    Correlation(1.0, 0.85),
+    Correlation(0.3, 0.9),
+    Correlation(0.6, 0.9),
+)
+"""Correlations of the noise within a branch that are tried.
+
+Few benches have one kind of noise alone: rounding and the torque sensor add white noise to an angle that wanders."""
 SINGLE_GROUPS = 6
 """Positions (or cycles) up to which each is left out by itself; more are left out in three lots, spread evenly over
 them, so that the time grows as the rows do."""
@@ -48,14 +73,14 @@ class Structure:
     ----------
     common, own_size : standard deviations in those of the median cell's noise: alike at all positions, and of each.
     reach : in largest torques.
-    correlation : of the noise of neighbouring cells.
+    correlation : of the noise along a branch.
     cycle_size : as ``common``, of each cycle by itself, alike at all positions.
     """
 
     common: float
     own_size: float
     reach: float
-    correlation: float
+    correlation: Correlation
     cycle_size: float = 0.0
 
     @property
@@ -82,7 +107,7 @@ class Covariance:
         self.data, self.cells = data, cells
         self.sigma, self.parts = data.sigma[cells], parts[cells]
         self.correlations = _possible_correlations(data, cells)
-        self.is_first = np.append(True, np.diff(data.block[cells]) != 0)
+        self.whitening = {one: _whitening(data.block[cells], one) for one in self.correlations}
         self.unit = float(np.median(self.sigma))
         group = data.group[cells]
         self.fixed_features = np.hstack(
@@ -94,7 +119,7 @@ class Covariance:
         self._of_positions = [positions == position for position in self._distinct(positions)]
         cycles = data.cycle[cells]
         self._of_cycles = [cycles == cycle for cycle in self._distinct(cycles)]
-        self._white_features: dict[tuple[float, float, bytes], WhiteFeatures] = {}
+        self._white_features: dict[tuple[float, Correlation, bytes], WhiteFeatures] = {}
 
     def _row_errors(self) -> Real:
         """Errors of the place of the jump through play between two rows, alike on all branches of a sense (n, ...)."""
@@ -119,22 +144,19 @@ class Covariance:
             place = data.crank[self.cells]
             place = 2 * (place - place.min()) / max(float(np.ptp(place)), 1e-9) - 1
         else:
-            place = data.torque[self.cells]
+            place = known_torques(data.torque[self.cells], data.torque_noise)
             place = place / max(float(np.max(np.abs(place))), 1e-9)
         centres = np.arange(-1 - reach, 1 + 1.5 * reach, reach)
         bumps = np.exp(-(((place[:, None] - centres) / reach) ** 2))
         bumps[bumps < np.finfo(float).eps] = 0.0  # products of smaller ones are denormal, which takes ten times as long
         return np.asarray(bumps / np.linalg.norm(bumps, axis=1)[:, None])
 
-    def whiten(self, columns: Real, correlation: float) -> Real:
-        """Columns (n, ...) over the noise, its correlation between neighbours of a branch removed."""
+    def whiten(self, columns: Real, correlation: Correlation) -> Real:
+        """Columns (n, ...) over the noise, its correlation along a branch removed."""
         scaled_columns = columns / self.sigma.reshape(-1, *[1] * (columns.ndim - 1))
-        white = scaled_columns.copy()
-        white[1:] = (scaled_columns[1:] - correlation * scaled_columns[:-1]) / np.sqrt(1 - correlation**2)
-        white[self.is_first] = scaled_columns[self.is_first]
-        return white
+        return np.asarray(self.whitening[correlation] @ scaled_columns)
 
-    def white_features(self, reach: float, correlation: float, is_chosen: Truth) -> "WhiteFeatures":
+    def white_features(self, reach: float, correlation: Correlation, is_chosen: Truth) -> "WhiteFeatures":
         """The features, whitened, of chosen cells (n,)."""
         key = reach, correlation, is_chosen.tobytes()
         if key not in self._white_features:
@@ -158,10 +180,9 @@ class Covariance:
         """Variance of the amounts of the features that each position has by itself."""
         return (self.unit * structure.own_size) ** 2
 
-    def log_scale(self, correlation: float, is_chosen: Truth) -> float:
+    def log_scale(self, correlation: Correlation, is_chosen: Truth) -> float:
         """Logarithm of what turns the density of whitened cells into that of ``is_chosen`` ones (n,)."""
-        n_correlated = np.sum(is_chosen & ~self.is_first)
-        return float(-np.sum(np.log(self.sigma[is_chosen])) - 0.5 * n_correlated * np.log1p(-(correlation**2)))
+        return float(np.sum(np.log(self.whitening[correlation].diagonal() / self.sigma)[is_chosen]))
 
     @property
     def can_scatter(self) -> tuple[bool, bool]:
@@ -215,7 +236,38 @@ def white_features(shared: Real, bumps: Real, groups: Sequence[Truth]) -> WhiteF
     return WhiteFeatures(shared, own, np.asarray(own.multiply(own).sum(axis=0)), shared.T @ shared, own.T @ shared)
 
 
-def _possible_correlations(data: Data, cells: Truth) -> tuple[float, ...]:
+def known_torques(torque: Real, noise: float) -> Real:
+    """Torques (n,) as far as their noise allows: the mean of those that it alone may keep apart.
+
+    So rows at one weight of a staircase are at one torque, and what their noise does to them looks like no discrepancy.
+    Torques of a sweep, of which each is that near to the next, stay as they are.
+    """
+    order = np.argsort(torque)
+    is_apart = np.diff(torque[order], prepend=-np.inf) > noise_between_rows(noise)
+    starts, number = np.flatnonzero(is_apart), np.empty(len(torque), np.int64)
+    number[order] = np.cumsum(is_apart) - 1
+    width = np.maximum.reduceat(torque[order], starts) - np.minimum.reduceat(torque[order], starts)
+    mean = np.bincount(number, torque) / np.bincount(number)
+    is_one = width <= 0.5 * min(REACHES) * np.max(np.abs(torque))
+    return np.where(is_one[number], mean[number], torque)
+
+
+def _whitening(block: Whole, correlation: Correlation) -> csr_array:
+    """Sparse matrix (n, n) that makes noise of unit variance white, whose cells are correlated within each block (n,).
+
+    The inverse of a Cholesky factor: that of a shorter block is the first part of that of the longest.
+    """
+    lengths = np.diff(np.append(np.flatnonzero(np.diff(block, prepend=np.nan) != 0), len(block)))
+    places = np.arange(max(lengths, default=0))
+    share, of_neighbours = correlation
+    lags = np.abs(places[:, None] - places)
+    factor = cholesky(share * of_neighbours**lags + (1 - share) * np.eye(len(places)), lower=True)
+    longest = solve_triangular(factor, np.eye(len(places)), lower=True)
+    longest[np.abs(longest) < np.finfo(float).eps] = 0.0
+    return csr_array(block_diag([longest[:length, :length] for length in lengths]))
+
+
+def _possible_correlations(data: Data, cells: Truth) -> tuple[Correlation, ...]:
     """Correlations of neighbouring cells that the repeats of the branches do not exclude; all without repeats.
 
     The difference of a cycle from the mean of all is noise, whatever the model misses. Effects that differ between
@@ -235,4 +287,4 @@ def _possible_correlations(data: Data, cells: Truth) -> tuple[float, ...]:
     square = np.concatenate(squares)
     n_pairs = np.sum(square) ** 2 / np.sum(square**2)
     largest = np.sum(np.concatenate(products)) / np.sum(square) + float(ndtri(CONFIDENCE)) / np.sqrt(n_pairs)
-    return tuple(correlation for correlation in CORRELATIONS if correlation <= max(largest, 0.0))
+    return tuple(one for one in CORRELATIONS if one.share * one.of_neighbours <= max(largest, 0.0))

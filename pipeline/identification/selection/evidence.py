@@ -26,6 +26,7 @@ from pipeline.identification.selection.covariance import (
     CORRELATIONS,
     REACHES,
     SIZES,
+    Correlation,
     Covariance,
     Structure,
     WhiteFeatures,
@@ -61,7 +62,7 @@ class Evidence:
         self.misfit = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
         self.of_fit = deviation
         self.counts_promise = True
-        self._products: dict[tuple[float, float], tuple[Real, Real]] = {}
+        self._products: dict[tuple[float, Correlation], tuple[Real, Real]] = {}
         self._known_values: dict[Structure, float] = {}
         self._systems: dict[Structure, tuple[Real, Real]] = {}
         self.widths, self.cost_of_widths = np.ones(jacobian.shape[1]), 0.0

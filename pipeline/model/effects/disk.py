@@ -87,7 +87,7 @@ FLANK_WEAR = Effect(
     physics="the flanks that carry one sense of torque have lost material along their normal",
     source="uniform depth along the normal",
     parameters=(
-        Parameter("depth_um", "um", "depth; positive: on the flanks that positive torque loads, negative: on the others"),
+        Parameter("depth_um", "um", "depth; positive: on the flanks that positive torque loads; negative: the others"),
     ),
     changes="gap of the pins that carry one sense of torque",
     signature="one end of the play moves, the other stays",

@@ -144,7 +144,7 @@ def test_the_far_ends_of_branches_of_few_rows_are_known_as_well_as_ever(tmp_path
     is_far = np.abs(data.torque) > 0.6 * np.max(np.abs(data.torque))
     assert np.count_nonzero(is_far) > 0.3 * len(is_far)
     assert np.max(data.sigma[is_far]) < 2 * data.noise
-    assert np.max(data.sigma[~is_far]) > 20 * data.noise
+    assert np.max(data.sigma[~is_far]) > 5 * data.noise
 
 
 def test_rows_within_a_cell_keep_their_order_and_their_angles_lie_on_a_line(tmp_path):
@@ -269,25 +269,38 @@ def test_the_noise_of_the_torque_that_repeats_show_is_counted_once(tmp_path):
 
 @pytest.mark.parametrize("direction", [1, -1])
 def test_rows_by_themselves_err_by_the_chance_to_lie_on_the_wrong_side_of_the_play(direction):
-    """Noise of 0.1 N m puts every second row read at 1 N m on the other side of a jump at 1 N m."""
+    """Noise of 0.1 N m puts every second row read at 1 N m on the other side of a jump at 1 N m.
+
+    Ten jumps tell the place: five rows read there lie before it, five behind it.
+    """
     read, block = np.tile(direction * np.arange(-5.0, 6.0), 10), np.repeat(np.arange(10), 11)
     true = read + 0.1 * (-1.0) ** block
     alone = rows_alone(read, np.where(true > 1, 2.0, -2.0) + 0.01 * read, block, direction)
     errors = side_errors(alone, np.ones(len(alone), bool), 0.1)
     at_jump = read == 1
-    np.testing.assert_allclose(errors[at_jump], 4.0 * np.sqrt(0.5), rtol=0.01)
+    place = np.linspace(-5, 5, 2001)  # from 1 N m, in the noise
+    density = (ndtr(place) * ndtr(-place)) ** 5
+    wrong_side = np.average(ndtr(-np.abs(place)), weights=density)
+    np.testing.assert_allclose(errors[at_jump], 4.0 * np.sqrt(wrong_side), rtol=0.01)
     assert np.all(errors[~at_jump] < 0.01)
 
 
-def test_the_place_of_a_jump_that_no_row_narrows_is_anywhere_between_two_rows():
-    """Without noise its error is that of a place evenly distributed between the rows at 0 and 1 N m."""
+def test_rows_whose_torque_is_known_are_on_their_side_of_the_play():
+    """The play is crossed anywhere between the rows at 0 and 1 N m, but neither of them is on its wrong side."""
     read = np.arange(-5.0, 6.0)
     alone = rows_alone(read, np.where(read > 0.5, 2.0, -2.0) + 0.01 * read, np.zeros(11))
-    errors = side_errors(alone, np.ones(len(alone), bool), 0.0)
-    beside = (read == 0) | (read == 1)
-    np.testing.assert_allclose(errors[beside], 4.0 * np.sqrt(ndtr(-np.sqrt(3))), rtol=0.05)
+    assert np.all(side_errors(alone, np.ones(len(alone), bool), 0.0) < 0.1)
     assert not np.any(side_errors(alone, np.zeros(len(alone), bool), 0.0))
-    assert np.all(errors[np.abs(read - 0.5) > 2] < 1e-3)
+
+
+def test_rows_at_the_weights_of_a_staircase_are_on_their_side_of_the_play():
+    """Between weights of 5 N m the place is known to 10 N m only; by a normal density 4 % of rows were wrong."""
+    rng = np.random.default_rng(2)
+    read = np.tile(np.repeat([-10.0, -5.0, 5.0, 10.0], 4), 10) + 0.1 * rng.standard_normal(160)
+    alone = rows_alone(read, 2.0 * np.sign(read) + 0.01 * read, np.repeat(np.arange(10), 16))
+    errors = side_errors(alone, np.ones(len(alone), bool), 0.1)
+    assert np.median(errors[np.abs(read) < 7]) < 0.1
+    assert np.max(errors) < 0.5
 
 
 def test_a_row_within_a_jump_makes_it_two_jumps():

@@ -46,6 +46,7 @@ class LinearFitter:
                 sigma=np.full(n, noise),
                 row_error=np.zeros(n),
                 common_offset=False,
+                torque_noise=0.0,
             ),
         )
 

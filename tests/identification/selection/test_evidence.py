@@ -17,13 +17,16 @@ from pipeline.identification.selection.covariance import (
     OFFSET,
     REACHES,
     SIZES,
+    Correlation,
     Covariance,
     Structure,
+    known_torques,
     parts_of,
 )
 from pipeline.identification.selection.evidence import FIRST, PRIOR_WIDTHS, Evidence
 
 SIGMA = 0.1
+WHITE = CORRELATIONS[0]
 DATA = replace(
     linear_data(positions=3, cycles=2, branches=2, cells=8, sigma=SIGMA),
     torque=np.tile(np.concatenate([np.linspace(-5, 5, 8), np.linspace(5, -5, 8)]), 6),
@@ -69,10 +72,18 @@ def dense(structure, design, columns=2, width=1.0):
 
 def noise(correlation):
     steps = np.abs(np.arange(len(DATA))[:, None] - np.arange(len(DATA)))
-    return SIGMA**2 * np.where(DATA.block[:, None] == DATA.block, correlation**steps, 0.0)
+    of_process = np.where(DATA.block[:, None] == DATA.block, correlation.of_neighbours**steps, 0.0)
+    return SIGMA**2 * (correlation.share * of_process + (1 - correlation.share) * np.eye(len(DATA)))
 
 
-@pytest.mark.parametrize("structure", [Structure(0.4, 0.8, 0.15, 0.0), Structure(1.6, 1e-3, 0.5, 0.6, 0.8)])
+@pytest.mark.parametrize(
+    "structure",
+    [
+        Structure(0.4, 0.8, 0.15, WHITE),
+        Structure(1.6, 1e-3, 0.5, Correlation(1.0, 0.6), 0.8),
+        Structure(0.8, 0.1, 0.15, Correlation(0.3, 0.9), 0.4),
+    ],
+)
 def test_value_is_the_density_of_the_cells_under_one_covariance(structure):
     design, angle = drawn()
     fitter, fit = fitted(angle, design)
@@ -236,7 +247,28 @@ def test_structure_is_found_where_it_is():
     assert found["common"].common > 2 > found["common"].own_size
     assert found["own"].own_size > 2 > found["own"].common
     fitter, fit = fitted(design @ [0.1, 0.4] + SIGMA * walk, design)
-    assert Evidence(COVARIANCE, fitter, fit).structure.correlation >= 0.3
+    correlation = Evidence(COVARIANCE, fitter, fit).structure.correlation
+    assert correlation.share * correlation.of_neighbours >= 0.18
+
+
+def test_white_noise_beside_one_that_wanders_is_no_difference_between_cycles():
+    """As of a bench whose angle wanders by as much as it is rounded: no single correlation describes both."""
+    rng, cells = np.random.default_rng(6), 60
+    data = linear_data(positions=2, cycles=4, branches=2, cells=cells, sigma=SIGMA)
+    data = replace(data, torque=np.tile(np.concatenate([np.linspace(-5, 5, cells), np.linspace(5, -5, cells)]), 8))
+    everything = np.ones(len(data), bool)
+    covariance = Covariance(data, everything, parts_of(data, everything))
+    wander = rng.standard_normal(len(data))
+    for k in np.flatnonzero(np.diff(data.block, prepend=-1) == 0):
+        wander[k] = 0.93 * wander[k - 1] + np.sqrt(1 - 0.93**2) * wander[k]
+    angle = SIGMA * (np.sqrt(0.6) * rng.standard_normal(len(data)) + np.sqrt(0.4) * wander)
+    design = rng.normal(size=(len(data), 1))
+    fitter = LinearFitter(replace(data, angle=angle), design, (SPREAD,))
+    evidence = Evidence(covariance, fitter, fitter.fit(Model(), everything, fitter.start(Model())))
+    assert evidence.structure.correlation.share < 1
+    assert evidence.structure.cycle_size <= 0.2
+    of_one_process = [replace(evidence.structure, correlation=one, cycle_size=0.4) for one in CORRELATIONS[:4]]
+    assert evidence.value > max(evidence._value(one) for one in of_one_process) + 10
 
 
 @pytest.mark.parametrize(("wave", "reach"), [(0.15, REACHES[0]), (0.6, REACHES[1]), (3.0, REACHES[2])])
@@ -252,6 +284,35 @@ def test_the_reach_found_is_that_of_what_the_model_misses(wave, reach):
     structure = Evidence(covariance, fitter, fitter.fit(Model(), covariance.cells, fitter.start(Model()))).structure
     assert structure.reach == reach
     assert structure.size > 1
+
+
+def test_noise_of_the_torque_at_the_weights_of_a_staircase_is_no_discrepancy():
+    """The angle stays where the weight holds it, whatever torque is read: over that the residual is a steep line."""
+    rng, weights = np.random.default_rng(4), np.linspace(-5, 5, 8)
+    torque = np.tile(np.concatenate([np.repeat(weights, 4), np.repeat(weights[::-1], 4)]), 12)
+    error = 0.02 * rng.standard_normal(len(torque))
+    data = replace(linear_data(positions=3, cycles=4, branches=2, cells=32, sigma=SIGMA), torque_noise=0.02)
+    angle = SIGMA * rng.standard_normal(len(data)) - 10 * error
+    data = replace(data, torque=torque + error, sigma=np.full(len(data), np.hypot(SIGMA, 0.2)))
+    everything, design = np.ones(len(data), bool), rng.normal(size=(len(data), 1))
+    fitter = LinearFitter(replace(data, angle=angle), design, (SPREAD,))
+    fit, gain = fitter.fit(Model(), everything, fitter.start(Model())), {}
+    for noise in (0.02, 0.0):
+        covariance = Covariance(replace(data, torque_noise=noise), everything, parts_of(data, everything))
+        evidence = Evidence(covariance, fitter, fit)
+        fine = replace(evidence.structure, common=12.8, reach=REACHES[0])
+        gain[noise] = evidence._value(fine) - evidence._value(replace(fine, common=SIZES[0]))
+    assert gain[0.02] < 0 < gain[0.0] - 30
+
+
+def test_torques_are_known_as_far_as_their_noise_allows():
+    weights = np.repeat([-10.0, -5.0, 5.0, 10.0], 20)
+    read = weights + 0.05 * np.random.default_rng(1).standard_normal(80)
+    np.testing.assert_allclose(known_torques(read, 0.05), weights, atol=0.05)
+    assert len(np.unique(known_torques(read, 0.05))) == 4
+    np.testing.assert_array_equal(known_torques(read, 0.0), read)
+    sweep = np.linspace(-10, 10, 200)
+    np.testing.assert_array_equal(known_torques(sweep, 0.05), sweep)
 
 
 def test_information_is_the_inverse_covariance_of_an_amount():
@@ -301,12 +362,13 @@ def test_correlation_and_size_that_stand_in_for_each_other_are_found_together():
         off_ridge = abs(place[0] - 2 * place[1])
         return min(place[1], 2) - 10.0 * off_ridge - (structure.reach != best.reach) - structure.own_size
 
-    for start in (Structure(SIZES[0], SIZES[0], REACHES[0], 0.0), Structure(SIZES[4], SIZES[0], REACHES[1], 0.6)):
+    for size, reach, correlation in ((0, 0, 0), (4, 1, 2)):
+        start = Structure(SIZES[size], SIZES[0], REACHES[reach], CORRELATIONS[correlation])
         found = evidence.best_structure(value, start)
         assert (SIZES.index(found.common), found.correlation) == (4, CORRELATIONS[2])
 
 
-@pytest.mark.parametrize(("kept", "possible"), [(0.0, (0.0,)), (0.6, (0.0, 0.3, 0.6)), (0.9, (0.0, 0.3, 0.6, 0.85))])
+@pytest.mark.parametrize(("kept", "possible"), [(0.0, (0,)), (0.6, (0, 1, 2, 4, 5)), (0.9, (0, 1, 2, 3, 4, 5))])
 def test_repeats_bound_the_correlation_of_the_noise_whatever_the_model_misses(kept, possible):
     data = linear_data(positions=4, cycles=4, branches=2, cells=20, sigma=SIGMA)
     rng = np.random.default_rng(3)
@@ -315,7 +377,7 @@ def test_repeats_bound_the_correlation_of_the_noise_whatever_the_model_misses(ke
         noise[k] = kept * noise[k - 1] + np.sqrt(1 - kept**2) * noise[k]
     missed = 30 * np.cos(np.arange(len(data)) % 20)  # alike in every cycle
     data = replace(data, angle=SIGMA * (noise + missed))
-    everything = np.ones(len(data), bool)
-    assert Covariance(data, everything, parts_of(data, everything)).correlations == possible
+    everything, correlations = np.ones(len(data), bool), tuple(CORRELATIONS[k] for k in possible)
+    assert Covariance(data, everything, parts_of(data, everything)).correlations == correlations
     single = data.cycle == 0
     assert Covariance(data, single, parts_of(data, single)).correlations == CORRELATIONS
