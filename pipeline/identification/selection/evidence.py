@@ -166,27 +166,44 @@ class Evidence:
     ) -> Structure:
         """The structure of the largest ``value``, not beyond some sizes: of each correlation, along the other numbers.
 
-        Correlation and size stand in for each other, so that from one of them alone nothing may lead to the best.
+        Correlation and size stand in for each other, so that from one of them alone nothing may lead to the best. So do
+        the part that all positions share and that of each by itself, where both together are bounded.
         """
-        starts = (replace(start, correlation=correlation) for correlation in self.covariance.correlations)
         of_each = float(largest_size / np.sqrt(2))
-        largest_sizes = min(largest_shared, of_each), of_each, largest_between_cycles
-        best = [self._best_nearby(value, one, largest_sizes) for one in starts]
-        return max(best, key=value)
+        shares = ((largest_size, 0.0), (of_each, of_each), (0.0, largest_size)) if np.isfinite(largest_size) else (
+            (np.inf, np.inf),
+        )
+        starts = [
+            replace(
+                start,
+                common=min(start.common, common, largest_shared),
+                own_size=min(start.own_size, own_size),
+                correlation=correlation,
+            )
+            for correlation, (common, own_size) in product(self.covariance.correlations, shares)
+        ]
+        largest_sizes = min(largest_shared, largest_size), largest_size, largest_between_cycles
+        return max((self._best_nearby(value, one, largest_sizes) for one in starts), key=value)
 
     def _best_nearby(
         self, value: Callable[[Structure], float], start: Structure, largest: tuple[float, float, float]
     ) -> Structure:
         """The structure that steps along each number but the correlation lead to, until none helps."""
         positions_scatter, cycles_scatter = self.covariance.can_scatter
-        largest_shared, largest_own, largest_between_cycles = largest
+        largest_shared, largest_size, largest_between_cycles = largest
         sizes = [size for size in SIZES if size <= largest_shared] or [SIZES[0]]
-        own_sizes = [size for size in SIZES if size <= largest_own] or [SIZES[0]] if positions_scatter else [0.0]
-        cycle_sizes = [0.0, *SIZES[1:]] if cycles_scatter else [0.0]
-        cycle_sizes = [size for size in cycle_sizes if size <= largest_between_cycles]
-        axes: tuple[Sequence[float], ...] = (sizes, own_sizes, REACHES, cycle_sizes)
+        cycle_sizes = [size for size in (0.0, *SIZES[1:]) if size <= largest_between_cycles]
+        axes: tuple[Sequence[float], ...] = (
+            sizes,
+            SIZES if positions_scatter else [0.0],
+            REACHES,
+            cycle_sizes if cycles_scatter else [0.0],
+        )
         start_values = start.common, start.own_size, start.reach, start.cycle_size
-        place = [int(np.argmin(np.abs(np.array(axis) - first))) for axis, first in zip(axes, start_values, strict=True)]
+        place = [
+            max(int(np.searchsorted(axis, first, side="right")) - 1, 0)
+            for axis, first in zip(axes, start_values, strict=True)
+        ]
 
         def structure_at(place: Sequence[int]) -> Structure:
             common, own_size, reach, cycle_size = (axis[k] for axis, k in zip(axes, place, strict=True))
@@ -198,7 +215,8 @@ class Evidence:
             for number, step in product(range(len(axes)), (-1, 1)):
                 while 0 <= place[number] + step < len(axes[number]):
                     neighbour = [k + step * (n == number) for n, k in enumerate(place)]
-                    neighbour_value = value(structure_at(neighbour))
+                    structure = structure_at(neighbour)
+                    neighbour_value = value(structure) if structure.size <= largest_size else -np.inf
                     if neighbour_value <= best_value:
                         break
                     place, best_value, has_improved = neighbour, neighbour_value, True

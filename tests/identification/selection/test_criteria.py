@@ -268,7 +268,7 @@ def test_an_effect_is_not_named_for_a_law_that_it_only_resembles():
     assert "discrepancy" in selection.reasons["rayleigh"]
 
 
-@pytest.mark.parametrize(("left", "is_named"), [(0.3, True), (0.5, False)])
+@pytest.mark.parametrize(("left", "is_named"), [(0.3, True), (0.6, False)])
 def test_beside_a_name_is_left_what_units_without_an_effect_leave_and_no_more(left, is_named):
     """Bulges of some noise beside a lens, in as many cells as a unit has."""
     data = linear_data(positions=3, cycles=4, branches=2, cells=24, sigma=0.1)
