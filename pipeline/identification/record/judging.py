@@ -273,7 +273,7 @@ class RecordJudge(Rule[Trial]):
         """Size of an effect of a trial [arcmin]."""
         return float(np.linalg.norm(trial.posterior.mean[self.evidence.columns_of(trial.effects, name)]))
 
-    def objections(self, trial: Trial, tried: Mapping[str, Trial], behind: float = 0.0) -> Iterator[str]:
+    def objections(self, trial: Trial, tried: Mapping[str, Trial], behind: float | None = None) -> Iterator[str]:
         """The clauses (b) to (f) that a model does not meet."""
         yield from super().objections(trial, tried, behind)
         if misfit := self._misfit_reason(trial, tried[""]):

@@ -16,7 +16,8 @@ named if and only if
 
 A further effect is named where the model with it is more probable than the best with fewer by the odds of (a): of
 loops two at most, the second explaining more than the form of the model may leave of the misfit; of records any number.
-Named together, as a class, are models less probable than the best by less than the odds of (a); one has them itself.
+Named together, as a class, are models less probable than the best by less than the odds of (a); one has them itself,
+and with it the data call for no larger discrepancy: with the others they may, since these are as probable with theirs.
 """
 
 from abc import ABC, abstractmethod
@@ -251,8 +252,7 @@ class Rule(ABC, Generic[T]):
     ) -> tuple[dict[str, str], tuple[str, ...]]:
         """Reasons why models near a leading one are not named, empty for those that may be; and the named class.
 
-        One member has the odds by itself, over no effect and over fewer effects. The others need only be as probable
-        as that one, to the odds.
+        One member has the odds by itself, over no effect and over fewer. The others need only be about as probable.
         """
         tried, by_odds = {"": base, **trials}, sorted(odds, key=lambda name: -odds[name])
         close_models = [n for n in by_odds if _size(n) == _size(leader) and odds[n] >= odds[leader] - NAMED_ODDS]
@@ -273,11 +273,11 @@ class Rule(ABC, Generic[T]):
             if _size(name) <= self.most_named
         }
 
-    def objections(self, trial: T, tried: Mapping[str, T], behind: float = 0.0) -> Iterator[str]:
+    def objections(self, trial: T, tried: Mapping[str, T], behind: float | None = None) -> Iterator[str]:
         """The clauses (b) to (e) that a model does not meet.
 
         ``tried`` are all trials by name, that without effects as "". ``behind`` is the logarithm of the odds of the
-        best member of its class over it: that one has the odds of (e).
+        best member of a class over another one: that one has the odds of (e), and no larger discrepancy beside it.
         """
         base, names = tried[""], self.effects(trial)
         if self.n_repeats < FEWEST_BLOCKS:
@@ -292,9 +292,9 @@ class Rule(ABC, Generic[T]):
         yield from self.implausible(trial)
         log_evidence_up_to = self.value(trial, self.misfit(base))
         prior = prior_log_odds(len(names), self.n_tried)
-        if not log_evidence_up_to - self.value(base) + prior + behind >= NAMED_ODDS:
+        if not log_evidence_up_to - self.value(base) + prior + (behind or 0.0) >= NAMED_ODDS:
             yield "a discrepancy of no known form describes the unit as well"
-        if self.value(trial) - log_evidence_up_to >= ODDS:
+        if behind is None and self.value(trial) - log_evidence_up_to >= ODDS:
             yield "beside it the data call for a discrepancy that is larger than the form of the model leaves"
 
 

@@ -188,6 +188,17 @@ def test_a_pair_near_the_best_one_is_not_named_where_the_best_single_effect_is_a
     assert judged(trials).members == ("coulomb",)
 
 
+@pytest.mark.parametrize("value", [38.0, 41.0])
+def test_a_class_has_models_that_are_as_probable_with_a_discrepancy_beside_them(value):
+    """A creep 2 nats behind a creep of the sensor was left out for the discrepancy, so that this was named alone."""
+    with_discrepancy = trial("creep", Known(value, limited=30.0))
+    assert judged({"creep": with_discrepancy}).members == ()
+    selection = judged({"torque_creep": trial("torque_creep", Known(40.0)), "creep": with_discrepancy})
+    assert set(selection.members) == {"creep", "torque_creep"}
+    far = {"torque_creep": trial("torque_creep", Known(48.0)), "creep": with_discrepancy}
+    assert judged(far).members == ("torque_creep",)
+
+
 def test_models_within_the_odds_are_one_class():
     trials = {
         "coulomb": trial("coulomb", Known(40.0)),
