@@ -78,11 +78,11 @@ class MeasuredRows:
 
     @cached_property
     def is_in_play(self) -> Truth:
-        """Rows (n_rows,) within the play or held at no torque, of a drive with a design whose crank is held.
+        """Rows (n_rows,) within the play or held at no torque, of a drive with a design.
 
         Of other drives the play is a knee.
         """
-        if self.unit.design_study is None or self.unit.settings.crank.moves != "fixed":
+        if self.unit.design_study is None:
             return np.zeros(len(self.rows), bool)
         in_play = row_filters.rows_in_play(self.rows, self.is_readable, self.branches)
         fewest = 1 if are_rows_few(self.is_readable, self.branches) else 2

@@ -154,12 +154,13 @@ def test_the_loaded_rows_of_a_coarse_record_stay(tmp_path):
     assert np.mean(measurement.usable[is_in_play]) < 0.5  # those at both ends stay: at no torque they tell little
 
 
-def test_the_play_of_a_drive_whose_crank_turns_is_part_of_its_curve(tmp_path):
-    table, _ = turned_steadily()
+def test_the_play_says_nothing_of_a_drive_whose_crank_turns_either(tmp_path):
+    """Rows held at no torque by a motor made an empty unit miss by 5 times the noise."""
+    table, is_in_play = turned_steadily()
     turning = UNIT.replace('locked = "input"', 'locked = "output"')
     crank = '[crank]\nmoves = "follows_angle"\nratio = -79.0\n'
     measurement = read(tmp_path, table, f"{turning}{crank}[instrument]\ntorque_noise_Nm = {NOISE}\n")
-    assert not measurement.is_in_play.any()
+    assert np.mean(measurement.is_in_play[is_in_play & (np.arange(len(table)) > 40)]) > 0.98
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
