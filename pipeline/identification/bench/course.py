@@ -7,9 +7,6 @@ import numpy as np
 
 from pipeline.arrays import Real, Whole
 from pipeline.model.contact.friction_elements import Sliders
-from pipeline.model.elements import merged_path
-from pipeline.model.load_history.cell_means import mean_torque
-from pipeline.model.load_history.drive import Drive
 
 
 @dataclass(frozen=True)
@@ -117,33 +114,6 @@ class Course:
     def sense(self) -> Whole:
         """Of each leg (n_turns - 1,): 1 where the torque rises, -1 where it falls."""
         return np.where(np.diff(self.torque) > 0, 1, -1)
-
-
-def memory_twist(drive: Drive, course: Course, turns: Real, of_cells: Real, within: Real) -> Real:
-    """Rotation (n_cells,) [rad] of the elements with memory.
-
-    Parameters
-    ----------
-    turns, of_cells : torques that they carry at the turns (n_turns,) and in the mean of each cell (n_cells,) [N mm].
-    within : (n_cells, n_edges) torques within the cells as read [N mm].
-
-    Notes
-    -----
-    Where times are known, what is delayed follows the torques within the cells, not their means alone: a bench that
-    holds its torques goes from one to the next within a part of a cell.
-    """
-    twist = np.zeros(len(of_cells))
-    if at_once := [element for element in drive.hystereses if course.edge_times is None or not element.needs_time]:
-        along, points = merged_path(turns, of_cells, course.leg, course.time)
-        twist += np.asarray(sum(element.twist(along) for element in at_once))[points]
-    if course.edge_times is not None and (delayed := [one for one in drive.hystereses if one.needs_time]):
-        rises = (course.sense[course.leg] > 0)[:, None]
-        torques = within + (of_cells - mean_torque(within))[:, None]
-        torques, times = (np.where(rises, one, one[:, ::-1]) for one in (torques, course.edge_times))
-        along, points = merged_path(turns, torques.ravel(), np.repeat(course.leg, torques.shape[1]), times.ravel())
-        of_edges = np.asarray(sum(element.twist(along) for element in delayed))[points].reshape(torques.shape)
-        twist += mean_torque(of_edges)
-    return twist
 
 
 def slid_torque(torque: Real, sense: Whole, sliders: Sliders) -> tuple[Real, Real]:

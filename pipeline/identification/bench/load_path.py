@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.arrays import Real, Truth, Whole
 from pipeline.constant_kinds import Fineness, Grid, Rounding, Shortcut
-from pipeline.identification.bench.course import Course, memory_twist, slid_torque
+from pipeline.identification.bench.course import Course, slid_torque
 from pipeline.model.effects.creep import KelvinVoigt
 from pipeline.model.elements import Path, merged_path
 from pipeline.model.load_history.backbone import NO_LOAD, Backbone
@@ -270,17 +270,21 @@ def with_springs(drive: Drive, course: Course, curve: Backbone, path: LoadPath, 
     On a loaded output they carry all of the torque; at a locked output they carry what friction leaves of it.
     """
     turns, edges = torques
-    within, of_cells = edges, mean_torque(edges)
     if course.is_output_locked:
-        turns, of_cells = path.at_turns, path.carried_torque
-        edges = np.repeat(of_cells[:, None], 2, axis=1)
+        turns, edges = path.at_turns, np.repeat(path.carried_torque[:, None], 2, axis=1)
     angle, slope = path.angle, path.slope
     if drive.springs:
         twist, rise = means(edges, curve.torque, drive.twist(curve.torque))
         angle, slope = angle + twist, slope + rise
     if drive.hystereses:
-        angle = angle + memory_twist(drive, course, turns, of_cells, within)
+        angle = angle + memory_twist(drive, course, (turns, mean_torque(edges)))
     return replace(path, angle=angle, slope=slope)
+
+
+def memory_twist(drive: Drive, course: Course, torques: Torques) -> Real:
+    """Rotation (n_cells,) [rad] of the elements with memory under torques of turns and of cells (n_cells,) [N mm]."""
+    along, points = merged_path(*torques, course.leg, course.time)
+    return np.asarray(sum(element.twist(along) for element in drive.hystereses))[points]
 
 
 def _slid(drive: Drive, course: Course, curve: Backbone, torque: Real, edges: Real) -> LoadPath:

@@ -11,8 +11,8 @@ import numpy as np
 
 from pipeline.arrays import Real
 from pipeline.constant_kinds import Fineness, Rounding
-from pipeline.identification.bench.course import Course, memory_twist
-from pipeline.identification.bench.load_path import Elastic, ElasticCurve, LoadPath, Torques, load_path
+from pipeline.identification.bench.course import Course
+from pipeline.identification.bench.load_path import Elastic, ElasticCurve, LoadPath, Torques, load_path, memory_twist
 from pipeline.model.load_history.backbone import Backbone
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.turning_crank import CurvesOverCrank
@@ -107,8 +107,7 @@ def locked_path(
             angle = path.angle
             if drives[0].hystereses and sound:
                 carried = elastic.curve_of_state(0).torque_carried
-                of_turns, of_cells = carried(path.at_turns), carried(path.carried_torque)
-                twist = memory_twist(drives[0], course, of_turns, of_cells, torques[1])
+                twist = memory_twist(drives[0], course, (carried(path.at_turns), carried(path.carried_torque)))
                 angle = angle + twist + elastic.turned_by_memory(path.carried_torque, twist)
             former_start, elastic.start = elastic.start, place + motion.ratio * float(np.mean(angle))
             if not abs(elastic.start - former_start) > PLACE_TOLERANCE:

@@ -296,29 +296,6 @@ def test_creep_read_at_few_cells_is_that_of_the_whole_course(drive, per_leg, tim
     np.testing.assert_allclose(computed_angle, np.interp(time, fine, whole), atol=0.01 * np.ptp(whole))
 
 
-def test_creep_of_a_staircase_follows_the_torques_within_its_cells(drive):
-    """Two weights are averaged in each cell: the torque steps within it, and no line over the cells is its way."""
-    hold, n_weights, creep = 10.0, 12, KelvinVoigt(2e-9, 15.0)
-    weights = np.concatenate([np.linspace(1.0, 12.0, n_weights), np.linspace(12.0, 1.0, n_weights)])
-    turns, leg = np.array([0.0, 12.0, 0.0]), np.repeat([0, 1], n_weights // 2)
-    starts = (hold * np.arange(len(weights))).reshape(-1, 2)
-    edge_times = np.stack([starts[:, 0], starts[:, 0] + hold - 1e-3, starts[:, 1], starts[:, 1] + hold - 1e-3], axis=1)
-    cell_torques = np.repeat(weights.reshape(-1, 2), 2, axis=1)
-    order = np.where(leg[:, None] == 0, np.arange(4), np.arange(4)[::-1])  # against the time where the torque falls
-    edge_times, cell_torques = (np.take_along_axis(one, order, axis=1) for one in (edge_times, cell_torques))
-    time = starts.mean(axis=1) + 0.5 * hold
-    known = Course(turns, leg, np.zeros(len(leg), np.int64), cell_torques, time, 1.0, 0.0, edge_times=edge_times)
-    fine = np.linspace(0.0, hold * len(weights), 240001)[:-1]
-    whole = ARCMIN * delayed(1e3 * weights[(fine / hold).astype(int)], fine, creep)
-    ends = np.interp(starts[:, :1] + hold * np.array([0.0, 1.0, 1.0, 2.0]), fine, whole)
-    expected, errors = (0.5 * (ends[:, 1:] + ends[:, :-1])).mean(axis=1), []
-    for course in (replace(known, edge_times=None), known):
-        crept = read(drive.with_elements(creep), course=course).angle - read(drive, course=course).angle
-        errors.append(np.max(np.abs(crept - expected)[1:]) / np.ptp(whole))
-    assert errors[1] < 0.01
-    assert errors[0] > 5 * errors[1]
-
-
 @pytest.mark.parametrize(("share", "time_constant"), [(0.05, 8.0), (-0.03, 40.0)])
 def test_torque_that_a_creeping_sensor_reads_is_that_of_the_drive(drive, share, time_constant):
     """Read is the torque and a share of it with a first-order delay, here by fine trapezoids."""
