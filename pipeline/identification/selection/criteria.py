@@ -7,8 +7,8 @@ named if and only if
 (a) the posterior probability of "no effect", over everything that was tried, is at most 0.1 %;
 (b) cells that were left out are predicted better with it than without: log predictive density, the same covariance;
 (c) the 95 % region of its size excludes zero;
-(d) it is plausible: its size is not at a bound of the library, its time constant not longer than the record, and the
-    tolerances that are fitted beside it occur among the study's units;
+(d) it is plausible: its size is not at a bound of the library, its time constant not longer than the record, a ripple
+    not the slowest that is looked for, and the tolerances fitted beside it occur among the study's units;
 (e) it does better than a discrepancy of no known form: it explains the unit down to what the form of the model leaves,
     and is then more probable than "none of these" by the odds of (a); and the data do not call, by odds of 19 to 1, for
     a larger discrepancy beside it, or for one that differs between cycles: the form of the model is alike in all;
@@ -36,6 +36,7 @@ from pipeline.identification.fitting.problem import REMAINING_SHARE
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.selection.covariance import SIZES
 from pipeline.identification.selection.evidence import Evidence, tolerance_share
+from pipeline.identification.selection.screening import PERIODIC
 from pipeline.statistics.resampling import LEVEL
 
 T = TypeVar("T")
@@ -349,7 +350,7 @@ class Judge(Rule[Trial]):
         return trial.evidence.distance(effect, without.evidence if without else None)
 
     def implausible(self, trial: Trial) -> Iterator[str]:
-        """Sizes at a bound, time constants that are longer than the record, tolerances that no unit has."""
+        """Sizes at a bound, the slowest ripple, time constants longer than the record, tolerances that no unit has."""
         fit = trial.fit
         bounds, start = self.fitter.bounds(fit.model), 0
         for effect in fit.model.effects:
@@ -358,6 +359,8 @@ class Judge(Rule[Trial]):
                 share, value = fit.unknowns.shares[k], fit.values[k]
                 if low <= 0 <= high and (share > 1 - AT_BOUND or (low < 0 and share < AT_BOUND)):
                     yield f"{parameter.name} = {value:.3g} of {effect.name} is at a bound of what the library allows"
+                if effect.starts == PERIODIC and low > 0 and share < AT_BOUND:
+                    yield f"{parameter.name} = {value:.3g} of {effect.name} are the fewest that are looked for"
                 if parameter.record and value > self.fitter.problem.record[parameter.record]:
                     yield f"{parameter.name} = {value:.3g} of {effect.name} is longer than the record"
             start += len(effect.parameters)
@@ -367,10 +370,7 @@ class Judge(Rule[Trial]):
 
 
 def best_of(odds: Mapping[str, float]) -> str:
-    """The most probable model, of more effects only where it beats the best of fewer by the odds.
-
-    "" where "no effect" is not rejected.
-    """
+    """The leading model, or "" where "no effect" is not rejected."""
     return _leader(odds) if odds and logsumexp(list(odds.values())) >= NAMED_ODDS else ""
 
 

@@ -124,6 +124,18 @@ def test_a_shape_near_its_bound_vetoes_nothing_and_a_size_there_does():
         assert bool(selection.members) == is_named
 
 
+@pytest.mark.parametrize(("waves", "is_named"), [(AT_BOUND / 2, False), (0.1, True)])
+def test_the_slowest_ripple_that_is_looked_for_is_the_form_of_the_curve(waves, is_named):
+    """Two units of a plastic drive without cogging had one of four waves, with phases of its own at each position."""
+    ripple = trial("motor_cogging", Known(40.0), shares=[0.4, 0.6, waves])
+    problem = SimpleNamespace(data=SimpleNamespace(block=np.arange(24)), record={})
+    fitter = SimpleNamespace(problem=problem, bounds=lambda model: [(-5.0, 5.0), (-5.0, 5.0), (4.0, 60.0)])
+    base = trial("", Known(0.0, gain=0.0))
+    selection = Judge(fitter, np.ones(24, bool), TRIED).select(base, {"motor_cogging": ripple}, {})
+    assert bool(selection.members) == is_named
+    assert is_named or "the fewest" in selection.reasons["motor_cogging"]
+
+
 def test_a_time_constant_beyond_the_record_and_tolerances_of_no_unit_are_implausible():
     far = {"run_in": trial("run_in", Known(40.0), shares=[0.5, 0.5])}
     assert judged(far).members == ("run_in",)
