@@ -265,6 +265,7 @@ def test_the_noise_of_the_torque_that_repeats_show_is_counted_once(tmp_path):
     data = data_of(measurement, np.ones(len(measurement.cells), bool))
     assert np.median(data.sigma) == pytest.approx(data.noise, rel=0.1)
     assert np.max(data.sigma) > 3 * data.noise
+    assert data.torque_noise == pytest.approx(0.05 / np.sqrt(np.median(data.count)), rel=0.2)
 
 
 @pytest.mark.parametrize("direction", [1, -1])

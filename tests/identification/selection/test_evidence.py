@@ -20,6 +20,7 @@ from pipeline.identification.selection.covariance import (
     Correlation,
     Covariance,
     Structure,
+    _whitening,
     known_torques,
     parts_of,
 )
@@ -303,6 +304,33 @@ def test_noise_of_the_torque_at_the_weights_of_a_staircase_is_no_discrepancy():
         fine = replace(evidence.structure, common=12.8, reach=REACHES[0])
         gain[noise] = evidence._value(fine) - evidence._value(replace(fine, common=SIZES[0]))
     assert gain[0.02] < 0 < gain[0.0] - 30
+
+
+@pytest.mark.parametrize("correlation", CORRELATIONS)
+def test_noise_of_branches_of_any_length_is_made_white(correlation):
+    block = np.repeat([3, 5, 6], [4, 9, 2])
+    steps = np.abs(np.arange(len(block))[:, None] - np.arange(len(block)))
+    of_process = np.where(block[:, None] == block, correlation.of_neighbours**steps, 0.0)
+    whitening = _whitening(block, correlation).toarray()
+    covariance = correlation.share * of_process + (1 - correlation.share) * np.eye(len(block))
+    np.testing.assert_allclose(whitening @ covariance @ whitening.T, np.eye(len(block)), atol=1e-12)
+
+
+@pytest.mark.parametrize("largest", [0.0, 1.0])
+def test_what_may_be_left_is_bounded_as_a_whole(largest):
+    """All of it may be alike at all positions, or each position's own: 0.4 of the noise, though both may not be 0.4."""
+    design, angle = drawn()
+    evidence = Evidence(COVARIANCE, *fitted(angle, design))
+    start = Structure(SIZES[5], SIZES[5], REACHES[1], WHITE)
+
+    def value(structure):
+        common, own_size = structure.common, structure.own_size
+        return largest * common + (1 - largest) * own_size - 0.1 * common * own_size
+
+    found = evidence.best_structure(value, start, largest_size=0.41)
+    assert found.size <= 0.41
+    assert max(found.common, found.own_size) == SIZES[3]
+    assert (found.common > found.own_size) == bool(largest)
 
 
 def test_torques_are_known_as_far_as_their_noise_allows():
