@@ -316,21 +316,19 @@ def test_noise_of_branches_of_any_length_is_made_white(correlation):
     np.testing.assert_allclose(whitening @ covariance @ whitening.T, np.eye(len(block)), atol=1e-12)
 
 
-@pytest.mark.parametrize("largest", [0.0, 1.0])
-def test_what_may_be_left_is_bounded_as_a_whole(largest):
-    """All of it may be alike at all positions, or each position's own: 0.4 of the noise, though both may not be 0.4."""
+@pytest.mark.parametrize("best", [(SIZES[3], SIZES[0]), (SIZES[0], SIZES[3])])
+def test_what_may_be_left_is_bounded_as_a_whole(best):
+    """All of it may be alike at all positions, or each position's own; from halves of both no step leads to either."""
     design, angle = drawn()
     evidence = Evidence(COVARIANCE, *fitted(angle, design))
     start = Structure(SIZES[5], SIZES[5], REACHES[1], WHITE)
+    values = {best: 1.0, (SIZES[2], SIZES[2]): 0.0, (SIZES[3], SIZES[3]): 9.0}
 
     def value(structure):
-        common, own_size = structure.common, structure.own_size
-        return largest * common + (1 - largest) * own_size - 0.1 * common * own_size
+        return values.get((structure.common, structure.own_size), -1.0)
 
     found = evidence.best_structure(value, start, largest_size=0.41)
-    assert found.size <= 0.41
-    assert max(found.common, found.own_size) == SIZES[3]
-    assert (found.common > found.own_size) == bool(largest)
+    assert (found.common, found.own_size) == best
 
 
 def test_torques_are_known_as_far_as_their_noise_allows():
