@@ -322,7 +322,8 @@ def test_what_may_be_left_is_bounded_as_a_whole(best):
     design, angle = drawn()
     evidence = Evidence(COVARIANCE, *fitted(angle, design))
     start = Structure(SIZES[5], SIZES[5], REACHES[1], WHITE)
-    values = {best: 1.0, (SIZES[2], SIZES[2]): 0.0, (SIZES[3], SIZES[3]): 9.0}
+    beyond = {(SIZES[3], SIZES[1]): 9.0, (SIZES[1], SIZES[3]): 9.0}
+    values = {best: 1.0, (SIZES[2], SIZES[2]): 0.0, **beyond}
 
     def value(structure):
         return values.get((structure.common, structure.own_size), -1.0)
