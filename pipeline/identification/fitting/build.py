@@ -102,8 +102,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     stateless, by_state = (Forward(some_courses, nmm, reach) for some_courses in (of_one_state, courses))
     ranges = _scale_ranges(study, keys, are_short=False)
     nominal = first_states([drives((1.0,) * ranges.shape[1], k) for k in range(len(stations.cranks))])
-    errors = assembly.errors(population_errors)
-    errors = _indistinguishable_errors(errors, case) if case else errors
+    errors = _indistinguishable_errors(assembly.errors(population_errors), case)
     influences = _influences(measurement, [stateless.backbone(drive) for drive in nominal])
     components = PriorModes.from_population([drive.with_errors(errors).gap for drive in nominal], influences)
 
@@ -305,11 +304,13 @@ def _crank_motion(measurement: Measurement, stations: Stations, position: int) -
     )
 
 
-def _indistinguishable_errors(errors: Errors, case: Case) -> Errors:
-    """Units (POPULATION) that measuring the dimensions of a case cannot tell from these.
+def _indistinguishable_errors(errors: Errors, case: Case | None) -> Errors:
+    """Units (POPULATION) that measuring the dimensions of a case cannot tell from these; without a case these.
 
     A dimension that was not measured has its tolerance alone.
     """
+    if case is None:
+        return errors
     rng = np.random.default_rng(POPULATION)
     unit = MM_PER_UM * MEASURED_UM
     measured_names = {*case.model_fields_set, *("lobe" for name in LOBE_PROFILES if name in case.model_fields_set)}

@@ -21,6 +21,7 @@ from pipeline.constant_kinds import Rounding
 from pipeline.identification.fitting.cells_in_noise import noise_between_rows
 from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.measurement.enough import FEWEST_COMPARED
+from pipeline.identification.measurement.turning.motion import groups
 from pipeline.statistics.resampling import CONFIDENCE
 
 REACHES = (0.05, 0.15, 0.5)
@@ -49,7 +50,7 @@ CORRELATIONS = (
 )
 """Correlations of the noise within a branch that are tried.
 
-Few benches have one kind of noise alone: rounding and the torque sensor add white noise to an angle that wanders."""
+A bench usually has both kinds: rounding and the torque sensor add white noise to an angle that wanders."""
 SINGLE_GROUPS = 6
 """Positions (or cycles) up to which each is left out by itself; more are left out in three lots, spread evenly over
 them, so that the time grows as the rows do."""
@@ -237,25 +238,25 @@ def white_features(shared: Real, bumps: Real, groups: Sequence[Truth]) -> WhiteF
 
 
 def known_torques(torque: Real, noise: float) -> Real:
-    """Torques (n,) as far as their noise allows: the mean of those that it alone may keep apart.
+    """Torques (n,) in which those that may differ by their noise alone are replaced by their mean.
 
-    So rows at one weight of a staircase are at one torque, and what their noise does to them looks like no discrepancy.
-    Torques of a sweep, of which each is that near to the next, stay as they are.
+    All rows at one weight of a staircase then have one torque, so that the noise of the torque is not taken for a
+    discrepancy. Torques that follow each other so closely over more than half of the shortest reach are a sweep and
+    stay as they are.
     """
-    order = np.argsort(torque)
-    is_apart = np.diff(torque[order], prepend=-np.inf) > noise_between_rows(noise)
-    starts, number = np.flatnonzero(is_apart), np.empty(len(torque), np.int64)
-    number[order] = np.cumsum(is_apart) - 1
-    width = np.maximum.reduceat(torque[order], starts) - np.minimum.reduceat(torque[order], starts)
+    number = groups(torque, noise_between_rows(noise))
     mean = np.bincount(number, torque) / np.bincount(number)
-    is_one = width <= 0.5 * min(REACHES) * np.max(np.abs(torque))
+    least, largest = mean.copy(), mean.copy()
+    np.minimum.at(least, number, torque)
+    np.maximum.at(largest, number, torque)
+    is_one = largest - least <= 0.5 * min(REACHES) * np.max(np.abs(torque))
     return np.where(is_one[number], mean[number], torque)
 
 
 def _whitening(block: Whole, correlation: Correlation) -> csr_array:
-    """Sparse matrix (n, n) that makes noise of unit variance white, whose cells are correlated within each block (n,).
+    """Sparse matrix (n, n) that turns noise of unit variance, correlated within each block of cells (n,), into white.
 
-    The inverse of a Cholesky factor: that of a shorter block is the first part of that of the longest.
+    It consists of inverse Cholesky factors. The factor of a shorter block is the first part of that of the longest.
     """
     lengths = np.diff(np.append(np.flatnonzero(np.diff(block, prepend=np.nan) != 0), len(block)))
     places = np.arange(max(lengths, default=0))

@@ -16,8 +16,8 @@ named if and only if
 
 A further effect is named where the model with it is more probable than the best with fewer by the odds of (a): of
 loops two at most, the second explaining more than the form of the model may leave of the misfit; of records any number.
-Named together, as a class, are models less probable than the best by less than the odds of (a); one has them itself,
-and with it the data call for no larger discrepancy: with the others they may, since these are as probable with theirs.
+Named together, as a class, are models less probable than the best by less than the odds of (a). One member meets all
+clauses by itself. The others need not meet the odds of (a) and (e), and a larger discrepancy may lie beside them.
 """
 
 from abc import ABC, abstractmethod
@@ -360,7 +360,7 @@ class Judge(Rule[Trial]):
                 if low <= 0 <= high and (share > 1 - AT_BOUND or (low < 0 and share < AT_BOUND)):
                     yield f"{parameter.name} = {value:.3g} of {effect.name} is at a bound of what the library allows"
                 if effect.starts == PERIODIC and low > 0 and share < AT_BOUND:
-                    yield f"{parameter.name} = {value:.3g} of {effect.name} are the fewest that are looked for"
+                    yield f"{parameter.name} = {value:.3g} of {effect.name} is the slowest ripple that is searched for"
                 if parameter.record and value > self.fitter.problem.record[parameter.record]:
                     yield f"{parameter.name} = {value:.3g} of {effect.name} is longer than the record"
             start += len(effect.parameters)

@@ -164,23 +164,17 @@ class Evidence:
         largest_between_cycles: float = np.inf,
         largest_shared: float = np.inf,
     ) -> Structure:
-        """The structure of the largest ``value``, not beyond some sizes: of each correlation, along the other numbers.
+        """The structure of the largest ``value``, not beyond some sizes.
 
-        Correlation and size stand in for each other, so that from one of them alone nothing may lead to the best. So do
-        the part that all positions share and that of each by itself, where both together are bounded.
+        It is sought from every correlation, along the other numbers, since a correlation and a size can replace each
+        other: from one of them alone no step may lead to the best. The same holds for the part that all positions share
+        and the part of each, where both together are bounded.
         """
-        of_each = float(largest_size / np.sqrt(2))
-        shares = ((largest_size, 0.0), (of_each, of_each), (0.0, largest_size)) if np.isfinite(largest_size) else (
-            (np.inf, np.inf),
-        )
+        half = float(largest_size / np.sqrt(2))
+        shares = [(half, half)] if np.isinf(largest_size) else [(half, half), (largest_size, 0.0), (0.0, largest_size)]
         starts = [
-            replace(
-                start,
-                common=min(start.common, common, largest_shared),
-                own_size=min(start.own_size, own_size),
-                correlation=correlation,
-            )
-            for correlation, (common, own_size) in product(self.covariance.correlations, shares)
+            replace(start, common=min(start.common, common), own_size=min(start.own_size, own), correlation=correlation)
+            for correlation, (common, own) in product(self.covariance.correlations, shares)
         ]
         largest_sizes = min(largest_shared, largest_size), largest_size, largest_between_cycles
         return max((self._best_nearby(value, one, largest_sizes) for one in starts), key=value)
@@ -193,12 +187,8 @@ class Evidence:
         largest_shared, largest_size, largest_between_cycles = largest
         sizes = [size for size in SIZES if size <= largest_shared] or [SIZES[0]]
         cycle_sizes = [size for size in (0.0, *SIZES[1:]) if size <= largest_between_cycles]
-        axes: tuple[Sequence[float], ...] = (
-            sizes,
-            SIZES if positions_scatter else [0.0],
-            REACHES,
-            cycle_sizes if cycles_scatter else [0.0],
-        )
+        own_sizes, cycle_sizes = SIZES if positions_scatter else [0.0], cycle_sizes if cycles_scatter else [0.0]
+        axes: tuple[Sequence[float], ...] = (sizes, own_sizes, REACHES, cycle_sizes)
         start_values = start.common, start.own_size, start.reach, start.cycle_size
         place = [
             max(int(np.searchsorted(axis, first, side="right")) - 1, 0)

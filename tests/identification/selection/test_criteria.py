@@ -133,7 +133,7 @@ def test_the_slowest_ripple_that_is_looked_for_is_the_form_of_the_curve(waves, i
     base = trial("", Known(0.0, gain=0.0))
     selection = Judge(fitter, np.ones(24, bool), TRIED).select(base, {"motor_cogging": ripple}, {})
     assert bool(selection.members) == is_named
-    assert is_named or "the fewest" in selection.reasons["motor_cogging"]
+    assert is_named or "the slowest" in selection.reasons["motor_cogging"]
 
 
 def test_a_time_constant_beyond_the_record_and_tolerances_of_no_unit_are_implausible():
