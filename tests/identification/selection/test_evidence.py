@@ -340,6 +340,10 @@ def test_torques_are_known_as_far_as_their_noise_allows():
     np.testing.assert_array_equal(known_torques(read, 0.0), read)
     sweep = np.linspace(-10, 10, 200)
     np.testing.assert_array_equal(known_torques(sweep, 0.05), sweep)
+    np.testing.assert_allclose(known_torques(np.array([1.0, 1.1, 1.3, 10.0]), 0.05), [1.05, 1.05, 1.3, 10.0])
+    for sense in (1.0, -1.0):  # half of the shortest reach is 0.25
+        creeping = sense * np.array([*[1.0] * 20, 1.1, 1.2, 1.3, 1.4, 10.0])
+        np.testing.assert_array_equal(known_torques(creeping, 0.05), creeping)
 
 
 def test_information_is_the_inverse_covariance_of_an_amount():
