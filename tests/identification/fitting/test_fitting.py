@@ -252,7 +252,7 @@ def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unkno
     passes = selector.recalibrate(cells)
     assert plain.cost > 4 * averaged.cost
     assert passes.cost <= averaged.cost
-    assert rms(fitter.problem, passes.predicted_angle)[1] < 1.6
+    assert rms(fitter.problem, passes.predicted_angle)[1] < 0.5 * rms(fitter.problem, plain.predicted_angle)[1]
 
     known = selector.trial(plain, cells, Covariance(data, cells, data.position))
     selection = Selection(known, {"coulomb": known}, odds={"coulomb": 9.0}, members=("coulomb",))
