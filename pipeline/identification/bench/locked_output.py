@@ -28,9 +28,10 @@ class ElasticOverCrank(Elastic):
 
     def __init__(self, drives: Sequence[Drive], course: Course, curves: Sequence[Backbone]):
         super().__init__(drives[0], curves[0])
-        self.course, self.start = course, 0.0
         assert course.crank is not None
-        self.motion = course.crank
+        self.course, self.motion = course, course.crank
+        self.mean_crank = self.start = float(np.mean(self.motion.cells))
+        self._known_curves: dict[tuple[int, float], ElasticCurve] = {}
         self.by_state = {
             state: CurvesOverCrank.from_drives(drives, curves, self.motion.stations, state, beyond=True)
             for state in {0, *course.states}
@@ -42,9 +43,11 @@ class ElasticOverCrank(Elastic):
 
     def from_start(self, state: int, start: float) -> ElasticCurve:
         """The curve of a state from another crank angle without twist [rad]."""
-        locked_curve = self.by_state[state].locked_curve(start, self.motion.ratio)
-        torque = locked_curve.torque if self.motion.at_input else locked_curve.carried_torque
-        return ElasticCurve(torque, locked_curve.angle, locked_curve.carried_torque)
+        if (state, start) not in self._known_curves:
+            locked_curve = self.by_state[state].locked_curve(start, self.motion.ratio)
+            torque = locked_curve.torque if self.motion.at_input else locked_curve.carried_torque
+            self._known_curves[state, start] = ElasticCurve(torque, locked_curve.angle, locked_curve.carried_torque)
+        return self._known_curves[state, start]
 
     def turned_by_memory(self, torque: Real, twist: Real) -> Real:
         """What the angle (n_cells,) [rad] changes by, at torques behind friction, as a twist turns the crank on.
@@ -80,14 +83,8 @@ def interpolation_error(drives: Sequence[Drive], course: Course, curves: Sequenc
     return max(curve.error for curve in ElasticOverCrank(drives, course, curves).by_state.values())
 
 
-def locked_path(
-    drives: Sequence[Drive], course: Course, curves: Sequence[Backbone], torques: Torques
-) -> tuple[LoadPath, Real, float, bool]:
-    """The way with the output locked.
-
-    Parameters
-    ----------
-    drives, curves : at the stations of the course.
+def locked_path(elastic: ElasticOverCrank, torques: Torques) -> tuple[LoadPath, Real, float, bool]:
+    """The way with the output locked; ``elastic`` starts from, and is left at, the crank angle without twist.
 
     Returns
     -------
@@ -95,28 +92,27 @@ def locked_path(
     the crank angle without twist [rad]; and whether all is sound: equilibria found, no jump, and the crank between
     the stations.
     """
+    drive, course, motion = elastic.drive, elastic.course, elastic.motion
     missing = np.full(len(course.leg), np.nan)
     missing_path = LoadPath(missing, missing, missing, np.full(len(course.torque), np.nan))
     try:
-        elastic = ElasticOverCrank(drives, course, curves)
-        motion, place = elastic.motion, float(np.mean(elastic.motion.cells))
-        elastic.start = place
         for _ in range(ROUNDS):
-            path_at, sound = load_path(drives[0], course, curves[0], elastic, torques[0])
+            path_at, sound = load_path(drive, course, elastic.curve, elastic, torques[0])
             path = path_at(torques[1])
-            angle = path.angle
-            if drives[0].hystereses and sound:
+            angle, former_start = path.angle, elastic.start
+            if drive.hystereses and sound:
                 carried = elastic.curve_of_state(0).torque_carried
-                twist = memory_twist(drives[0], course, (carried(path.at_turns), carried(path.carried_torque)))
+                twist = memory_twist(drive, course, (carried(path.at_turns), carried(path.carried_torque)))
                 angle = angle + twist + elastic.turned_by_memory(path.carried_torque, twist)
-            former_start, elastic.start = elastic.start, place + motion.ratio * float(np.mean(angle))
+            carried_torque = elastic.curve_of_state(0).torque_carried(path.carried_torque)
+            elastic.start = elastic.mean_crank + motion.ratio * float(np.mean(angle))
             if not abs(elastic.start - former_start) > PLACE_TOLERANCE:
                 break
     except ValueError:
+        elastic.start = elastic.mean_crank
         return missing_path, missing_path.angle, 0.0, False
     crank = elastic.start - motion.ratio * angle
     is_in_range = motion.stations[0] <= np.min(crank) and np.max(crank) <= motion.stations[-1]
-    carried_torque = elastic.curve_of_state(0).torque_carried(path.carried_torque)
     return (
         LoadPath(path.angle, path.slope, carried_torque, path.at_turns),
         angle,

@@ -22,7 +22,7 @@ from pipeline.identification.bench.load_path import (
     read_with_ripple,
     with_springs,
 )
-from pipeline.identification.bench.locked_output import interpolation_error, locked_path
+from pipeline.identification.bench.locked_output import ElasticOverCrank, interpolation_error, locked_path
 from pipeline.model.elements import Spring, same
 from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
 from pipeline.model.load_history.cell_means import mean_torque
@@ -151,7 +151,8 @@ class Forward:
     @staticmethod
     def _along_crank(stations: Drives, course: Course, curves: Sequence[Backbone], turns: Real) -> Way:
         """The way of a crank that turns, as a function of the torques within the cells."""
-        return lambda edges: locked_path(stations, course, curves, (turns, edges))
+        elastic = ElasticOverCrank(stations, course, curves)
+        return lambda edges: locked_path(elastic, (turns, edges))
 
     @staticmethod
     def _at_held_crank(stations: Drives, course: Course, curves: Sequence[Backbone], turns: Real) -> Way:

@@ -104,11 +104,10 @@ class CurvesOverCrank:
         ValueError : the crank leaves the angles known, or so much varies over it that the motor's torque does not rise
             with the angle: the drive jumps.
         """
-        delta, nodes = self.spline(self._crank_in_range(np.array([start])))[0], np.arange(len(self.torque))
+        delta = self.spline(self._crank_in_range(np.array([start])))[0]
         for _ in range(STEPS):
-            crank = start - ratio * delta
-            excess = self.spline(self._crank_in_range(crank))[nodes, nodes] - delta
-            step = excess / (1 + ratio * self._slopes(crank)[nodes, nodes])
+            angle, slope = self._at_nodes(start - ratio * delta)
+            step = (angle - delta) / (1 + ratio * slope)
             delta = delta + step
             if np.max(np.abs(step)) < CLOSE:
                 break
@@ -118,6 +117,17 @@ class CurvesOverCrank:
         if np.any(np.diff(motor) <= 0) or np.any(np.diff(delta) < 0):
             raise ValueError("the drive varies so much over the crank angle that it jumps; smaller torques do not")
         return LockedCurve(motor, delta, self.torque, crank)
+
+    def _at_nodes(self, crank: Real) -> tuple[Real, Real]:
+        """Angle and its derivative (n_nodes,) of the curve of each node at a crank angle of its own (n_nodes,)."""
+        placed_crank, breaks = self._crank_in_range(crank), self.spline.x
+        interval = np.clip(np.searchsorted(breaks, placed_crank, "right") - 1, 0, len(breaks) - 2)
+        x = placed_crank - breaks[interval]
+        cubic, square, line, constant = self.spline.c[:, interval, np.arange(len(crank))]
+        slope = line + x * (2 * square + 3 * x * cubic)
+        if not self.period:
+            slope[placed_crank != crank] = 0.0
+        return constant + x * (line + x * (square + x * cubic)), slope
 
     def _slopes(self, crank: Real) -> Real:
         """Derivatives (n, n_nodes) of the curves at crank angles (n,), none beyond those known."""
@@ -132,9 +142,13 @@ class CurvesOverCrank:
         if not np.any(self.elastic_energy):
             return np.zeros(len(crank))
         side = np.repeat([0, 1], len(crank) // 2)
-        by_side = replace(self, angle=np.broadcast_to(self.elastic_energy, (len(self.crank), 2)))
-        slopes: Real = by_side._slopes(crank)[np.arange(len(crank)), side]
+        slopes: Real = self._stored_by_side._slopes(crank)[np.arange(len(crank)), side]
         return slopes
+
+    @cached_property
+    def _stored_by_side(self) -> "CurvesOverCrank":
+        """The energy without torque on either side of none (n_cranks, 2) in place of the angle."""
+        return replace(self, angle=np.broadcast_to(self.elastic_energy, (len(self.crank), 2)))
 
     def _integrals(self, values: Real) -> Real:
         """Integral (n_nodes,) from no torque to each node of its row of values (n_nodes, n_nodes)."""
