@@ -157,6 +157,63 @@ def test_derivatives_of_gaps_and_springs_are_those_of_readings(problem, name):
     assert len(course.crank.cells) == len(change)
 
 
+@pytest.fixture
+def elastic(problem) -> locked_output.ElasticOverCrank:
+    """Curves of the first position, whose drive has a wider gap everywhere in its second state."""
+    course = problem.forward_by_state.courses[0]
+    course = replace(course, state=np.full(len(course.leg), 0.25))
+    drives = [problem.nominal[k] for k in problem.stations[0]]
+    gaps = [np.where(np.arange(len(drive.gap))[:, None] == 1, 5e-3, 0.0) * np.ones_like(drive.gap) for drive in drives]
+    drives = [drive.with_added_gap(gap) for drive, gap in zip(drives, gaps, strict=True)]
+    return locked_output.ElasticOverCrank(drives, course, [problem.forward_by_state.backbone(d) for d in drives])
+
+
+def test_each_state_keeps_its_own_curve_at_a_start(elastic):
+    kept = [elastic.from_start(state, elastic.start) for state in (0, 1, 0, 1)]
+    for state in (0, 1):
+        solved = elastic.by_state[state].locked_curve(elastic.start, elastic.motion.ratio)
+        for curve in kept[state::2]:
+            np.testing.assert_array_equal(curve.angle, solved.angle)
+    assert np.ptp(kept[1].angle) > 1.01 * np.ptp(kept[0].angle)
+
+
+def test_a_way_that_jumps_does_not_move_the_start_of_the_next(elastic, monkeypatch):
+    """The second round of the first way starts where its curve is refused; the same way elsewhere is found."""
+    course, solve = elastic.course, elastic.from_start
+    refused_start = 0.0
+
+    def refuse(state, start):
+        if start == refused_start:
+            raise ValueError("jumps")
+        return solve(state, start)
+
+    expected = locked_output.locked_path(elastic, (1000.0 * course.torque, 1000.0 * course.cell_torques))
+    first_start, refused_start, *_ = dict.fromkeys(start for _, start in elastic._known_curves)
+    assert first_start == elastic.mean_crank
+    elastic.start = first_start
+    monkeypatch.setattr(elastic, "from_start", refuse)
+    *_, is_sound = locked_output.locked_path(elastic, (1000.0 * course.torque, 1000.0 * course.cell_torques))
+    path, angle, place, _ = locked_output.locked_path(elastic, (990.0 * course.torque, 990.0 * course.cell_torques))
+    assert expected[3]
+    assert not is_sound
+    assert np.all(np.isfinite(angle))
+    assert place == pytest.approx(expected[2], rel=0.02)
+
+
+def test_the_reducer_carries_the_torque_of_the_motor_less_the_work_over_the_crank(problem):
+    course = problem.forward.courses[0]
+    course = replace(course, crank=replace(course.crank, at_input=True))
+    drives = [problem.nominal[k].without_elements for k in problem.stations[0]]
+    elastic = locked_output.ElasticOverCrank(drives, course, [problem.forward.backbone(drive) for drive in drives])
+    edges = 1000.0 * course.cell_torques
+    path, *_, is_sound = locked_output.locked_path(elastic, (1000.0 * course.torque, edges))
+    curve = elastic.curve_of_state(0)
+    assert is_sound
+    expected = np.interp(edges.mean(axis=1), curve.torque, curve.carried_torque)
+    np.testing.assert_allclose(path.carried_torque, expected, rtol=1e-6, atol=0.1)
+    assert np.max(np.abs(path.carried_torque - edges.mean(axis=1))) > 10.0
+
+
 def test_memory_turns_the_crank_on(problem):
     """A twist m in series starts the curve at phi_0 - i m: exact by one start for each cell."""
     course = problem.forward.courses[0]
