@@ -84,7 +84,9 @@ def interpolation_error(drives: Sequence[Drive], course: Course, curves: Sequenc
 
 
 def locked_path(elastic: ElasticOverCrank, torques: Torques) -> tuple[LoadPath, Real, float, bool]:
-    """The way with the output locked; ``elastic`` starts from, and is left at, the crank angle without twist.
+    """The way with the output locked.
+
+    The search for the crank angle without twist begins at ``elastic.start``, where the angle found is stored.
 
     Returns
     -------

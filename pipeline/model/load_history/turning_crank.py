@@ -147,7 +147,7 @@ class CurvesOverCrank:
 
     @cached_property
     def _stored_by_side(self) -> "CurvesOverCrank":
-        """The energy without torque on either side of none (n_cranks, 2) in place of the angle."""
+        """The curves with the stored energy (n_cranks, 2), below and above no torque, in place of the angle."""
         return replace(self, angle=np.broadcast_to(self.elastic_energy, (len(self.crank), 2)))
 
     def _integrals(self, values: Real) -> Real:
