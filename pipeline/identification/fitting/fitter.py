@@ -23,6 +23,10 @@ STEP: Rounding = 2e-4
 """Step of the finite differences, as a share of a parameter's bounds."""
 SCALES_MOVED: Shortcut = 0.15
 """Change of a scale's logarithm up to which derivatives by the scales are kept."""
+PASSES: ShortcutCount = 4
+"""Passes by which a fit is refined, at most."""
+FALL_OF_PASS: Shortcut = 2.0
+"""Fall of the sum of squares, that of one nat, from which a further pass is tried."""
 ITERATIONS: ShortcutCount = 15
 """Least-squares steps of a fit unless the caller asks for others."""
 LOADS: ShortcutGrid = (0.6, 0.4, 0.2, 0.1)
@@ -200,6 +204,23 @@ class Fitter:
             is_loaded = is_fitted & (torque > share * np.max(torque[is_fitted], initial=0.0))
             start = self.fit(model, is_loaded, start, FIRST_ITERATIONS).unknowns if np.any(is_loaded) else start
         return self.fit(model, is_fitted, start)
+
+    def refine(self, fit: Fit, is_fitted: Truth, start: Vector) -> Fit:
+        """The best of a fit and of passes, the first of them from ``start``.
+
+        A pass fits by averaged derivatives, then the cells of large torques first. Where one of
+        these ends at a kink, the other often leads on.
+        """
+        best = fit
+        for _ in range(PASSES):
+            cost_before = best.cost
+            for fit_further in (self.fit_averaged, self.fit_by_load):
+                further = fit_further(fit.model, is_fitted, start)
+                best = further if further.sound and further.cost < best.cost - FALL_OF_PASS else best
+                start = best.unknowns
+            if best.cost == cost_before:
+                break
+        return best
 
     def fit_from_best(
         self,

@@ -230,9 +230,13 @@ class Evidence:
         square of their distance in standard deviations of the posterior.
         """
         at_fit = copy(self)
-        at_fit.counts_promise = False
-        at_fit.value = self.value - self._promise(self.structure) * self.counts_promise
+        at_fit.counts_promise, at_fit.value = False, self.value - self.promise
         return at_fit
+
+    @property
+    def promise(self) -> float:
+        """Gain of the logarithm of the evidence that ``value`` counts away from the fit."""
+        return self._promise(self.structure) if self.counts_promise else 0.0
 
     def _promise(self, structure: Structure) -> float:
         """Gain of the logarithm of the evidence that the linear problem predicts away from the fit."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from pipeline.arrays import Truth
 from pipeline.constant_kinds import Shortcut, ShortcutCount, ShownCount
-from pipeline.identification.fitting.fitter import FIRST_ITERATIONS, ITERATIONS, Fitter
-from pipeline.identification.fitting.parameters import Fit, Vector
+from pipeline.identification.fitting.fitter import FALL_OF_PASS, FIRST_ITERATIONS, ITERATIONS, Fitter
+from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
 from pipeline.identification.selection.covariance import Covariance, parts_of
 from pipeline.identification.selection.criteria import (
@@ -36,12 +36,8 @@ PAIRS: ShortcutCount = 10
 """Pairs of effects that are fitted, those that promise most beside the model without effects."""
 ADDITIONS: ShortcutCount = 4
 """Effects that are tried on top of the best, those that explain most of what it leaves."""
-PASSES: ShortcutCount = 4
-"""Passes by which a fit is refined, at most."""
 MOST_REFINED: ShortcutCount = 3
 """Models of as many effects whose fits are refined, the most probable ones."""
-FALL_OF_PASS: Shortcut = 2.0
-"""Fall of the sum of squares, that of one nat, from which a further pass is tried."""
 GAIN_OF_BASE: Shortcut = 1.0
 """Gain of the logarithm of the evidence of the model without effects from which everything is tried anew beside it."""
 
@@ -133,7 +129,7 @@ class Selector:
             ends = [trial.fit for name, trial in selection.trials.items() if name not in leaders]
             first_steps = [self._fit_without_effects(end, cells, FIRST_ITERATIONS) for end in ends]
             fits += sorted(first_steps, key=lambda fit: fit.cost)[:1]
-            fits = [self._refine(fit, cells, fit.unknowns) for fit in fits]
+            fits = [self.fitter.refine(fit, cells, fit.unknowns) for fit in fits]
         tries = self._tries(cells)
         rivals = [self.trial(fit, cells, tries.covariance, selection.base) for fit in fits if fit.sound]
         best = most_probable([selection.base, *rivals])
@@ -173,12 +169,13 @@ class Selector:
         A fit minimises the misfit in the noise alone, while the evidence also has the structure beside the model. The
         most probable unknowns may therefore lie away from the fit, where its derivatives no longer hold. So the model
         is predicted there, too, and the more probable of the two places counts, without the gain that a linear
-        problem predicts elsewhere.
+        problem predicts elsewhere. So are rivals whose promised gain is as large as what they lack: the linear problem
+        says little about them.
         """
         trials, done = dict(selection.trials), set[str]()
         base = self._at_most_probable(selection.base, tries)
         selection = tries.judge.select(base, trials, selection.promised_misfits)
-        while new := [name for name in selection.reasons if name not in done]:
+        while new := [name for name in trials if name in {*selection.reasons, *_promising(selection)} - done]:
             trials |= {name: self._at_most_probable(trials[name], tries) for name in new}
             done.update(new)
             selection = tries.judge.select(base, trials, selection.promised_misfits)
@@ -238,7 +235,7 @@ class Selector:
                 asked = best - NAMED_ODDS if best >= least else least
                 leads = name == known_leader or odds[name] + largest_gain >= asked
                 if leads and not known.is_refined:
-                    fit = self._refine(known.fit, tries.cells, known.fit.unknowns)
+                    fit = self.fitter.refine(known.fit, tries.cells, known.fit.unknowns)
                     solutions = [self.trial(fit, tries.cells, tries.covariance, base), known, *known.other_solutions]
                     trials[name] = replace(most_probable(solutions), is_refined=True)
             odds = tries.judge.select(base, trials, selection.promised_misfits).odds
@@ -336,24 +333,7 @@ class Selector:
         """
         start = self.fitter.start(Model())
         fit = self.fitter.fit_by_load(Model(), cells, start)
-        return min((self._refine(fit, cells, one) for one in (start, fit.unknowns)), key=lambda fit: fit.cost)
-
-    def _refine(self, fit: Fit, cells: Truth, start: Vector) -> Fit:
-        """The best of a fit and of passes, the first of them from ``start``.
-
-        A pass fits by averaged derivatives, then the cells of large torques first. Where one of
-        these ends at a kink, the other often leads on.
-        """
-        best = fit
-        for _ in range(PASSES):
-            cost_before = best.cost
-            for fit_further in (self.fitter.fit_averaged, self.fitter.fit_by_load):
-                further = fit_further(fit.model, cells, start)
-                best = further if further.sound and further.cost < best.cost - FALL_OF_PASS else best
-                start = best.unknowns
-            if best.cost == cost_before:
-                break
-        return best
+        return min((self.fitter.refine(fit, cells, one) for one in (start, fit.unknowns)), key=lambda fit: fit.cost)
 
     def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise]) -> list[Fit]:
         """Fits of all promised additions to a base, the best promised first, each from its best start.
@@ -391,6 +371,14 @@ class Selector:
         declared_unknowns = self.fitter.start(fit.model, fit.unknowns.shares)
         refit = self.fitter.fit_from_best(fit.model, cells, [declared_unknowns], rival_cost=rival_cost)
         return refit if refit.sound and refit.cost < fit.cost else fit
+
+
+def _promising(selection: Selection) -> list[str]:
+    """Models that are as probable as may be named with the best one, if they gain once more what they promise."""
+    odds, trials, leader = selection.odds, selection.trials, selection.best_model
+    n_effects = trials[leader].fit.model.n_effects if leader else 0
+    rivals = [name for name in odds if trials[name].fit.model.n_effects == n_effects]
+    return [name for name in rivals if odds[name] + trials[name].evidence.promise >= odds[leader] - NAMED_ODDS]
 
 
 def _rival_cost(fits: Sequence[Fit]) -> float:

@@ -260,7 +260,7 @@ def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unkno
     assert refined < 0.2 * plain.cost
     assert selector._without_effects(replace(selection, members=()), cells).fit.cost > 2 * refined
 
-    monkeypatch.setattr(selector, "_refine", lambda fit, *_: fit)
+    monkeypatch.setattr(selector.fitter, "refine", lambda fit, *_: fit)
     assert selector._without_effects(selection, cells).fit.cost > 2 * refined
     far_along = selector.trial(passes, cells, Covariance(data, cells, data.position))
     trials = {"coulomb": known, "preload": known, "ovality_2": far_along, "creep": known}
@@ -283,7 +283,7 @@ def test_a_fit_with_an_effect_is_refined_too_where_it_could_then_be_named(unknow
     base = selector.recalibrate(cells)
     (from_base,) = selector.fits(base, cells, selector.screen(cells, base))
     assert from_base.cost > 1.3 * len(data)
-    assert selector._refine(from_base, cells, from_base.unknowns).cost < 1.2 * len(data)
+    assert selector.fitter.refine(from_base, cells, from_base.unknowns).cost < 1.2 * len(data)
 
     covariance, judge = Covariance(data, cells, data.position), Judge(selector.fitter, cells, 1)
     base_trial, trial = (selector.trial(fit, cells, covariance) for fit in (base, from_base))
@@ -363,7 +363,7 @@ def test_a_fit_without_effects_is_refined_from_two_starts_and_singles_from_pairs
     monkeypatch.setattr(selector, "_with_reductions", lambda selection, _: reduced.append(selection) or selection)
     selector._beside(selector.fitter.fit(Model(), cells, selector.fitter.start(Model()), 0), cells)
     assert len(reduced) == 1
-    monkeypatch.setattr(selector, "_refine", lambda fit, _, start: starts.append(start) or fit)
+    monkeypatch.setattr(selector.fitter, "refine", lambda fit, _, start: starts.append(start) or fit)
     fit = selector.recalibrate(cells)
     assert not np.any(starts[0].flat)
     assert starts[1] is fit.unknowns

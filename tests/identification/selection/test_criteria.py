@@ -356,10 +356,32 @@ def test_what_leads_with_no_more_beside_it_than_the_form_leaves_is_fitted_from_a
     selector._with_all_solutions(selection, promises, tries)
     assert set(fitted) == {"coulomb", "presliding"}
     refined: list[str] = []
-    selector._refine = lambda fit, *_: refined.append(fit.model.name) or fit
+    selector.fitter.refine = lambda fit, *_: refined.append(fit.model.name) or fit
     selector.trial = lambda fit, *_: trials[fit.model.name]
     selector._with_refined_fits(selection, tries)
     assert set(refined) == {"coulomb", "presliding"}
+
+
+def test_a_rival_whose_fit_is_far_from_its_most_probable_unknowns_is_predicted_there_too():
+    """Its linear evidence may be too small by as much as it promises; one that promises less stays behind."""
+    known = {"coulomb": Known(60.0), "presliding": Known(40.0, promise=15.0), "creep": Known(40.0, promise=5.0)}
+    known |= {"coulomb+creep": Known(30.0, promise=30.0)}
+    trials = {name: trial(name, evidence) for name, evidence in known.items()}
+    selection, asked, selector = judged(trials), [], Selector.__new__(Selector)
+    problem = SimpleNamespace(data=SimpleNamespace(block=np.arange(24)), record={"time": 9.0, "cycles": 9.0})
+    fitter = SimpleNamespace(problem=problem, bounds=lambda model: [(-2.0, 8.0)] * model.n_parameters)
+    tries = Tries(np.ones(24, bool), None, Judge(fitter, np.ones(24, bool), TRIED))
+
+    def at_most_probable(one, _):
+        asked.append(one.fit.model.name)
+        evidence = one.evidence
+        return replace(one, evidence=Known(evidence.value + evidence.promise, gain=evidence.predictive[0]))
+
+    selector._at_most_probable = at_most_probable
+    predicted = selector._at_their_most_probable(selection, tries)
+    assert selection.members == ("coulomb",)
+    assert sorted(asked) == ["", "coulomb", "presliding"]
+    assert predicted.members == ("coulomb", "presliding")
 
 
 class Bending(LinearFitter):
