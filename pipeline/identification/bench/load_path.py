@@ -150,12 +150,14 @@ class LoadPath:
     slope : (n_cells,) d angle / d torque [rad/(N mm)].
     carried_torque : (n_cells,) torque behind friction [N mm]: that of the elastic curve's nodes.
     at_turns : (n_turns,) the same at the turns.
+    is_in_range : whether a crank that turns stays between the angles at which drives were made.
     """
 
     angle: Real
     slope: Real
     carried_torque: Real
     at_turns: Real
+    is_in_range: bool = True
 
 
 class ElasticCurve(NamedTuple):
@@ -260,8 +262,7 @@ def _frictionless_path(course: Course, elastic: Elastic, torque: Real, edges: Re
         share, of_state = course.share_of(state), elastic.curve_of_state(state)
         cells = share > 0
         angle_and_slope[:, cells] += share[cells] * means(edges[cells], of_state.torque, of_state.angle)
-    angle, slope = angle_and_slope
-    return LoadPath(angle, slope, mean_torque(edges), torque)
+    return LoadPath(angle_and_slope[0], angle_and_slope[1], mean_torque(edges), torque)
 
 
 def with_springs(drive: Drive, course: Course, curve: Backbone, path: LoadPath, torques: Torques) -> LoadPath:
@@ -290,8 +291,7 @@ def memory_twist(drive: Drive, course: Course, torques: Torques) -> Real:
 def _slid(drive: Drive, course: Course, curve: Backbone, torque: Real, edges: Real) -> LoadPath:
     """The way of an output that slides all along in one sense at each cell: see ``slid_torque``."""
     assert course.sliding is not None
-    angle, slope, carried_torque = np.zeros((3, len(edges)))
-    leaning = 1 + drive.lean
+    (angle, slope, carried_torque), leaning = np.zeros((3, len(edges))), 1 + drive.lean
     for state in course.states:
         share_of_state = course.share_of(state)
         cells = share_of_state > 0

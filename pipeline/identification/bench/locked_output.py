@@ -16,6 +16,7 @@ from pipeline.identification.bench.load_path import Elastic, ElasticCurve, LoadP
 from pipeline.model.load_history.backbone import Backbone
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.turning_crank import CurvesOverCrank
+from pipeline.model.units import NMM_PER_NM
 
 ROUNDS: Fineness = 12
 """Rounds to the crank angle at which the output is locked at most."""
@@ -30,12 +31,24 @@ class ElasticOverCrank(Elastic):
         super().__init__(drives[0], curves[0])
         assert course.crank is not None
         self.course, self.motion = course, course.crank
-        self.mean_crank = self.start = float(np.mean(self.motion.cells))
+        self.mean_crank = float(np.mean(self.motion.cells))
         self._known_curves: dict[tuple[int, float], ElasticCurve] = {}
         self.by_state = {
-            state: CurvesOverCrank.from_drives(drives, curves, self.motion.stations, state, beyond=True)
+            state: CurvesOverCrank.from_drives(drives, curves, self.motion.stations, state, extended=True)
             for state in {0, *course.states}
         }
+        self.start = self.first_start = self.start_of(self._held_angle())
+
+    def start_of(self, angle: Real) -> float:
+        """Crank angle without twist [rad] from which angles of the output (n_cells,) [rad] lead to the mean crank."""
+        return self.mean_crank + self.motion.ratio * float(np.mean(angle))
+
+    def _held_angle(self) -> Real:
+        """Angle of the output (n_cells,) [rad] with the crank held at its mean: the run-out of a drive included."""
+        curves = self.by_state[0]
+        held_curve = curves.spline(curves.crank_in_range(np.array([self.mean_crank])))[0]
+        angle: Real = np.interp(NMM_PER_NM * self.course.cell_torques.mean(axis=1), curves.torque, held_curve)
+        return angle
 
     def curve_of_state(self, state: int) -> ElasticCurve:
         """The curve of a state."""
@@ -86,13 +99,14 @@ def interpolation_error(drives: Sequence[Drive], course: Course, curves: Sequenc
 def locked_path(elastic: ElasticOverCrank, torques: Torques) -> tuple[LoadPath, Real, float, bool]:
     """The way with the output locked.
 
-    The search for the crank angle without twist begins at ``elastic.start``, where the angle found is stored.
+    The search for the crank angle without twist begins at ``elastic.start``, where the angle found is stored. At first
+    it is that of a crank held at its mean, since a run-out turns the output further than any torque.
 
     Returns
     -------
     The way, its ``carried_torque`` that in the reducer; the angle (n_cells,) with what elements with memory add [rad];
-    the crank angle without twist [rad]; and whether all is sound: equilibria found, no jump, and the crank between
-    the stations.
+    the crank angle without twist [rad]; and whether all is sound: equilibria found, and no jump. Beyond the stations
+    the curves go on straight, and the way is not in range.
     """
     drive, course, motion = elastic.drive, elastic.course, elastic.motion
     missing = np.full(len(course.leg), np.nan)
@@ -107,17 +121,13 @@ def locked_path(elastic: ElasticOverCrank, torques: Torques) -> tuple[LoadPath, 
                 twist = memory_twist(drive, course, (carried(path.at_turns), carried(path.carried_torque)))
                 angle = angle + twist + elastic.turned_by_memory(path.carried_torque, twist)
             carried_torque = elastic.curve_of_state(0).torque_carried(path.carried_torque)
-            elastic.start = elastic.mean_crank + motion.ratio * float(np.mean(angle))
+            elastic.start = elastic.start_of(angle)
             if not abs(elastic.start - former_start) > PLACE_TOLERANCE:
                 break
     except ValueError:
-        elastic.start = elastic.mean_crank
+        elastic.start = elastic.first_start
         return missing_path, missing_path.angle, 0.0, False
     crank = elastic.start - motion.ratio * angle
-    is_in_range = motion.stations[0] <= np.min(crank) and np.max(crank) <= motion.stations[-1]
-    return (
-        LoadPath(path.angle, path.slope, carried_torque, path.at_turns),
-        angle,
-        elastic.start,
-        bool(sound and is_in_range),
-    )
+    is_in_range = bool(motion.stations[0] <= np.min(crank) and np.max(crank) <= motion.stations[-1])
+    way = LoadPath(path.angle, path.slope, carried_torque, path.at_turns, is_in_range)
+    return way, angle, elastic.start, sound

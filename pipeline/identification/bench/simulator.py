@@ -59,6 +59,7 @@ class Reading:
     response : (n_cells,) change of the angle for a change of the drive's own angle: 1 but where a ripple answers it.
     balances : (n_cells,) angles of balance at one torque in the mean over the phases of a ripple: 1 without one.
     sound : whether nearly every equilibrium was found.
+    is_in_range : whether a crank that turns stays between the angles at which drives were made.
     """
 
     angle: Real
@@ -67,6 +68,7 @@ class Reading:
     response: Real
     balances: Real
     sound: bool
+    is_in_range: bool
 
 
 class Forward:
@@ -299,7 +301,7 @@ class Forward:
 
 def _reading(read: Real, path: LoadPath, is_sound: bool, response: Real, balances: Real) -> Reading:
     slope = ARCMIN * NMM_PER_NM * path.slope * response
-    return Reading(read, slope, path.carried_torque, response, balances, is_sound)
+    return Reading(read, slope, path.carried_torque, response, balances, is_sound, path.is_in_range)
 
 
 def _alike_but_for_springs(drive: Drive, neighbour: Drive) -> bool:

@@ -85,7 +85,7 @@ class Fitter:
         drives, instrument = self.drives(model, unknowns, positions)
         angle, slope, carried_torque, response, balances = np.full((5, len(data)), np.nan)
         influence = np.zeros((len(data), problem.n_modes))
-        sound = True
+        sound = is_in_range = True
         for position in self.positions if positions is None else positions:
             of_position = data.position == position
             reading = forward.read(drives[position], position, instrument)
@@ -93,11 +93,12 @@ class Fitter:
             slope[of_position], response[of_position] = reading.slope, reading.response
             balances[of_position] = reading.balances
             sound = sound and reading.sound and bool(np.all(np.isfinite(reading.angle)))
+            is_in_range = is_in_range and reading.is_in_range
             if modes and problem.n_modes:
                 modes_of_stations = tuple(problem.modes[station] for station in problem.stations[position])
                 of_curve = forward.influence(drives[position], position, reading.carried_torque, modes_of_stations)
                 influence[of_position] = answered(of_curve, reading.response)
-        return Prediction(angle, influence, carried_torque, slope, response, balances, sound)
+        return Prediction(angle, influence, carried_torque, slope, response, balances, sound, is_in_range)
 
     def mean_of_draws(
         self, model: Model, unknowns: Vector, prediction: Prediction, draws: Real, positions: Sequence[int]
@@ -258,7 +259,7 @@ class Fitter:
             jacobian=descent.jacobian,
             sigma=descent.sigma,
             balances=prediction.balances,
-            sound=is_found and prediction.sound,
+            sound=is_found and prediction.sound and prediction.is_in_range,
         )
 
     def fit_at(self, fit: Fit, flat: Real, is_fitted: Truth) -> Fit:
@@ -278,7 +279,7 @@ class Fitter:
             cost=float(misfit @ misfit + deviation @ deviation),
             jacobian=jacobian,
             balances=prediction.balances,
-            sound=prediction.sound and bool(np.all(np.isfinite(jacobian))),
+            sound=prediction.sound and prediction.is_in_range and bool(np.all(np.isfinite(jacobian))),
         )
 
     def slopes(self, fit: Fit) -> Real:

@@ -74,6 +74,8 @@ class Prediction(NamedTuple):
     response : (n_cells,) change of the angle for a change of the drive's own angle: 1 but where a ripple answers it.
     balances : (n_cells,) angles at which drive and ripple are in balance at one torque, in the mean over its phases.
     sound : whether nearly every equilibrium was found.
+    is_in_range : whether a crank that turns stays between the angles at which drives were made. A search may pass
+        through predictions that are not; a fit ends at one that is.
     """
 
     angle: Real
@@ -83,6 +85,7 @@ class Prediction(NamedTuple):
     response: Real
     balances: Real
     sound: bool
+    is_in_range: bool = True
 
 
 @dataclass(frozen=True)

@@ -46,8 +46,8 @@ class CurvesOverCrank:
     elastic_energy : (n_cranks, 2) energy without torque, at its limits from below and above [N mm]; 0 without preload.
     period : after which the curves repeat [rad]: a turn of the crank where no error belongs to a single pin, lobe or
         hole, else a turn of the output; 0 where they are known between the first and the last crank angle alone.
-    held_beyond : whether the first and the last curve hold beyond their crank angles, instead of a refusal: a fit
-        passes through sizes that turn the crank further than it was measured.
+    extended : whether the curves go on straight beyond the first and the last crank angle, instead of a refusal: a
+        fit passes through sizes that turn the crank further than it was measured.
     """
 
     crank: Real
@@ -55,21 +55,18 @@ class CurvesOverCrank:
     angle: Real
     elastic_energy: Real | float = 0.0
     period: float = 0.0
-    held_beyond: bool = False
+    extended: bool = False
 
     @classmethod
     def from_drives(
-        cls, drives: Sequence[Drive], backbones: Sequence[Backbone], crank: Real, state: int = 0, beyond: bool = False
+        cls, drives: Sequence[Drive], backbones: Sequence[Backbone], crank: Real, state: int = 0, extended: bool = False
     ) -> "CurvesOverCrank":
-        """The curves of drives in one of their states, known between crank angles (n_cranks,) [rad].
-
-        ``beyond`` : see ``held_beyond``.
-        """
+        """The curves of drives in one of their states, known between crank angles (n_cranks,) [rad]."""
         pairs = list(zip(drives, backbones, strict=True))
         torque = drives[0].stiffening(state) * backbones[0].torque
         angles = np.array([curve.angle[state] + drive.twist(torque) for drive, curve in pairs])
         elastic_energy = np.array([stored_energy(drive, curve, state) for drive, curve in pairs])
-        return cls(np.asarray(crank, float), torque, angles, elastic_energy, held_beyond=beyond)
+        return cls(np.asarray(crank, float), torque, angles, elastic_energy, extended=extended)
 
     @cached_property
     def spline(self) -> CubicSpline:
@@ -104,7 +101,7 @@ class CurvesOverCrank:
         ValueError : the crank leaves the angles known, or so much varies over it that the motor's torque does not rise
             with the angle: the drive jumps.
         """
-        delta = self.spline(self._crank_in_range(np.array([start])))[0]
+        delta = self.spline(self.crank_in_range(np.array([start])))[0]
         for _ in range(STEPS):
             angle, slope = self._at_nodes(start - ratio * delta)
             step = (angle - delta) / (1 + ratio * slope)
@@ -120,21 +117,17 @@ class CurvesOverCrank:
 
     def _at_nodes(self, crank: Real) -> tuple[Real, Real]:
         """Angle and its derivative (n_nodes,) of the curve of each node at a crank angle of its own (n_nodes,)."""
-        placed_crank, breaks = self._crank_in_range(crank), self.spline.x
+        placed_crank, breaks = self.crank_in_range(crank), self.spline.x
         interval = np.clip(np.searchsorted(breaks, placed_crank, "right") - 1, 0, len(breaks) - 2)
         x = placed_crank - breaks[interval]
         cubic, square, line, constant = self.spline.c[:, interval, np.arange(len(crank))]
         slope = line + x * (2 * square + 3 * x * cubic)
-        if not self.period:
-            slope[placed_crank != crank] = 0.0
-        return constant + x * (line + x * (square + x * cubic)), slope
+        straight = 0.0 if self.period else slope * (crank - placed_crank)
+        return constant + x * (line + x * (square + x * cubic)) + straight, slope
 
     def _slopes(self, crank: Real) -> Real:
-        """Derivatives (n, n_nodes) of the curves at crank angles (n,), none beyond those known."""
-        placed_crank = self._crank_in_range(crank)
-        slopes: Real = self.spline(placed_crank, 1)
-        if not self.period:
-            slopes[placed_crank != crank] = 0.0
+        """Derivatives (n, n_nodes) of the curves at crank angles (n,); beyond those known that at the last one."""
+        slopes: Real = self.spline(self.crank_in_range(crank), 1)
         return slopes
 
     def _slopes_of_stored(self, crank: Real) -> Real:
@@ -167,8 +160,8 @@ class CurvesOverCrank:
             return CubicSpline(crank, angle)
         return CubicSpline(np.append(crank, crank[0] + self.period), np.vstack([angle, angle[:1]]), bc_type="periodic")
 
-    def _crank_in_range(self, crank: Real) -> Real:
-        """Crank angles within those known.
+    def crank_in_range(self, crank: Real) -> Real:
+        """Crank angles (n,) within those known [rad].
 
         Raises
         ------
@@ -177,7 +170,7 @@ class CurvesOverCrank:
         if self.period:
             placed: Real = self.crank[0] + np.mod(crank - self.crank[0], self.period)
             return placed
-        if self.held_beyond:
+        if self.extended:
             return np.clip(crank, self.crank[0], self.crank[-1])
         if np.min(crank) < self.crank[0] or np.max(crank) > self.crank[-1]:
             range_deg = np.degrees([np.min(crank), np.max(crank), self.crank[0], self.crank[-1]])

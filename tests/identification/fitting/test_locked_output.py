@@ -20,7 +20,7 @@ from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.fitting.stations import stations_of
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.selection.screening import start_from_declared
+from pipeline.identification.selection.screening import Screening, start_from_declared
 from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.effects.creep import KelvinVoigt
 from tests.validation.blind.catalogue import no_compliance
@@ -77,8 +77,8 @@ def test_between_two_states_that_are_alike_creep_turns_the_crank_as_in_one(probl
     np.testing.assert_allclose(between.angle, first.angle, atol=1e-9)
 
 
-@pytest.mark.parametrize(("side", "sound"), [(1, True), (-1, False)])
-def test_the_crank_must_stay_between_the_stations_on_the_side_to_which_it_turns(problem, side, sound):
+@pytest.mark.parametrize(("side", "in_range"), [(1, True), (-1, False)])
+def test_the_crank_must_stay_between_the_stations_on_the_side_to_which_it_turns(problem, side, in_range):
     """A loop of one side, most of its cells near the largest torque: few lie far below the mean crank angle."""
     drive, course = problem.nominal[0], problem.forward.courses[0]
     torque = np.array([1.0, *np.linspace(12.0, 18.0, len(course.leg) - 1)])
@@ -92,7 +92,22 @@ def test_the_crank_must_stay_between_the_stations_on_the_side_to_which_it_turns(
     stations = course.crank.cells.mean() + np.linspace(*np.sort(side * reached), len(course.crank.stations))
     moving = replace(course, crank=replace(course.crank, stations=stations))
     reading = Forward([moving], 20e3).read((drive,) * len(stations), 0, Instrument())
-    assert reading.sound == sound
+    assert reading.sound
+    assert reading.is_in_range == in_range
+
+
+def test_a_search_may_pass_where_the_crank_turns_further_than_measured_but_no_fit_ends_there(problem):
+    """A drive as soft as is plausible turns its crank beyond the angles at which drives were made."""
+    cells, model, effect = np.ones(len(problem.data), bool), Model(), candidates()["pin_circle_runout"]
+    fitter = Fitter(problem)
+    start, softest = fitter.start(model), np.append(problem.scale_range[0, :1], problem.scale_range[1, 1:])
+    for scales, in_range in ((start.scales, True), (softest, False)):
+        base = fitter.fit(model, cells, replace(start, scales=scales), 0)
+        prediction = fitter.predict(model, base.unknowns)
+        assert prediction.sound
+        assert prediction.is_in_range == base.sound == in_range
+        assert fitter.fit_at(base, base.unknowns.flat, cells).sound == in_range
+        assert len(Screening(fitter, cells, base, base.sigma).starts(effect)) > 4
 
 
 def test_the_error_between_the_crank_angles_is_stated_of_every_position(problem):
@@ -177,6 +192,19 @@ def test_each_state_keeps_its_own_curve_at_a_start(elastic):
     assert np.ptp(kept[1].angle) > 1.01 * np.ptp(kept[0].angle)
 
 
+def test_the_search_for_the_crank_without_twist_begins_beside_the_run_out(problem):
+    """The run-out turns the output further than the torques do."""
+    model, course = Model((candidates()["pin_circle_runout"],)), problem.forward.courses[0]
+    fitter = Fitter(problem)
+    shares = shares_of_values(fitter.bounds(model), RUNOUT)
+    drives = fitter.drives(model, fitter.start(model, shares))[0][0]
+    curves = [problem.forward.backbone(drive) for drive in drives]
+    elastic = locked_output.ElasticOverCrank(drives, course, curves)
+    *_, place, is_sound = locked_output.locked_path(elastic, (1000.0 * course.torque, 1000.0 * course.cell_torques))
+    assert is_sound
+    assert abs(place - elastic.first_start) < 0.3 * abs(place - elastic.mean_crank)
+
+
 def test_a_way_that_jumps_does_not_move_the_start_of_the_next(elastic, monkeypatch):
     """The second round of the first way starts where its curve is refused; the same way elsewhere is found."""
     course, solve = elastic.course, elastic.from_start
@@ -189,7 +217,7 @@ def test_a_way_that_jumps_does_not_move_the_start_of_the_next(elastic, monkeypat
 
     expected = locked_output.locked_path(elastic, (1000.0 * course.torque, 1000.0 * course.cell_torques))
     first_start, refused_start, *_ = dict.fromkeys(start for _, start in elastic._known_curves)
-    assert first_start == elastic.mean_crank
+    assert first_start == elastic.first_start
     elastic.start = first_start
     monkeypatch.setattr(elastic, "from_start", refuse)
     *_, is_sound = locked_output.locked_path(elastic, (1000.0 * course.torque, 1000.0 * course.cell_torques))

@@ -36,16 +36,21 @@ def test_a_sinusoidal_angle_error_alone_has_a_closed_form_with_its_factor_of_the
     np.testing.assert_allclose(locked.torque, TORQUE * factor, rtol=1e-4)
 
 
-@pytest.mark.parametrize("held_beyond", [False, True])
-def test_each_node_is_read_off_its_own_curve(held_beyond):
-    """Angle and slope against those of all curves at all crank angles; beyond the known ones they are held."""
+@pytest.mark.parametrize("extended", [False, True])
+def test_each_node_is_read_off_its_own_curve(extended):
+    """Angle and slope against those of all curves at all crank angles; beyond the known ones they go on straight."""
     case = curves(0.008, softer=0.2)
-    if held_beyond:
-        case = CurvesOverCrank(case.crank, TORQUE, case.angle, held_beyond=True)
+    if extended:
+        case = CurvesOverCrank(case.crank, TORQUE, case.angle, extended=True)
     crank, nodes = np.linspace(-1.0, 8.0, len(TORQUE)), np.arange(len(TORQUE))
     angle, slope = case._at_nodes(crank)
-    np.testing.assert_allclose(angle, case.spline(case._crank_in_range(crank))[nodes, nodes], rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(slope, case._slopes(crank)[nodes, nodes], rtol=1e-12, atol=1e-14)
+    placed = case.crank_in_range(crank)
+    assert extended == np.any(placed != np.mod(crank, 2 * np.pi))
+    beyond = crank - placed if extended else 0.0
+    of_all, slopes = (case.spline(placed, order)[nodes, nodes] for order in (0, 1))
+    np.testing.assert_allclose(angle, of_all + beyond * slopes, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(slope, slopes, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(case._slopes(crank)[nodes, nodes], slopes, rtol=1e-12)
 
 
 def test_the_torque_of_the_motor_is_the_derivative_of_the_energy():
