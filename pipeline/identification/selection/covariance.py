@@ -225,6 +225,12 @@ class WhiteFeatures:
         return 0.5 * float(np.sum(np.log1p(variance * self.squares)))
 
 
+def sizes_up_to(largest: float) -> list[float]:
+    """Sizes of a discrepancy that are tried up to a largest one, which is tried itself."""
+    smaller_sizes = [size for size in SIZES if size < largest]
+    return smaller_sizes if np.isinf(largest) else [*smaller_sizes, largest]
+
+
 def white_features(shared: Real, bumps: Real, groups: Sequence[Truth]) -> WhiteFeatures:
     """Features of cells of which each group (n,) has an own curve, made of ``bumps`` (n, n_bumps)."""
     blocks = [csr_array((len(shared), 0))]

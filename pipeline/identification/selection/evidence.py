@@ -30,6 +30,7 @@ from pipeline.identification.selection.covariance import (
     Covariance,
     Structure,
     WhiteFeatures,
+    sizes_up_to,
 )
 from pipeline.statistics.resampling import CONFIDENCE
 
@@ -184,11 +185,10 @@ class Evidence:
     ) -> Structure:
         """The structure that steps along each number but the correlation lead to, until none helps."""
         positions_scatter, cycles_scatter = self.covariance.can_scatter
-        largest_shared, largest_size, largest_between_cycles = largest
-        sizes = [size for size in SIZES if size <= largest_shared] or [SIZES[0]]
-        cycle_sizes = [size for size in (0.0, *SIZES[1:]) if size <= largest_between_cycles]
-        own_sizes, cycle_sizes = SIZES if positions_scatter else [0.0], cycle_sizes if cycles_scatter else [0.0]
-        axes: tuple[Sequence[float], ...] = (sizes, own_sizes, REACHES, cycle_sizes)
+        (largest_shared, largest_size, largest_between_cycles), limit = largest, np.hypot(largest[1], SIZES[0])
+        own_sizes = sizes_up_to(largest_size) if positions_scatter else [0.0]
+        cycle_sizes = [0.0, *(sizes_up_to(largest_between_cycles)[1:] if cycles_scatter else [])]
+        axes: tuple[Sequence[float], ...] = (sizes_up_to(largest_shared), own_sizes, REACHES, cycle_sizes)
         start_values = start.common, start.own_size, start.reach, start.cycle_size
         place = [
             max(int(np.searchsorted(axis, first, side="right")) - 1, 0)
@@ -206,7 +206,7 @@ class Evidence:
                 while 0 <= place[number] + step < len(axes[number]):
                     neighbour = [k + step * (n == number) for n, k in enumerate(place)]
                     structure = structure_at(neighbour)
-                    neighbour_value = value(structure) if structure.size <= largest_size else -np.inf
+                    neighbour_value = value(structure) if structure.size <= limit else -np.inf
                     if neighbour_value <= best_value:
                         break
                     place, best_value, has_improved = neighbour, neighbour_value, True

@@ -316,6 +316,22 @@ def test_noise_of_branches_of_any_length_is_made_white(correlation):
     np.testing.assert_allclose(whitening @ covariance @ whitening.T, np.eye(len(block)), atol=1e-12)
 
 
+@pytest.mark.parametrize("number", ["common", "own_size", "cycle_size"])
+def test_what_may_be_left_up_to_a_bound_is_as_large_as_the_bound(number):
+    """The bound lies between two of the sizes that are tried; at the smaller one the data are less probable."""
+    design, angle = drawn()
+    signs = {"common": [1.0], "own_size": [2.0, -1.0, -1.0], "cycle_size": [1.0, -1.0]}[number]
+    of_cells = DATA.position if number == "own_size" else DATA.cycle % len(signs)
+    change = 5 * SIGMA * np.cos(DATA.torque) * np.array(signs)[of_cells]
+    evidence = Evidence(COVARIANCE, *fitted(angle + change, design))
+    values = []
+    for bound in (0.4, 0.7):
+        bounds = (np.inf, bound) if number == "cycle_size" else (bound, 0.1)
+        assert getattr(evidence._most_likely(evidence.structure, *bounds), number) == bound
+        values.append(evidence.log_evidence_up_to(*bounds))
+    assert values[1] > values[0] + 1
+
+
 @pytest.mark.parametrize("best", [(SIZES[3], SIZES[0]), (SIZES[0], SIZES[3])])
 def test_what_may_be_left_is_bounded_as_a_whole(best):
     """All of it may be alike at all positions, or each position's own; from halves of both no step leads to either."""
