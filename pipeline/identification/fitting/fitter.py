@@ -98,7 +98,7 @@ class Fitter:
                 modes_of_stations = tuple(problem.modes[station] for station in problem.stations[position])
                 of_curve = forward.influence(drives[position], position, reading.carried_torque, modes_of_stations)
                 influence[of_position] = answered(of_curve, reading.response)
-        return Prediction(angle, influence, carried_torque, slope, response, balances, sound, is_in_range)
+        return Prediction(angle, influence, carried_torque, slope, response, balances, sound, is_in_range=is_in_range)
 
     def mean_of_draws(
         self, model: Model, unknowns: Vector, prediction: Prediction, draws: Real, positions: Sequence[int]
