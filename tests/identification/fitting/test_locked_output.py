@@ -77,17 +77,18 @@ def test_between_two_states_that_are_alike_creep_turns_the_crank_as_in_one(probl
     np.testing.assert_allclose(between.angle, first.angle, atol=1e-9)
 
 
+@pytest.mark.parametrize("sense", [1, -1])
 @pytest.mark.parametrize(("side", "in_range"), [(1, True), (-1, False)])
-def test_the_crank_must_stay_between_the_stations_on_the_side_to_which_it_turns(problem, side, in_range):
+def test_the_crank_must_stay_between_the_stations_on_the_side_to_which_it_turns(problem, side, in_range, sense):
     """A loop of one side, most of its cells near the largest torque: few lie far below the mean crank angle."""
     drive, course = problem.nominal[0], problem.forward.courses[0]
-    torque = np.array([1.0, *np.linspace(12.0, 18.0, len(course.leg) - 1)])
+    torque = sense * np.array([1.0, *np.linspace(12.0, 18.0, len(course.leg) - 1)])
     first = np.zeros(len(torque), int)
-    course = replace(course, torque=np.array([0.0, 20.0]), leg=first, state=first)
+    course = replace(course, torque=sense * np.array([0.0, 20.0]), leg=first, state=first)
     course = replace(course, cell_torques=np.column_stack([torque - 0.5, torque + 0.5]))
     held = Forward([replace(course, crank=None)], 20e3).read(drive, 0, Instrument()).angle
     turned = 13 * np.radians(held - held.mean()) / 60
-    assert -turned.min() > 3 * turned.max()
+    assert -np.min(turned * sense) > 3 * np.max(turned * sense)
     reached = 1.2 * np.array([turned.min(), turned.max()])
     stations = course.crank.cells.mean() + np.linspace(*np.sort(side * reached), len(course.crank.stations))
     moving = replace(course, crank=replace(course.crank, stations=stations))
@@ -108,6 +109,18 @@ def test_a_search_may_pass_where_the_crank_turns_further_than_measured_but_no_fi
         assert prediction.is_in_range == base.sound == in_range
         assert fitter.fit_at(base, base.unknowns.flat, cells).sound == in_range
         assert len(Screening(fitter, cells, base, base.sigma).starts(effect)) > 4
+
+
+def test_no_position_may_be_beyond_the_crank_angles_measured(problem, monkeypatch):
+    fitter, read = Fitter(problem), problem.forward.read
+
+    def first_beyond(drives, position, instrument):
+        return replace(read(drives, position, instrument), is_in_range=position > 0)
+
+    monkeypatch.setattr(problem.forward, "read", first_beyond)
+    start = fitter.start(Model())
+    assert not fitter.predict(Model(), start).is_in_range
+    assert fitter.predict(Model(), start, [1]).is_in_range
 
 
 def test_the_error_between_the_crank_angles_is_stated_of_every_position(problem):

@@ -324,10 +324,12 @@ def test_what_may_be_left_up_to_a_bound_is_as_large_as_the_bound(number):
     of_cells = DATA.position if number == "own_size" else DATA.cycle % len(signs)
     change = 5 * SIGMA * np.cos(DATA.torque) * np.array(signs)[of_cells]
     evidence = Evidence(COVARIANCE, *fitted(angle + change, design))
-    values = []
+    values, start = [], replace(evidence.structure, reach=REACHES[0])
     for bound in (0.4, 0.7):
         bounds = (np.inf, bound) if number == "cycle_size" else (bound, 0.1)
-        assert getattr(evidence._most_likely(evidence.structure, *bounds), number) == bound
+        structure = evidence._most_likely(start, *bounds)
+        assert getattr(structure, number) == bound
+        assert evidence._value(structure) == max(evidence._value(replace(structure, reach=one)) for one in REACHES)
         values.append(evidence.log_evidence_up_to(*bounds))
     assert values[1] > values[0] + 1
 
