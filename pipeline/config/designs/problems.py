@@ -206,8 +206,8 @@ def effect_problems(effects: Effects) -> Iterator[Mistake]:
                 yield Mistake(f"effects.{name}.{key}", MISSING, f"add it ({parameter.unit}: {parameter.meaning})")
 
 
-def study_effect_problems(effects: Effects, disks: int, temperature_rise: float) -> Iterator[Mistake]:
-    """Effects that a load cycle of equilibria cannot show, or not of so many ``disks``, or at no rise [K]."""
+def study_effect_problems(effects: Effects, temperature_rise: float) -> Iterator[Mistake]:
+    """Effects that a load cycle of equilibria cannot show, or not at no rise of the temperature [K]."""
     if not effects:
         return
     from pipeline.model.effects import library  # the mechanics are slow to import
@@ -225,9 +225,6 @@ def study_effect_problems(effects: Effects, disks: int, temperature_rise: float)
         if name not in library():
             continue
         effect = library()[name]
-        if effect.of_one_disk and disks > 1:
-            requirement = f"is solved for one disk, not for {disks}; delete it from the design of the study"
-            yield Mistake(f"design.effects.{name}", None, requirement)
         for need, reason in reasons.items():
             if need in effect.needs:
                 yield Mistake(f"design.effects.{name}", None, f"{reason}; delete it from the design of the study")

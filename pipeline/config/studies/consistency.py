@@ -83,7 +83,7 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Mis
         problems += _patches(reduce, design)
         problems += _mesh(reduce, design)
     if design:
-        problems += study_effect_problems(design.effects, design.disk.count, design.temperature_rise_K or 0.0)
+        problems += study_effect_problems(design.effects, design.temperature_rise_K or 0.0)
         problems += _readings(parts.get("clearance"), design)
         problems += _diameters(raw, design)
     return problems

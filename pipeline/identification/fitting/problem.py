@@ -209,9 +209,6 @@ class Problem:
         if cells is not None and len(np.unique(self.data.position[cells])) < FEWEST_COMPARED:
             offered_names.discard(CRANKS)
         reasons = [self.data.shortfalls[need] for need in sorted(candidate.needs - offered_names)]
-        disks = self.nominal[0].reducer.n_disks
-        if isinstance(candidate, Effect) and candidate.of_one_disk and disks > 1:
-            reasons.append(f"it is solved for one disk, not for {disks}")
         if isinstance(candidate, InstrumentEffect) and candidate.common_offset and MOVES not in self.met_needs:
             n_positions = len(np.unique(self.data.position if cells is None else self.data.position[cells]))
             if not self.data.common_offset:

@@ -25,7 +25,6 @@ BEARING_CLEARANCE = Effect(
     told_apart_by="the radial play of the input bearing with a dial gauge",
     bounds=lambda drive: ((0.0, 1e3 * drive.profile.eccentricity / 3),),
     apply=_apply_bearing_clearance,
-    of_one_disk=True,
 )
 
 

@@ -129,7 +129,6 @@ class Effect(EffectDescription):
     needs : what the data must offer; a study's load cycle has no ``TIME``.
     limit_case : name of the simpler effect that it becomes at a limit of its parameters, or "".
     starts : where its fit starts: from "secants" of its parameters, or from many "periods" of a ripple.
-    of_one_disk : whether it is solved for one disk alone.
     """
 
     bounds: Callable[[Drive], tuple[tuple[float, float], ...]]
@@ -137,7 +136,6 @@ class Effect(EffectDescription):
     needs: frozenset[str] = frozenset()
     limit_case: str = ""
     starts: str = "secants"
-    of_one_disk: bool = False
 
 
 SOFTEST = 100.0

@@ -10,6 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_unit import CRANKS, ROOT, Bench, exactly_known, make_unit, problem_of, with_angles
 
+from pipeline import assembly
+from pipeline.config import load_study
+from pipeline.config.designs.problems import study_effect_problems
+from pipeline.config.files.section import with_value
 from pipeline.identification.bench.instrument_effects import MOST_WAVES
 from pipeline.identification.fitting.build import POPULATION
 from pipeline.identification.fitting.fitter import STEP, Fitter
@@ -23,7 +27,10 @@ from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.fitted_numbers import calibrated_numbers, implausible, refit_with_free_numbers
 from pipeline.identification.selection.model_selection import Selector, Tries
 from pipeline.model.effects import Conditions
+from pipeline.model.load_history.backbone import backbone, torque_levels
 from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.mounting import drive_of
+from pipeline.sampling.errors import draw
 
 TWO = Bench()
 COULOMB = Model((candidates()["coulomb"],))
@@ -96,11 +103,21 @@ def test_waves_are_no_finer_than_the_rows_of_a_branch_resolve(exact_unit):
     assert third.why_not(cogging) == "a branch has too few rows"
 
 
-def test_an_effect_that_no_study_of_two_disks_can_have_is_not_testable_on_them(exact_unit):
-    clearance = candidates()["bearing_clearance"]
-    assert exact_unit.why_not(clearance) == ""
-    two_disks = SimpleNamespace(reducer=SimpleNamespace(n_disks=2))
-    assert replace(exact_unit, drives=lambda *_: two_disks).why_not(clearance) == "it is solved for one disk, not for 2"
+def test_a_clearance_of_the_bearings_of_two_disks_is_that_of_the_design():
+    """As an effect and as declared, in a study that is valid."""
+    study = load_study("two_disks", ROOT)
+    sampled, curves = draw(study, 0, 1), []
+    loose = {"bearing_clearance": {"clearance_um": 7.0}}
+    declared = with_value(study.design, "bearing.clearance_um", study.design.bearing.clearance_um + 7.0)
+    for design in (study.design, study.design.model_copy(update={"effects": loose}), declared):
+        assert not list(study_effect_problems(design.effects, 0.0))
+        clearance = assembly.bearing_clearance(design, sampled.bearing_clearance)
+        drive = drive_of(study.model_copy(update={"design": design}), 0.0, None, assembly.errors(sampled), clearance)
+        curves.append(backbone(drive, torque_levels(8, 1.0)))
+    tight, with_effect, as_declared = curves
+    assert np.max(with_effect.states.residual) < 1e-6
+    np.testing.assert_allclose(with_effect.angle, as_declared.angle, rtol=1e-9, atol=1e-15)
+    assert np.ptp(with_effect.limits.motion[0, :, -1]) > 1.05 * np.ptp(tight.limits.motion[0, :, -1])
 
 
 def test_an_eccentric_encoder_takes_a_position_more_than_its_wave_has_numbers(exact_unit):
