@@ -207,7 +207,7 @@ def effect_problems(effects: Effects) -> Iterator[Mistake]:
 
 
 def study_effect_problems(effects: Effects, temperature_rise: float) -> Iterator[Mistake]:
-    """Effects that a load cycle of equilibria cannot show, or not at no rise of the temperature [K]."""
+    """Effects that a load cycle of equilibria cannot show, or only where the temperature rises [K]."""
     if not effects:
         return
     from pipeline.model.effects import library  # the mechanics are slow to import

@@ -44,7 +44,7 @@ class ElasticOverCrank(Elastic):
         return self.mean_crank + self.motion.ratio * float(np.mean(angle))
 
     def _held_angle(self) -> Real:
-        """Angle of the output (n_cells,) [rad] with the crank held at its mean: the run-out of a drive included."""
+        """Angle of the output (n_cells,) [rad] with the crank held at its mean angle, run-out included."""
         curves = self.by_state[0]
         held_curve = curves.spline(curves.crank_in_range(np.array([self.mean_crank])))[0]
         angle: Real = np.interp(NMM_PER_NM * self.course.cell_torques.mean(axis=1), curves.torque, held_curve)
@@ -99,14 +99,14 @@ def interpolation_error(drives: Sequence[Drive], course: Course, curves: Sequenc
 def locked_path(elastic: ElasticOverCrank, torques: Torques) -> tuple[LoadPath, Real, float, bool]:
     """The way with the output locked.
 
-    The search for the crank angle without twist begins at ``elastic.start``, where the angle found is stored. At first
-    it is that of a crank held at its mean, since a run-out turns the output further than any torque.
+    The search for the crank angle without twist begins at ``elastic.start``, where the angle found is stored. The first
+    start takes the angles of the output with the crank held at its mean: a run-out may exceed the twist by the torque.
 
     Returns
     -------
     The way, its ``carried_torque`` that in the reducer; the angle (n_cells,) with what elements with memory add [rad];
-    the crank angle without twist [rad]; and whether all is sound: equilibria found, and no jump. Beyond the stations
-    the curves go on straight, and the way is not in range.
+    the crank angle without twist [rad]; and whether all is sound: equilibria found, and no jump. Where the crank leaves
+    the stations, the curves are extended by straight lines, and the way is not in range.
     """
     drive, course, motion = elastic.drive, elastic.course, elastic.motion
     missing = np.full(len(course.leg), np.nan)

@@ -75,7 +75,7 @@ class Prediction(NamedTuple):
     balances : (n_cells,) angles at which drive and ripple are in balance at one torque, in the mean over its phases.
     sound : whether nearly every equilibrium was found.
     is_in_range : whether a crank that turns stays between the angles at which drives were made. A search may pass
-        through predictions that are not; a fit ends at one that is.
+        through predictions where it does not; a fit that ends at one is not sound.
     """
 
     angle: Real
@@ -102,7 +102,7 @@ class Fit:
     jacobian : (n_cells, n_unknowns) [arcmin], offsets removed within the cells fitted.
     sigma : (n_cells,) [arcmin] by which the cells were weighted: their noise, and what the form of the model misses.
     balances : (n_cells,) of the prediction, of which the nearest to each angle was taken.
-    sound : whether every equilibrium was found.
+    sound : whether nearly every equilibrium was found, and a crank that turns stays where drives were made.
     """
 
     model: Model

@@ -169,8 +169,8 @@ class Selector:
         A fit minimises the misfit in the noise alone, while the evidence also has the structure beside the model. The
         most probable unknowns may therefore lie away from the fit, where its derivatives no longer hold. So the model
         is predicted there, too, and the more probable of the two places counts, without the gain that a linear
-        problem predicts elsewhere. So are rivals whose promised gain is as large as what they lack: the linear problem
-        says little about them.
+        problem predicts elsewhere. Rivals whose promised gain is as large as what they lack are predicted there, too,
+        since the linear problem cannot tell how probable they are.
         """
         trials, done = dict(selection.trials), set[str]()
         base = self._at_most_probable(selection.base, tries)
@@ -374,7 +374,7 @@ class Selector:
 
 
 def _promising(selection: Selection) -> list[str]:
-    """Models that are as probable as may be named with the best one, if they gain once more what they promise."""
+    """Models of as many effects as the best one, in its class if what they promise were gained once more."""
     odds, trials, leader = selection.odds, selection.trials, selection.best_model
     n_effects = trials[leader].fit.model.n_effects if leader else 0
     rivals = [name for name in odds if trials[name].fit.model.n_effects == n_effects]

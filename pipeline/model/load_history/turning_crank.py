@@ -46,8 +46,8 @@ class CurvesOverCrank:
     elastic_energy : (n_cranks, 2) energy without torque, at its limits from below and above [N mm]; 0 without preload.
     period : after which the curves repeat [rad]: a turn of the crank where no error belongs to a single pin, lobe or
         hole, else a turn of the output; 0 where they are known between the first and the last crank angle alone.
-    extended : whether the curves go on straight beyond the first and the last crank angle, instead of a refusal: a
-        fit passes through sizes that turn the crank further than it was measured.
+    extended : whether the curves are extended by straight lines beyond the first and the last crank angle; otherwise
+        an angle beyond is refused. A fit may pass through sizes that turn the crank further than it was measured.
     """
 
     crank: Real
@@ -126,7 +126,7 @@ class CurvesOverCrank:
         return constant + x * (line + x * (square + x * cubic)) + straight, slope
 
     def _slopes(self, crank: Real) -> Real:
-        """Derivatives (n, n_nodes) of the curves at crank angles (n,); beyond those known that at the last one."""
+        """Derivatives (n, n_nodes) of the curves at crank angles (n,); beyond those known, that at the nearest."""
         slopes: Real = self.spline(self.crank_in_range(crank), 1)
         return slopes
 

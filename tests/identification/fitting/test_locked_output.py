@@ -92,12 +92,17 @@ def test_the_crank_must_stay_between_the_stations_on_the_side_to_which_it_turns(
     reached = 1.2 * np.array([turned.min(), turned.max()])
     stations = course.crank.cells.mean() + np.linspace(*np.sort(side * reached), len(course.crank.stations))
     moving = replace(course, crank=replace(course.crank, stations=stations))
-    reading = Forward([moving], 20e3).read((drive,) * len(stations), 0, Instrument())
+    forward = Forward([moving], 20e3)
+    reading = forward.read((drive,) * len(stations), 0, Instrument())
     assert reading.sound
     assert reading.is_in_range == in_range
+    curves = [forward.backbone(drive)] * len(stations)
+    elastic = locked_output.ElasticOverCrank((drive,) * len(stations), moving, curves)
+    expected = moving.crank.ratio * np.radians(held / 60).mean()
+    assert elastic.first_start - moving.crank.cells.mean() == pytest.approx(expected, rel=0.05)
 
 
-def test_a_search_may_pass_where_the_crank_turns_further_than_measured_but_no_fit_ends_there(problem):
+def test_a_search_may_pass_where_the_crank_turns_further_than_measured_but_no_fit_there_is_sound(problem):
     """A drive as soft as is plausible turns its crank beyond the angles at which drives were made."""
     cells, model, effect = np.ones(len(problem.data), bool), Model(), candidates()["pin_circle_runout"]
     fitter = Fitter(problem)
@@ -205,7 +210,7 @@ def test_each_state_keeps_its_own_curve_at_a_start(elastic):
     assert np.ptp(kept[1].angle) > 1.01 * np.ptp(kept[0].angle)
 
 
-def test_the_search_for_the_crank_without_twist_begins_beside_the_run_out(problem):
+def test_the_search_for_the_crank_without_twist_takes_the_run_out_into_account(problem):
     """The run-out turns the output further than the torques do."""
     model, course = Model((candidates()["pin_circle_runout"],)), problem.forward.courses[0]
     fitter = Fitter(problem)
