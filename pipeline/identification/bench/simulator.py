@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.arrays import Real
+from pipeline.arrays import Index, Real
 from pipeline.constant_kinds import Fineness, Shortcut
 from pipeline.identification.bench.course import Course
 from pipeline.identification.bench.load_path import (
@@ -268,12 +268,8 @@ class Forward:
         (n_cells, k) [arcmin].
         """
         motion = self.courses[position].crank
-        at_stations = [
-            self._at_torques(drive, position, carried_torque, of_station)
-            for drive, of_station in zip(stations, values, strict=True)
-        ]
         if motion is None:
-            return at_stations[0]
+            return self._at_torques(stations[0], position, carried_torque, values[0])
         angles = [self.backbone(drive).angle[..., None] for drive in stations]
         held = np.column_stack(
             [
@@ -282,20 +278,28 @@ class Forward:
             ]
         )
         slope = np.sum(motion.shares * np.gradient(held, motion.stations, axis=1), axis=1)
-        change_of_cells = np.einsum("cs,sck->ck", motion.shares, np.array(at_stations))
+        change_of_cells = np.zeros((len(carried_torque), values[0].shape[2]))
+        for drive, of_station, share in zip(stations, values, motion.shares.T, strict=True):
+            near = np.flatnonzero(share)
+            change_of_cells[near] += share[near, None] * self._at_torques(
+                drive, position, carried_torque, of_station, near
+            )
         return np.asarray(change_of_cells / (1 + motion.ratio * slope)[:, None])
 
-    def _at_torques(self, drive: Drive, position: int, carried_torque: Real, values: Real) -> Real:
-        """Values (n, n_nodes, k) [rad] of a backbone at ``carried_torque`` (n_cells,): (n_cells, k) [arcmin]."""
+    def _at_torques(
+        self, drive: Drive, position: int, carried_torque: Real, values: Real, cells: Index | slice = slice(None)
+    ) -> Real:
+        """Values (n, n_nodes, k) [rad] of a backbone at the ``carried_torque`` (n_cells,) of some cells: [arcmin]."""
         course, nodes = self.courses[position], self.backbone(drive).torque
+        carried_torque = carried_torque[cells]
         at_cells = np.zeros((len(carried_torque), values.shape[2]))
         for state in course.states:
-            share = course.share_of(state)
-            cells = share > 0
-            torque = carried_torque[cells] / drive.stiffening(state)
+            share = course.share_of(state)[cells]
+            in_state = share > 0
+            torque = carried_torque[in_state] / drive.stiffening(state)
             j = np.clip(np.searchsorted(nodes, torque) - 1, 0, len(nodes) - 2)
             x = np.clip((torque - nodes[j]) / (nodes[j + 1] - nodes[j]), 0, 1)[:, None]
-            at_cells[cells] += share[cells, None] * ((1 - x) * values[state, j] + x * values[state, j + 1])
+            at_cells[in_state] += share[in_state, None] * ((1 - x) * values[state, j] + x * values[state, j + 1])
         return ARCMIN * at_cells
 
 

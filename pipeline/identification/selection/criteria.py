@@ -7,8 +7,8 @@ named if and only if
 (a) the posterior probability of "no effect", over everything that was tried, is at most 0.1 %;
 (b) cells that were left out are predicted better with it than without: log predictive density, the same covariance;
 (c) the 95 % region of its size excludes zero;
-(d) it is plausible: its size is not at a bound of the library, its time constant not longer than the record, a ripple
-    not the slowest that is looked for, and the tolerances fitted beside it occur among the study's units;
+(d) it is plausible: its fit is sound, its size not at a bound of the library, its time constant not longer than the
+    record, a ripple not the slowest that is looked for, and the tolerances beside it occur among the study's units;
 (e) it does better than a discrepancy of no known form: it explains the unit down to what the form of the model leaves,
     and is then more probable than "none of these" by the odds of (a); and the data do not call, by odds of 19 to 1, for
     a larger discrepancy beside it, or for one that differs between cycles: the form of the model is alike in all;
@@ -350,13 +350,14 @@ class Judge(Rule[Trial]):
         return trial.evidence.distance(effect, without.evidence if without else None)
 
     def implausible(self, trial: Trial) -> Iterator[str]:
-        """Sizes at a bound, the slowest ripple, time constants longer than the record, tolerances that no unit has."""
+        """Fits that are not sound, and sizes or tolerances that are not plausible."""
         fit = trial.fit
+        if not fit.sound:
+            yield "it needs equilibria that are not found, or a crank beyond the angles that were measured"
         bounds, start = self.fitter.bounds(fit.model), 0
         for effect in fit.model.effects:
             for k, parameter in enumerate(effect.parameters, start):
-                low, high = bounds[k]
-                share, value = fit.unknowns.shares[k], fit.values[k]
+                (low, high), share, value = bounds[k], fit.unknowns.shares[k], fit.values[k]
                 if low <= 0 <= high and (share > 1 - AT_BOUND or (low < 0 and share < AT_BOUND)):
                     yield f"{parameter.name} = {value:.3g} of {effect.name} is at a bound of what the library allows"
                 if effect.starts == PERIODIC and low > 0 and share < AT_BOUND:
@@ -364,8 +365,7 @@ class Judge(Rule[Trial]):
                 if parameter.record and value > self.fitter.problem.record[parameter.record]:
                     yield f"{parameter.name} = {value:.3g} of {effect.name} is longer than the record"
             start += len(effect.parameters)
-        share = tolerance_share(fit, trial.evidence)
-        if share < UNLIKELY:
+        if (share := tolerance_share(fit, trial.evidence)) < UNLIKELY:
             yield f"it needs tolerances that {share:.1g} of the study's units have"
 
 

@@ -22,7 +22,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import CubicSpline
 
 from pipeline.arrays import Real
 from pipeline.model.load_history.backbone import Backbone
@@ -144,13 +145,12 @@ class CurvesOverCrank:
         return replace(self, angle=np.broadcast_to(self.elastic_energy, (len(self.crank), 2)))
 
     def _integrals(self, values: Real) -> Real:
-        """Integral (n_nodes,) from no torque to each node of its row of values (n_nodes, n_nodes)."""
+        """Integral (n_nodes,) from no torque to each node of its row of values (n_nodes, n_nodes), by trapezia."""
         middle = len(self.torque) // 2
         work = np.empty(len(self.torque))
         for side, first_node in ((slice(None, middle), middle - 1), (slice(middle, None), middle)):
-            torque, rows = self.torque[side], values[side, side]
-            antiderivative = PchipInterpolator(torque, rows, axis=1).antiderivative()
-            from_first = np.diagonal(antiderivative(torque)) - antiderivative(self.torque[first_node])
+            from_start = cumulative_trapezoid(values[side, side], self.torque[side], initial=0.0)
+            from_first = np.diagonal(from_start) - from_start[:, first_node - side.indices(len(work))[0]]
             work[side] = from_first + values[side, first_node] * self.torque[first_node]  # from none to the first node
         return work
 

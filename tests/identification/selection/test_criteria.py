@@ -144,6 +144,14 @@ def test_a_time_constant_beyond_the_record_and_tolerances_of_no_unit_are_implaus
     assert "of the study's units" in judged(odd).reasons["coulomb"]
 
 
+def test_a_fit_that_is_not_sound_names_nothing():
+    sound = trial("coulomb", Known(40.0))
+    assert judged({"coulomb": sound}).members == ("coulomb",)
+    selection = judged({"coulomb": replace(sound, fit=replace(sound.fit, sound=False))})
+    assert not selection.members
+    assert "equilibria that are not found" in selection.reasons["coulomb"]
+
+
 def test_too_few_branches_name_nothing():
     trials = {"coulomb": trial("coulomb", Known(40.0))}
     assert judged(trials, blocks=FEWEST_BLOCKS).members
