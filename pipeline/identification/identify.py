@@ -183,7 +183,7 @@ def _best_selection(problem: Problem, cells: Truth) -> tuple[Selector, Selection
     start = replace(answer.fit.unknowns, reach=problem.short_range)
     fits = short_contacts.fitter.fit(answer.fit.model, cells, start), short_contacts.recalibrate(cells)
     rivals = [short_contacts.trial(fit, cells, answer.evidence.covariance, answer) for fit in fits if fit.sound]
-    value = max((rival.evidence.without_promise().value for rival in rivals), default=-np.inf)
+    value = max((short_contacts.at_most_probable(rival).evidence.value for rival in rivals), default=-np.inf)
     is_better = value - answer.evidence.without_promise().value > ODDS
     return (short_contacts, short_contacts.select(cells)) if is_better else (selector, selection)
 

@@ -41,7 +41,7 @@ OFF = (
     (model_selection, "RIVAL", np.inf),
     (model_selection, "FAR_FROM_DECLARED", 0.0),
     (fitter, "FALL_OF_PASS", 0.2),
-    (model_selection, "GAIN_OF_BASE", 0.1),
+    (model_selection, "LEAST_GAIN", 0.1),
     (fitter, "PASSES", 10),
     (model_selection, "MOST_REFINED", 10**6),
     (pairs, "LARGEST_AMOUNT", 3.0),

@@ -59,15 +59,15 @@ class Evidence:
         jacobian = fit.jacobian * self.spread
         self.centre = fitter.centre(fit.model, fit.unknowns)
         deviation = (fit.unknowns.flat - self.centre) / self.spread
-        self.jacobian = jacobian[cells]
-        self.misfit = (fitter.problem.data.angle - fit.predicted_angle + jacobian @ deviation)[cells]
+        self.jacobian, self.angle = jacobian[cells], fitter.problem.data.angle[cells]
+        self.misfit = self.angle - (fit.predicted_angle - jacobian @ deviation)[cells]
         self.of_fit = deviation
         self.counts_promise = True
         self._products: dict[tuple[float, Correlation], tuple[Real, Real]] = {}
         self._known_values: dict[Structure, float] = {}
         self._systems: dict[Structure, tuple[Real, Real]] = {}
         self.widths, self.cost_of_widths = np.ones(jacobian.shape[1]), 0.0
-        self.structure = self._most_likely(start_structure or FIRST)
+        self.structure = self.best_structure(self._value, start_structure or FIRST)
         self._narrow_priors()
         self._positive = self._log_share_above_zero()
         self.value = self._value(self.structure) + self._positive
@@ -151,12 +151,6 @@ class Evidence:
             self._known_values[structure] = self._log_evidence(structure, self._everything)
         return self._known_values[structure]
 
-    def _most_likely(
-        self, start: Structure, largest_size: float = np.inf, largest_between_cycles: float = np.inf
-    ) -> Structure:
-        """The structure of the largest evidence, not beyond two sizes."""
-        return self.best_structure(self._value, start, largest_size, largest_between_cycles)
-
     def best_structure(
         self,
         value: Callable[[Structure], float],
@@ -167,9 +161,8 @@ class Evidence:
     ) -> Structure:
         """The structure of the largest ``value``, not beyond some sizes.
 
-        It is sought from every correlation, along the other numbers, since a correlation and a size can replace each
-        other: from one of them alone no step may lead to the best. The same holds for the part that all positions share
-        and the part of each, where both together are bounded.
+        It is sought from every correlation, since a correlation and a size can replace each other: from one alone no
+        step may lead to the best. The same holds for the parts of all positions and of each, bounded together.
         """
         half = float(largest_size / np.sqrt(2))
         shares = [(half, half)] if np.isinf(largest_size) else [(half, half), (largest_size, 0.0), (0.0, largest_size)]
@@ -244,6 +237,19 @@ class Evidence:
         distance = self.of_fit - mean
         return 0.5 * float(distance @ np.linalg.solve(covariance, distance))
 
+    def rms(self, fit: Fit) -> float:
+        """Root mean square of what a fit leaves of the cells, in their noise."""
+        misfit = (self.angle - fit.predicted_angle[self.covariance.cells]) / self.covariance.sigma
+        return float(np.sqrt(np.mean(misfit**2)))
+
+    def log_density(self, fit: Fit) -> float:
+        """Logarithm of the density of the data and of the unknowns of a fit of the same model, up to a constant."""
+        at_unknowns = copy(self)
+        at_unknowns.misfit = self.angle - fit.predicted_angle[self.covariance.cells]
+        at_unknowns.jacobian, at_unknowns.widths, at_unknowns._products = self.jacobian[:, :0], self.widths[:0], {}
+        deviation = (fit.unknowns.flat - self.centre) / (self.spread * self.widths)
+        return at_unknowns._log_evidence(self.structure, self._everything) - 0.5 * float(deviation @ deviation)
+
     @property
     def most_probable(self) -> Real:
         """The most probable unknowns (n_unknowns,) in their units."""
@@ -257,13 +263,10 @@ class Evidence:
         return float(sum(log_ndtr(mean[k] / np.sqrt(covariance[k, k])) + np.log(2) for k in columns))
 
     def log_evidence_up_to(self, largest_size: float, largest_between_cycles: float) -> float:
-        """The logarithm of the evidence where the structure beside the model is no larger than a size.
-
-        And that between cycles no larger than a size of its own.
-        """
+        """The logarithm of the evidence with structure beside the model, and between cycles, up to a size for each."""
         if self.structure.size <= largest_size and self.structure.cycle_size <= largest_between_cycles:
             return self.value
-        structure = self._most_likely(self.structure, largest_size, largest_between_cycles)
+        structure = self.best_structure(self._value, self.structure, largest_size, largest_between_cycles)
         promise = 0.0 if self.counts_promise else self._promise(structure)
         return self._value(structure) + self._positive - promise
 
@@ -296,7 +299,6 @@ class Evidence:
 
         Parameters
         ----------
-        effect : its name.
         without : the evidence of the model without this effect, if that was fitted.
 
         Raises
@@ -394,7 +396,5 @@ def tolerance_share(fit: Fit, evidence: Evidence) -> float:
     Their posterior mean is taken: what the structure beside the model takes up is no tolerance.
     """
     n_modes = len(fit.unknowns.modes)
-    if not n_modes:
-        return 1.0
     modes = evidence.unknowns[0][-n_modes:]
-    return float(chdtrc(n_modes, modes @ modes))
+    return float(chdtrc(n_modes, modes @ modes)) if n_modes else 1.0

@@ -9,6 +9,7 @@ import numpy as np
 from pipeline.arrays import Truth
 from pipeline.constant_kinds import Shortcut, ShortcutCount, ShownCount
 from pipeline.identification.fitting.fitter import FALL_OF_PASS, FIRST_ITERATIONS, ITERATIONS, Fitter
+from pipeline.identification.fitting.least_squares import TRIES
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
 from pipeline.identification.selection.covariance import Covariance, parts_of
@@ -38,8 +39,8 @@ ADDITIONS: ShortcutCount = 4
 """Effects that are tried on top of the best, those that explain most of what it leaves."""
 MOST_REFINED: ShortcutCount = 3
 """Models of as many effects whose fits are refined, the most probable ones."""
-GAIN_OF_BASE: Shortcut = 1.0
-"""Gain of the logarithm of the evidence of the model without effects from which everything is tried anew beside it."""
+LEAST_GAIN: Shortcut = 1.0
+"""Gain of the logarithm of the evidence from which a further step is tried, and all anew beside another base."""
 
 
 class Tries(NamedTuple):
@@ -71,9 +72,8 @@ class Selector:
         """What effects (all, or those offered) promise beside ``base``, and beside the declared scales if far off."""
         bases = [base]
         if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
-            zero_steps = np.zeros_like(base.unknowns.scales), np.zeros_like(base.unknowns.modes)
-            declared_unknowns = replace(base.unknowns, scales=zero_steps[0], modes=zero_steps[1])
-            bases.append(self.fitter.fit(base.model, cells, declared_unknowns, 0))
+            as_declared = replace(base.unknowns, scales=0 * base.unknowns.scales, modes=0 * base.unknowns.modes)
+            bases.append(self.fitter.fit(base.model, cells, as_declared, 0))
         nested_effects = limit_cases()
         included_names = {effect.name for effect in base.model.effects}
         included_names |= {name for name, simpler in nested_effects.items() if simpler in included_names} | {
@@ -89,11 +89,8 @@ class Selector:
 
     def trial(self, fit: Fit, cells: Truth, covariance: Covariance, base: Trial | None = None) -> Trial:
         """A fitted model with its evidence."""
-        data = self.problem.data
-        start_structure = base.evidence.structure if base else None
-        misfit = ((data.angle - fit.predicted_angle) / data.sigma)[cells]
-        rms = float(np.sqrt(np.mean(misfit**2)))
-        return Trial(fit, Evidence(covariance, self.fitter, fit, start_structure), rms)
+        evidence = Evidence(covariance, self.fitter, fit, base.evidence.structure if base else None)
+        return Trial(fit, evidence, evidence.rms(fit))
 
     def select(self, cells: Truth) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most.
@@ -102,12 +99,13 @@ class Selector:
         name does not hold against them, everything is tried anew beside them, since an effect must not win by a start
         that the model without it did not have.
         """
-        base_fit = self.recalibrate(cells)
+        base_fit, former = self.recalibrate(cells), -np.inf
         while True:
             selection = self._beside(base_fit, cells)
-            base = self._without_effects(selection, cells)
-            if base is selection.base:
+            base, value = self._without_effects(selection, cells), selection.base.evidence.value
+            if base is selection.base or value <= former:
                 return selection
+            former = value
             challenged = self._tries(cells).judge.select(base, selection.trials, selection.promised_misfits)
             if selection.members and challenged.members == selection.members:
                 return challenged
@@ -118,8 +116,7 @@ class Selector:
 
         Fits start at the numbers and tolerances of the most probable model; where something is named, of all models
         about as probable, and are refined, since a plain fit ends at the kinks that taking the effect away leads to.
-        So is one more, from the model whose end a few steps lead farthest: its effect may have led past a kink. Fits
-        that miss as much may differ by many nats, since contacts that close narrow what the numbers may be.
+        So is one more, from the model whose end a few steps lead farthest: its effect may have led past a kink.
         """
         odds = selection.odds
         names = [name for name in odds if odds[name] >= max(odds.values()) - ODDS]
@@ -131,10 +128,10 @@ class Selector:
             fits += sorted(first_steps, key=lambda fit: fit.cost)[:1]
             fits = [self.fitter.refine(fit, cells, fit.unknowns) for fit in fits]
         tries = self._tries(cells)
-        rivals = [self.trial(fit, cells, tries.covariance, selection.base) for fit in fits if fit.sound]
-        best = most_probable([selection.base, *rivals])
-        gain = best.evidence.without_promise().value - selection.base.evidence.without_promise().value
-        return self._at_most_probable(best, tries) if gain > GAIN_OF_BASE else selection.base
+        trials = (self.trial(fit, cells, tries.covariance, selection.base) for fit in fits if fit.sound)
+        best = most_probable([selection.base, *map(self.at_most_probable, trials)])
+        value, of_base = (trial.evidence.without_promise().value for trial in (best, selection.base))
+        return best if value - of_base > LEAST_GAIN else selection.base
 
     def _fit_without_effects(self, fit: Fit, cells: Truth, iterations: int = ITERATIONS) -> Fit:
         """The model without effects, fitted from the numbers and tolerances of another model's fit."""
@@ -152,8 +149,7 @@ class Selector:
         for model, start in promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, fall):
             rival_cost = min(_rival_cost(fits), base.fit.cost - fall)
             fits.append(self.fitter.fit_from_best(model, cells, [start], rival_cost=rival_cost))
-        fits = [fit for fit in fits if np.isfinite(fit.cost)]
-        trials = {fit.model.name: self.trial(fit, cells, tries.covariance, base) for fit in fits}
+        trials = {f.model.name: self.trial(f, cells, tries.covariance, base) for f in fits if np.isfinite(f.cost)}
         selection = tries.judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
         selection = self._with_all_solutions(selection, promises, tries)
         selection = self._with_refined_fits(selection, tries)
@@ -167,27 +163,43 @@ class Selector:
         """The selection in which the base, and the models that may be named, have the evidence of predicted places.
 
         A fit minimises the misfit in the noise alone, while the evidence also has the structure beside the model. The
-        most probable unknowns may therefore lie away from the fit, where its derivatives no longer hold. So the model
-        is predicted there, too, and the more probable of the two places counts, without the gain that a linear
-        problem predicts elsewhere. Rivals whose promised gain is as large as what they lack are predicted there, too,
-        since the linear problem cannot tell how probable they are.
+        most probable unknowns may therefore lie away from the fit, where its derivatives no longer hold. So they are
+        sought, also those of rivals whose promised gain is as large as what they lack, and the evidence there counts.
         """
         trials, done = dict(selection.trials), set[str]()
-        base = self._at_most_probable(selection.base, tries)
+        base = self.at_most_probable(selection.base)
         selection = tries.judge.select(base, trials, selection.promised_misfits)
         while new := [name for name in trials if name in {*selection.reasons, *_promising(selection)} - done]:
-            trials |= {name: self._at_most_probable(trials[name], tries) for name in new}
+            trials |= {name: self.at_most_probable(trials[name]) for name in new}
             done.update(new)
             selection = tries.judge.select(base, trials, selection.promised_misfits)
         return selection
 
-    def _at_most_probable(self, trial: Trial, tries: Tries) -> Trial:
-        """A trial with the evidence of its fit, or of its most probable unknowns, whichever is more probable."""
-        fit = self.fitter.fit_at(trial.fit, trial.evidence.most_probable, tries.cells)
-        predicted = [trial.evidence.without_promise()]
-        if fit.sound:
-            predicted.append(self.trial(fit, tries.cells, tries.covariance, trial).evidence.without_promise())
-        return replace(trial, evidence=max(predicted, key=lambda one: one.value))
+    def at_most_probable(self, trial: Trial) -> Trial:
+        """A trial with the evidence of its most probable unknowns, or of its fit where no steps lead to them.
+
+        The fit is the one of both that misses less.
+        """
+        places = [trial.evidence]
+        while len(places) <= ITERATIONS and (further := self._more_probable(places[-1])):
+            places.append(further)
+        evidence = places[-1 if places[-1].promise <= LEAST_GAIN else 0].without_promise()
+        fit = min(trial.fit, evidence.fit, key=lambda fit: fit.cost)
+        return replace(trial, fit=fit, evidence=evidence, rms=evidence.rms(fit))
+
+    def _more_probable(self, evidence: Evidence) -> Evidence | None:
+        """The evidence a step further towards the most probable unknowns; None where they are reached or no step helps.
+
+        A step leads to where the problem, linear about the unknowns reached, is most probable, or a half, a quarter and
+        so on of the way: where contacts open and close the whole way may lead too far.
+        """
+        fit, covariance = evidence.fit, evidence.covariance
+        way, density = evidence.most_probable - fit.unknowns.flat, evidence.log_density(fit)
+        for share in 0.5 ** np.arange(TRIES if evidence.promise > LEAST_GAIN else 0):
+            there = self.fitter.fit_at(fit, fit.unknowns.flat + share * way, covariance.cells)
+            if there.sound and evidence.log_density(there) - density > share * LEAST_GAIN:
+                return Evidence(covariance, self.fitter, there, evidence.structure)
+        return None
 
     def _known_odds(self, selection: Selection, tries: Tries) -> dict[str, float]:
         """Odds of models whose discrepancy is no larger than the form of the model leaves.

@@ -112,9 +112,10 @@ class CurvesOverCrank:
         crank = start - ratio * delta
         work = self._integrals(self._slopes(crank)) - self._slopes_of_stored(crank)
         motor = self.torque + ratio * work
-        if np.any(np.diff(motor) <= 0) or np.any(np.diff(delta) < 0):
+        if np.any(np.diff(motor) <= 0) or np.any(1 + ratio * slope <= 0):
             raise ValueError("the drive varies so much over the crank angle that it jumps; smaller torques do not")
-        return LockedCurve(motor, delta, self.torque, crank)
+        # close to the play two nodes differ by less than what cubics between the stations are off by
+        return LockedCurve(motor, np.maximum.accumulate(delta), self.torque, crank)
 
     def _at_nodes(self, crank: Real) -> tuple[Real, Real]:
         """Angle and its derivative (n_nodes,) of the curve of each node at a crank angle of its own (n_nodes,)."""

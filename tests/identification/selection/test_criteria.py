@@ -380,12 +380,12 @@ def test_a_rival_whose_fit_is_far_from_its_most_probable_unknowns_is_predicted_t
     fitter = SimpleNamespace(problem=problem, bounds=lambda model: [(-2.0, 8.0)] * model.n_parameters)
     tries = Tries(np.ones(24, bool), None, Judge(fitter, np.ones(24, bool), TRIED))
 
-    def at_most_probable(one, _):
+    def at_most_probable(one):
         asked.append(one.fit.model.name)
         evidence = one.evidence
         return replace(one, evidence=Known(evidence.value + evidence.promise, gain=evidence.predictive[0]))
 
-    selector._at_most_probable = at_most_probable
+    selector.at_most_probable = at_most_probable
     predicted = selector._at_their_most_probable(selection, tries)
     assert selection.members == ("coulomb",)
     assert sorted(asked) == ["", "coulomb", "presliding"]
@@ -424,3 +424,34 @@ def test_an_effect_is_not_named_for_a_size_at_which_the_model_bends_away(fitter_
     assert (promise < 0.1) == is_named
     assert selection.trials["coulomb"].fit is near_zero
     assert not selection.base.evidence.counts_promise
+
+
+class Steep(LinearFitter):
+    """A model whose effect acts within a narrow range of sizes: away from it the whole linear step leads too far."""
+
+    def predict(self, model, unknowns, positions=None, modes=False):
+        steep = replace(unknowns, shares=np.arctan(40 * (unknowns.shares - 0.2)) / 40)
+        return super().predict(model, steep, positions, modes)
+
+
+@pytest.mark.parametrize("share", [0.12, 0.25, 0.3])
+def test_the_most_probable_unknowns_are_found_from_a_fit_that_ended_elsewhere(share):
+    """Against the largest density over a grid of sizes; a step to where the linear problem has it is far off."""
+    column = np.random.default_rng(5).normal(size=len(DATA))
+    cells, noise = np.ones(len(DATA), bool), 0.02 * np.random.default_rng(6).standard_normal(len(DATA))
+    data = replace(DATA, angle=noise, sigma=np.full(len(DATA), 0.02))
+    fitter, model = Steep(data, 40 * column[:, None]), model_of(1)
+    selector = Selector.__new__(Selector)
+    selector.fitter, selector.problem = fitter, fitter.problem
+    there = fitter.fit_at(fitter.fit(model, cells, fitter.start(model), 0), np.array([share]), cells)
+    trial_there = selector.trial(there, cells, Covariance(data, cells, parts_of(data, cells)))
+    found = selector.at_most_probable(trial_there)
+    evidence = found.evidence
+    shares = np.linspace(0.15, 0.25, 401)
+    densities = [evidence.log_density(fitter.fit_at(there, np.array([one]), cells)) for one in shares]
+    assert evidence.fit.unknowns.shares[0] == pytest.approx(shares[np.argmax(densities)], abs=1e-3)
+    assert evidence.value > trial_there.evidence.without_promise().value + 3
+    whole_step = fitter.fit_at(there, trial_there.evidence.most_probable, cells)
+    assert abs(whole_step.unknowns.shares[0] - 0.2) > 0.5 * abs(share - 0.2)
+    assert found.fit is evidence.fit
+    assert found.rms < 1.1 < trial_there.rms

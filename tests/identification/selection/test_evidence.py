@@ -140,6 +140,9 @@ def test_without_promise_it_is_laplaces_integral_about_the_unknowns_of_the_fit()
     expected += multivariate_normal.logpdf(values, np.zeros(2), np.diag(prior**2))
     expected += 0.5 * np.linalg.slogdet(2 * np.pi * posterior)[1]
     at_fit = evidence.without_promise()
+    most_probable = fitter.fit_at(fit, evidence.most_probable, EVERYTHING)
+    gain = evidence.log_density(most_probable) - evidence.log_density(there)
+    assert gain == pytest.approx(evidence.promise, rel=1e-6)
     assert at_fit.value - at_fit._positive == pytest.approx(expected - evidence.cost_of_widths, abs=1e-4)
     assert evidence.value - at_fit.value > 1.0
     assert at_fit.without_promise().value == at_fit.value
@@ -327,7 +330,7 @@ def test_what_may_be_left_up_to_a_bound_is_as_large_as_the_bound(number):
     values, start = [], replace(evidence.structure, reach=REACHES[0])
     for bound in (0.4, 0.7):
         bounds = (np.inf, bound) if number == "cycle_size" else (bound, 0.1)
-        structure = evidence._most_likely(start, *bounds)
+        structure = evidence.best_structure(evidence._value, start, *bounds)
         assert getattr(structure, number) == bound
         assert evidence._value(structure) == max(evidence._value(replace(structure, reach=one)) for one in REACHES)
         values.append(evidence.log_evidence_up_to(*bounds))

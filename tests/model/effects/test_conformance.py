@@ -121,7 +121,7 @@ def test_friction_at_contacts_is_followed_closely_after_a_turn(coefficient, monk
     finely = change()
     missed = [np.max(np.abs(one - finely)) / np.max(np.abs(finely)) for one in (followed, by_nodes)]
     assert missed[0] < 0.1
-    assert missed[1] > 0.4
+    assert missed[1] > 0.15
 
 
 def test_friction_resists_constant_torques_and_shares_of_the_load():
