@@ -31,8 +31,8 @@ from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import NMM_PER_NM
 
 LEVELS: Fineness = 44
-"""Nodes of the backbone in each sense of the torque. The straight lines between them are off by 0.01 to 0.04 of the noise
-of a cell (rms, four benches); with 22 nodes by 0.04 to 0.14, and contacts close at kinks over which fits end."""
+"""Nodes of the backbone in each sense of the torque. The lines between them are off by 0.01 to 0.04 of the noise of a
+cell (rms, four benches); with 22 nodes by 0.04 to 0.14, and contacts close at kinks over which fits end."""
 BEYOND: Shortcut = 1.05
 """Reach of the backbone over the largest torque measured: friction may keep more in the reducer than is read."""
 BEYOND_TURNING: Shortcut = 1.3

@@ -264,23 +264,28 @@ class Fitter:
 
     def fit_at(self, fit: Fit, flat: Real, is_fitted: Truth) -> Fit:
         """A fit's model at other unknowns (n_unknowns,), held to their bounds, with its derivatives there."""
-        model, unknowns = fit.model, fit.unknowns.like(flat)
-        prediction = self.predict(model, unknowns, modes=True)
+        moved_fit, prediction = self.predicted_fit(fit, flat, is_fitted, modes=True)
         weight = np.where(is_fitted, 1 / fit.sigma**2, 0.0)
-        jacobian, _ = self.jacobian(model, unknowns, prediction, self.positions, weight, None)
+        jacobian, _ = self.jacobian(fit.model, moved_fit.unknowns, prediction, self.positions, weight, None)
+        return replace(moved_fit, jacobian=jacobian, sound=moved_fit.sound and bool(np.all(np.isfinite(jacobian))))
+
+    def predicted_fit(self, fit: Fit, flat: Real, is_fitted: Truth, modes: bool = False) -> tuple[Fit, Prediction]:
+        """A fit's model at other unknowns (n_unknowns,), with the derivatives of the fit, and its prediction there."""
+        unknowns = fit.unknowns.like(flat)
+        prediction = self.predict(fit.model, unknowns, modes=modes)
         angle = prediction.angle + self.offsets(prediction.angle, is_fitted, fit.sigma)
         misfit = ((self.problem.data.angle - angle) / self.problem.data.sigma)[is_fitted]
-        deviation = self.penalty(unknowns) * (unknowns.flat - self.centre(model, unknowns))
-        return replace(
+        deviation = self.penalty(unknowns) * (unknowns.flat - self.centre(fit.model, unknowns))
+        moved_fit = replace(
             fit,
             unknowns=unknowns,
-            values=values_at_shares(self.bounds(model), unknowns.shares),
+            values=values_at_shares(self.bounds(fit.model), unknowns.shares),
             predicted_angle=angle,
             cost=float(misfit @ misfit + deviation @ deviation),
-            jacobian=jacobian,
             balances=prediction.balances,
-            sound=prediction.sound and prediction.is_in_range and bool(np.all(np.isfinite(jacobian))),
+            sound=prediction.sound and prediction.is_in_range,
         )
+        return moved_fit, prediction
 
     def slopes(self, fit: Fit) -> Real:
         """d angle / d torque (n_cells,) [arcmin/(N m)] of a fitted model."""

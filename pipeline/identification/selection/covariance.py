@@ -122,6 +122,10 @@ class Covariance:
         self._of_cycles = [cycles == cycle for cycle in self._distinct(cycles)]
         self._white_features: dict[tuple[float, Correlation, bytes], WhiteFeatures] = {}
 
+    def rms(self, predicted_angle: Real) -> float:
+        """Root mean square, in the noise of each cell, of what angles (n_cells,) [arcmin] predicted for all miss."""
+        return float(np.sqrt(np.mean(((self.data.angle - predicted_angle)[self.cells] / self.sigma) ** 2)))
+
     def _row_errors(self) -> Real:
         """Errors of the place of the jump through play between two rows, alike on all branches of a sense (n, ...)."""
         senses, errors = self.data.senses[self.cells], self.data.row_error[self.cells]

@@ -53,7 +53,10 @@ class Evidence:
     value : logarithm of the evidence; sizes that cannot be negative by a truncated integral.
     """
 
-    def __init__(self, covariance: Covariance, fitter: Fitter, fit: Fit, start_structure: Structure | None = None):
+    def __init__(
+        self, covariance: Covariance, fitter: Fitter, fit: Fit, structure: Structure | None = None, held: bool = False
+    ):
+        """The structure is sought from ``structure``, or is ``held`` as that."""
         self.covariance, self.fit, self.bounds = covariance, fit, fitter.bounds(fit.model)
         cells, self.spread = covariance.cells, 1 / fitter.penalty(fit.unknowns)
         jacobian = fit.jacobian * self.spread
@@ -67,7 +70,7 @@ class Evidence:
         self._known_values: dict[Structure, float] = {}
         self._systems: dict[Structure, tuple[Real, Real]] = {}
         self.widths, self.cost_of_widths = np.ones(jacobian.shape[1]), 0.0
-        self.structure = self.best_structure(self._value, start_structure or FIRST)
+        self.structure = structure if structure and held else self.best_structure(self._value, structure or FIRST)
         self._narrow_priors()
         self._positive = self._log_share_above_zero()
         self.value = self._value(self.structure) + self._positive
@@ -236,11 +239,6 @@ class Evidence:
         mean, covariance = self._unknowns_beside(structure)
         distance = self.of_fit - mean
         return 0.5 * float(distance @ np.linalg.solve(covariance, distance))
-
-    def rms(self, fit: Fit) -> float:
-        """Root mean square of what a fit leaves of the cells, in their noise."""
-        misfit = (self.angle - fit.predicted_angle[self.covariance.cells]) / self.covariance.sigma
-        return float(np.sqrt(np.mean(misfit**2)))
 
     def log_density(self, fit: Fit) -> float:
         """Logarithm of the density of the data and of the unknowns of a fit of the same model, up to a constant."""

@@ -90,7 +90,7 @@ class Selector:
     def trial(self, fit: Fit, cells: Truth, covariance: Covariance, base: Trial | None = None) -> Trial:
         """A fitted model with its evidence."""
         evidence = Evidence(covariance, self.fitter, fit, base.evidence.structure if base else None)
-        return Trial(fit, evidence, evidence.rms(fit))
+        return Trial(fit, evidence, covariance.rms(fit.predicted_angle))
 
     def select(self, cells: Truth) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most.
@@ -169,36 +169,36 @@ class Selector:
         trials, done = dict(selection.trials), set[str]()
         base = self.at_most_probable(selection.base)
         selection = tries.judge.select(base, trials, selection.promised_misfits)
-        while new := [name for name in trials if name in {*selection.reasons, *_promising(selection)} - done]:
-            trials |= {name: self.at_most_probable(trials[name]) for name in new}
-            done.update(new)
+        while new := {*selection.reasons, *_promising(selection)} - done:
+            name = max(new, key=lambda name: selection.odds[name])  # the others may then be far behind
+            trials[name] = self.at_most_probable(trials[name])
+            done.add(name)
             selection = tries.judge.select(base, trials, selection.promised_misfits)
         return selection
 
     def at_most_probable(self, trial: Trial) -> Trial:
-        """A trial with the evidence of its most probable unknowns, or of its fit where no steps lead to them.
-
-        The fit is the one of both that misses less.
-        """
-        places = [trial.evidence]
-        while len(places) <= ITERATIONS and (further := self._more_probable(places[-1])):
-            places.append(further)
-        evidence = places[-1 if places[-1].promise <= LEAST_GAIN else 0].without_promise()
+        """A trial with the evidence of its most probable unknowns, or of its fit where no steps lead to them."""
+        evidence, steps, covariance = trial.evidence, 0, trial.evidence.covariance
+        while steps < ITERATIONS and evidence.promise > LEAST_GAIN and (there := self._more_probable(evidence)):
+            held = Evidence(covariance, self.fitter, there, evidence.structure, held=True)
+            is_there, steps = held.promise <= LEAST_GAIN, steps + 1
+            evidence = Evidence(covariance, self.fitter, there, evidence.structure) if is_there else held
+        evidence = (evidence if evidence.promise <= LEAST_GAIN else trial.evidence).without_promise()
         fit = min(trial.fit, evidence.fit, key=lambda fit: fit.cost)
-        return replace(trial, fit=fit, evidence=evidence, rms=evidence.rms(fit))
+        return replace(trial, fit=fit, evidence=evidence, rms=covariance.rms(fit.predicted_angle))
 
-    def _more_probable(self, evidence: Evidence) -> Evidence | None:
-        """The evidence a step further towards the most probable unknowns; None where they are reached or no step helps.
+    def _more_probable(self, evidence: Evidence) -> Fit | None:
+        """A step further towards the most probable unknowns; None where no step makes them more probable.
 
         A step leads to where the problem, linear about the unknowns reached, is most probable, or a half, a quarter and
         so on of the way: where contacts open and close the whole way may lead too far.
         """
-        fit, covariance = evidence.fit, evidence.covariance
-        way, density = evidence.most_probable - fit.unknowns.flat, evidence.log_density(fit)
-        for share in 0.5 ** np.arange(TRIES if evidence.promise > LEAST_GAIN else 0):
-            there = self.fitter.fit_at(fit, fit.unknowns.flat + share * way, covariance.cells)
+        fit, cells, density = evidence.fit, evidence.covariance.cells, evidence.log_density(evidence.fit)
+        for share in 0.5 ** np.arange(TRIES):
+            flat = fit.unknowns.flat + share * (evidence.most_probable - fit.unknowns.flat)
+            there, _ = self.fitter.predicted_fit(fit, flat, cells)
             if there.sound and evidence.log_density(there) - density > share * LEAST_GAIN:
-                return Evidence(covariance, self.fitter, there, evidence.structure)
+                return self.fitter.fit_at(fit, flat, cells)
         return None
 
     def _known_odds(self, selection: Selection, tries: Tries) -> dict[str, float]:
