@@ -105,18 +105,17 @@ class Selector:
             base, value = self._without_effects(selection, cells), selection.base.evidence.value
             if base is selection.base or value <= former:
                 return selection
-            former = value
             challenged = self._tries(cells).judge.select(base, selection.trials, selection.promised_misfits)
             if selection.members and challenged.members == selection.members:
                 return challenged
-            base_fit = base.fit
+            base_fit, former = base.fit, value
 
     def _without_effects(self, selection: Selection, cells: Truth) -> Trial:
         """The most probable model without effects: the base, or a fit that starts where models with effects ended.
 
         Fits start at the numbers and tolerances of the most probable model; where something is named, of all models
-        about as probable, and are refined, since a plain fit ends at the kinks that taking the effect away leads to.
-        So is one more, from the model whose end a few steps lead farthest: its effect may have led past a kink.
+        about as probable, and are refined, since a plain fit ends at the kinks that taking the effect away leads to;
+        so is one more, from the model whose end a few steps lead farthest.
         """
         odds = selection.odds
         names = [name for name in odds if odds[name] >= max(odds.values()) - ODDS]
@@ -163,27 +162,31 @@ class Selector:
         """The selection in which the base, and the models that may be named, have the evidence of predicted places.
 
         A fit minimises the misfit in the noise alone, while the evidence also has the structure beside the model. The
-        most probable unknowns may therefore lie away from the fit, where its derivatives no longer hold. So they are
-        sought, also those of rivals whose promised gain is as large as what they lack, and the evidence there counts.
+        most probable unknowns, away from the fit, are therefore sought, also of rivals whose promised gain is as large
+        as what they lack. Those of the base are sought from each leading model, too: none must win by where it led.
         """
         trials, done = dict(selection.trials), set[str]()
-        base = self.at_most_probable(selection.base)
-        selection = tries.judge.select(base, trials, selection.promised_misfits)
+        base, promised = self.at_most_probable(selection.base), selection.promised_misfits
+        selection = tries.judge.select(base, trials, promised)
         while new := {*selection.reasons, *_promising(selection)} - done:
             name = max(new, key=lambda name: selection.odds[name])  # the others may then be far behind
-            trials[name] = self.at_most_probable(trials[name])
-            done.add(name)
-            selection = tries.judge.select(base, trials, selection.promised_misfits)
+            trials[name], done = self.at_most_probable(trials[name]), done | {name}
+            there = self._fit_without_effects(trials[name].evidence.fit, tries.cells, 0)
+            if there.sound and name == selection.best_model:
+                rival = self.at_most_probable(self.trial(there, tries.cells, tries.covariance, base)).evidence
+                base = replace(base, evidence=max(base.evidence, rival, key=lambda evidence: evidence.value))
+            selection = tries.judge.select(base, trials, promised)
         return selection
 
     def at_most_probable(self, trial: Trial) -> Trial:
-        """A trial with the evidence of its most probable unknowns, or of its fit where no steps lead to them."""
+        """A trial with the evidence of its most probable unknowns, or as near to them as steps lead, or of its fit."""
         evidence, steps, covariance = trial.evidence, 0, trial.evidence.covariance
         while steps < ITERATIONS and evidence.promise > LEAST_GAIN and (there := self._more_probable(evidence)):
             held = Evidence(covariance, self.fitter, there, evidence.structure, held=True)
             is_there, steps = held.promise <= LEAST_GAIN, steps + 1
             evidence = Evidence(covariance, self.fitter, there, evidence.structure) if is_there else held
-        evidence = (evidence if evidence.promise <= LEAST_GAIN else trial.evidence).without_promise()
+        ends = [evidence] if evidence.promise <= LEAST_GAIN else [evidence, trial.evidence]
+        evidence = max((end.without_promise() for end in ends), key=lambda end: end.value)
         fit = min(trial.fit, evidence.fit, key=lambda fit: fit.cost)
         return replace(trial, fit=fit, evidence=evidence, rms=covariance.rms(fit.predicted_angle))
 
@@ -232,8 +235,7 @@ class Selector:
     def _with_refined_fits(self, selection: Selection, tries: Tries) -> Selection:
         """The selection with the fits of models that may be named refined, as that of the model without effects is.
 
-        Of as many effects the most probable ones, if they are within the odds of what a name takes, or would be if they
-        missed no more than the noise.
+        Of as many effects the most probable ones that are within the odds of a name, or would be if they missed none.
         """
         trials, odds, base = dict(selection.trials), selection.odds, selection.base
         known_leader = best_of(self._known_odds(selection, tries))

@@ -38,7 +38,7 @@ class Known:
     """Evidence whose numbers are given."""
 
     def __init__(self, value, gain=1.0, limited=None, distance=3.0, left=0.1, modes=(), promise=0.0):
-        self.value, self.predictive, self.promise = value, np.full(3, gain), promise
+        self.value, self.predictive, self.promise, self.fit = value, np.full(3, gain), promise, None
         self.training = dict.fromkeys(range(3), value)
         self.structure = Structure(left, 0.0, 0.15, 0.0)
         self.unknowns = np.array(modes, float), np.eye(len(modes))
@@ -386,10 +386,28 @@ def test_a_rival_whose_fit_is_far_from_its_most_probable_unknowns_is_predicted_t
         return replace(one, evidence=Known(evidence.value + evidence.promise, gain=evidence.predictive[0]))
 
     selector.at_most_probable = at_most_probable
+    selector._fit_without_effects = lambda *_: SimpleNamespace(sound=False)
     predicted = selector._at_their_most_probable(selection, tries)
     assert selection.members == ("coulomb",)
     assert sorted(asked) == ["", "coulomb", "presliding"]
     assert predicted.members == ("coulomb", "presliding")
+
+
+@pytest.mark.parametrize(("value", "is_named"), [(30.0, True), (59.0, False)])
+def test_no_effect_is_named_by_where_its_steps_led(value, is_named):
+    """The model without effects may be as probable there as with the effect, though its own fit ended elsewhere."""
+    selection, selector = judged({"coulomb": trial("coulomb", Known(60.0))}), Selector.__new__(Selector)
+    problem = SimpleNamespace(data=SimpleNamespace(block=np.arange(24)), record={"time": 9.0, "cycles": 9.0})
+    fitter = SimpleNamespace(problem=problem, bounds=lambda model: [(-2.0, 8.0)] * model.n_parameters)
+    selector.at_most_probable = lambda one: one
+    selector._fit_without_effects = lambda *_: SimpleNamespace(sound=True)
+    selector.trial = lambda *_: trial("", Known(value, gain=0.0))
+    predicted = selector._at_their_most_probable(
+        selection, Tries(np.ones(24, bool), None, Judge(fitter, np.ones(24, bool), TRIED))
+    )
+    assert selection.members
+    assert bool(predicted.members) == is_named
+    assert predicted.base.evidence.value == value
 
 
 class Bending(LinearFitter):
