@@ -58,7 +58,7 @@ def test_a_zero_of_the_torque_within_the_cell_of_the_jump_is_named(tmp_path, con
     assert (verdict.verdict, verdict.named_effects) == (IDENTIFIED, ("torque_zero",))
     (zero,) = verdict.parameters
     assert zero.ci_low < ZERO < zero.ci_high
-    assert zero.value == pytest.approx(ZERO, rel=0.15)
+    assert zero.value == pytest.approx(ZERO, abs=0.25 * ZERO)  # half a row: between two rows all zeros fit as well
 
 
 def test_a_zero_of_the_torque_is_as_uncertain_as_the_place_of_the_jump_between_two_rows(tmp_path, condensed):
