@@ -134,8 +134,7 @@ class Selector:
 
     def _fit_without_effects(self, fit: Fit, cells: Truth, iterations: int = ITERATIONS) -> Fit:
         """The model without effects, fitted from the numbers and tolerances of another model's fit."""
-        unknowns = fit.unknowns
-        start = replace(self.fitter.start(Model()), scales=unknowns.scales, modes=unknowns.modes)
+        start = replace(self.fitter.start(Model()), scales=fit.unknowns.scales, modes=fit.unknowns.modes)
         return self.fitter.fit(Model(), cells, start, iterations)
 
     def _beside(self, base_fit: Fit, cells: Truth) -> Selection:
@@ -162,8 +161,8 @@ class Selector:
         """The selection in which the base, and the models that may be named, have the evidence of predicted places.
 
         A fit minimises the misfit in the noise alone, while the evidence also has the structure beside the model. The
-        most probable unknowns, away from the fit, are therefore sought, also of rivals whose promised gain is as large
-        as what they lack. Those of the base are sought from each leading model, too: none must win by where it led.
+        most probable unknowns are therefore sought, also of rivals whose promised gain is as large as what they lack,
+        and of the base from each leading model, too: none must win by where it led.
         """
         trials, done = dict(selection.trials), set[str]()
         base, promised = self.at_most_probable(selection.base), selection.promised_misfits
@@ -319,8 +318,7 @@ class Selector:
         """Whether another effect beside a fitted single one promises the fall that the odds over it take."""
         least = least_fall(MOST_NAMED, len(self.testable), MOST_NAMED - 1)
         screening = Screening(self.fitter, cells, single, single.sigma)
-        others = [effect for effect in self.testable.values() if effect not in single.model.effects]
-        return any(screening.could_lower(effect, least) for effect in others)
+        return any(screening.could_lower(e, least) for e in self.testable.values() if e not in single.model.effects)
 
     def _extended(
         self, selection: Selection, current: Trial, tries: Tries, names: Sequence[str] = (), count: int = ADDITIONS
@@ -343,11 +341,13 @@ class Selector:
     def recalibrate(self, cells: Truth) -> Fit:
         """Calibrated numbers and tolerances alone: a fit to the large torques first, refined from two starts.
 
-        From as declared, and from where the first fit ends: of spent units each of them led farther on some.
+        From as declared, and from where the first fit ends. The more probable counts: it may miss more in the noise.
         """
-        start = self.fitter.start(Model())
+        start, covariance = self.fitter.start(Model()), self._tries(cells).covariance
         fit = self.fitter.fit_by_load(Model(), cells, start)
-        return min((self.fitter.refine(fit, cells, one) for one in (start, fit.unknowns)), key=lambda fit: fit.cost)
+        fits = (self.fitter.refine(fit, cells, one) for one in (start, fit.unknowns))
+        trials = (self.at_most_probable(self.trial(one, cells, covariance)) for one in fits)
+        return max(trials, key=lambda trial: trial.evidence.value).fit
 
     def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise]) -> list[Fit]:
         """Fits of all promised additions to a base, the best promised first, each from its best start.
