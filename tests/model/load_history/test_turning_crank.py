@@ -114,6 +114,15 @@ def test_a_jump_and_an_unknown_crank_angle_are_refused():
         window.locked_curve(0.3, RATIO)
 
 
+def test_curves_that_cross_between_the_stations_are_no_jump():
+    """Close to the play two nodes differ by less than what is interpolated between the stations is off by."""
+    known = curves()
+    angle = known.angle.copy()
+    angle[:, -1] = angle[:, -2] - 1e-9
+    locked = CurvesOverCrank(known.crank, TORQUE, angle, period=known.period).locked_curve(0.0, RATIO)
+    assert np.all(np.diff(locked.angle) >= 0)
+
+
 def test_a_reducer_reaches_the_gaps_of_the_crank_angle_that_it_turns_to():
     """Curves of the reducer itself: the locked angle is that of the crank held where the locked drive has come to."""
     cranks = 0.4 + np.linspace(-0.2, 0.2, 9)
