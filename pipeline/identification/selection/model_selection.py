@@ -40,7 +40,7 @@ ADDITIONS: ShortcutCount = 4
 MOST_REFINED: ShortcutCount = 3
 """Models of as many effects whose fits are refined, the most probable ones."""
 LEAST_GAIN: Shortcut = 1.0
-"""Gain of the logarithm of the evidence from which a further step is tried, and all anew beside another base."""
+"""Gain of the logarithm of the evidence from which another step is taken, or everything is tried beside a new base."""
 
 
 class Tries(NamedTuple):
@@ -161,8 +161,8 @@ class Selector:
         """The selection in which the base, and the models that may be named, have the evidence of predicted places.
 
         A fit minimises the misfit in the noise alone, while the evidence also has the structure beside the model. The
-        most probable unknowns are therefore sought, also of rivals whose promised gain is as large as what they lack,
-        and of the base from each leading model, too: none must win by where it led.
+        most probable unknowns are therefore sought, also of rivals whose promised gain is as large as what they lack.
+        Those of the base are sought from each leading model, too: an effect must not win by a start that it alone had.
         """
         trials, done = dict(selection.trials), set[str]()
         base, promised = self.at_most_probable(selection.base), selection.promised_misfits
@@ -234,7 +234,7 @@ class Selector:
     def _with_refined_fits(self, selection: Selection, tries: Tries) -> Selection:
         """The selection with the fits of models that may be named refined, as that of the model without effects is.
 
-        Of as many effects the most probable ones that are within the odds of a name, or would be if they missed none.
+        Of as many effects the most probable that are within the odds of a name, or would be if they missed only noise.
         """
         trials, odds, base = dict(selection.trials), selection.odds, selection.base
         known_leader = best_of(self._known_odds(selection, tries))
@@ -345,9 +345,10 @@ class Selector:
         """
         start, covariance = self.fitter.start(Model()), self._tries(cells).covariance
         fit = self.fitter.fit_by_load(Model(), cells, start)
-        fits = (self.fitter.refine(fit, cells, one) for one in (start, fit.unknowns))
-        trials = (self.at_most_probable(self.trial(one, cells, covariance)) for one in fits)
-        return max(trials, key=lambda trial: trial.evidence.value).fit
+        fits = [self.fitter.refine(fit, cells, one) for one in (start, fit.unknowns)]
+        trials = [self.trial(one, cells, covariance) for one in fits if np.isfinite(one.cost)]
+        best = max(map(self.at_most_probable, trials), key=lambda trial: trial.evidence.value, default=None)
+        return best.fit if best else fit
 
     def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise]) -> list[Fit]:
         """Fits of all promised additions to a base, the best promised first, each from its best start.
@@ -375,10 +376,8 @@ class Selector:
             extended_model = Model((*fit.model.effects, effect))
             declared = start_from_declared(self.fitter, extended_model, cells, fit.unknowns)
             starts = [*(promise.starts if promise else ()), declared]
-            is_whole = extended_model.n_effects == model.n_effects
-            extended_fit = self.fitter.fit_from_best(
-                extended_model, cells, starts, rival_cost=rival_cost if is_whole else np.inf
-            )
+            cost_to_reach = rival_cost if extended_model.n_effects == model.n_effects else np.inf
+            extended_fit = self.fitter.fit_from_best(extended_model, cells, starts, rival_cost=cost_to_reach)
             fit = extended_fit if extended_fit.sound and extended_fit.cost < fit.cost else fit
         if not fit.model.effects:
             return fit

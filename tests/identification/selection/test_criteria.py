@@ -393,6 +393,20 @@ def test_a_rival_whose_fit_is_far_from_its_most_probable_unknowns_is_predicted_t
     assert predicted.members == ("coulomb", "presliding")
 
 
+@pytest.mark.parametrize(("values", "chosen"), [((5.0, 9.0), 1), ((9.0, 5.0), 0)])
+def test_the_fit_without_effects_is_the_more_probable_of_two_though_it_misses_more(values, chosen):
+    ends = [replace(trial("", Known(value)).fit, cost=cost) for value, cost in zip(values, (10.0, 20.0), strict=True)]
+    selector, refined = Selector.__new__(Selector), iter(ends)
+    start = SimpleNamespace(unknowns=None)
+    selector.fitter = SimpleNamespace(
+        start=lambda _: None, fit_by_load=lambda *_: start, refine=lambda *_: next(refined)
+    )
+    selector._tries = lambda _: Tries(None, None, None)
+    selector.trial = lambda fit, *_: Trial(fit, Known(values[int(fit is ends[1])]), 1.0)
+    selector.at_most_probable = lambda one: one
+    assert selector.recalibrate(np.ones(3, bool)) is ends[chosen]
+
+
 @pytest.mark.parametrize(("value", "is_named"), [(30.0, True), (59.0, False)])
 def test_no_effect_is_named_by_where_its_steps_led(value, is_named):
     """The model without effects may be as probable there as with the effect, though its own fit ended elsewhere."""
@@ -473,3 +487,4 @@ def test_the_most_probable_unknowns_are_found_from_a_fit_that_ended_elsewhere(sh
     assert abs(whole_step.unknowns.shares[0] - 0.2) > 0.5 * abs(share - 0.2)
     assert found.fit is evidence.fit
     assert found.rms < 1.1 < trial_there.rms
+    assert evidence.covariance.rms(data.angle) == 0.0

@@ -114,6 +114,16 @@ def test_a_jump_and_an_unknown_crank_angle_are_refused():
         window.locked_curve(0.3, RATIO)
 
 
+def test_an_angle_that_rises_with_the_crank_is_no_jump_but_one_that_falls_as_fast_is():
+    """With a(T, phi) = T / k + s phi the locked output turns by T / k / (1 + i s)."""
+    crank, spring = np.linspace(-1.0, 1.0, 9), 1e-4 * TORQUE / TORQUE[-1]
+    angle = spring + 2.0 / RATIO * crank[:, None]
+    locked = CurvesOverCrank(crank, TORQUE, angle).locked_curve(0.0, RATIO)
+    np.testing.assert_allclose(locked.angle, spring / 3, atol=1e-12)
+    with pytest.raises(ValueError, match="jumps"):
+        CurvesOverCrank(crank, TORQUE, spring - 2.0 / RATIO * crank[:, None]).locked_curve(0.0, RATIO)
+
+
 def test_curves_that_cross_between_the_stations_are_no_jump():
     """Close to the play two nodes differ by less than what is interpolated between the stations is off by."""
     known = curves()
