@@ -11,6 +11,7 @@ from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Problem, candidates
 from pipeline.identification.fitting.stations import stations_of
 from pipeline.identification.measurement.measurement import Measurement
@@ -179,6 +180,8 @@ def _best_selection(problem: Problem, cells: Truth) -> tuple[Selector, Selection
     """
     selector = Selector(Fitter(problem), cells)
     selection = selector.select(cells)
+    if not any(_is_held_by_range(problem, trial.fit) for trial in (selection.base, selection.answer)):
+        return selector, selection
     answer, short_contacts = selection.answer, Selector(Fitter(problem.with_short_contacts()), cells)
     start = replace(answer.fit.unknowns, reach=problem.short_range)
     fits = short_contacts.fitter.fit(answer.fit.model, cells, start), short_contacts.recalibrate(cells)
@@ -186,6 +189,16 @@ def _best_selection(problem: Problem, cells: Truth) -> tuple[Selector, Selection
     value = max((short_contacts.at_most_probable(rival).evidence.value for rival in rivals), default=-np.inf)
     is_better = value - answer.evidence.without_promise().value > ODDS
     return (short_contacts, short_contacts.select(cells)) if is_better else (selector, selection)
+
+
+def _is_held_by_range(problem: Problem, fit: Fit) -> bool:
+    """Whether wider ranges, as of contacts on a part of the width, could make a fit more probable by half of ``ODDS``.
+
+    That is what the priors of the factors with such ranges cost a fit. A factor at the end of its range costs more.
+    """
+    is_wider = np.any(problem.short_range != problem.scale_range, axis=0)
+    deviations = (fit.unknowns.scales / problem.scale_spread)[is_wider]
+    return float(deviations @ deviations) > ODDS
 
 
 def _between_cranks(fitter: Fitter, selection: Selection) -> float | None:

@@ -8,7 +8,7 @@ from synthetic_unit import Bench, make_unit, problem_of, with_angles
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Model
-from pipeline.identification.identify import _best_selection
+from pipeline.identification.identify import _best_selection, _is_held_by_range
 
 
 @pytest.mark.parametrize(("factor", "are_short"), [(1.3, False), (2.8, True)])
@@ -37,3 +37,18 @@ def test_a_part_of_the_data_has_the_ranges_of_the_whole(tmp_path, condensed):
     problem = problem_of(make_unit(tmp_path / "u", {}, Bench(), condensed), condensed).with_short_contacts()
     fold = problem.trained_on(problem.data.position == 0)
     np.testing.assert_array_equal(fold.scale_range, problem.short_range)
+
+
+@pytest.mark.parametrize(
+    ("factors", "is_held"),
+    [((1.0, 1.0, 3.9), False), ((1.5, 1.0, 1.0), False), ((1.64, 1.0, 1.0), True), ((1.4, 1.4, 1.0), True)],
+)
+def test_other_ranges_are_tried_where_the_ranges_hold_the_laws(factors, is_held, tmp_path, condensed):
+    """Of the deflections of pins and output: the curvature has one range."""
+    problem = problem_of(make_unit(tmp_path / "u", {}, Bench(), condensed), condensed)
+    fitter = Fitter(problem)
+    start = fitter.start(Model())
+    scales = np.concatenate([np.zeros(len(problem.calibrated_keys)), np.log(factors), [0.0]])
+    assert len(scales) == len(start.scales)
+    fit = fitter.fit(Model(), np.ones(len(problem.data), bool), replace(start, scales=scales), 0)
+    assert _is_held_by_range(problem, fit) == is_held
