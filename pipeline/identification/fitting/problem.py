@@ -1,6 +1,6 @@
 """A measured unit against its model: cells, drives, what is not known of them, and what may be added."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -249,6 +249,13 @@ def twins(name: str) -> tuple[str, ...]:
 def limit_cases() -> Mapping[str, str]:
     """By name of an effect, the simpler one that it becomes at a limit of its parameters."""
     return {name: effect.limit_case for name, effect in candidates().items() if effect.limit_case}
+
+
+def with_limit_cases(names: Iterable[str]) -> set[str]:
+    """Effects, the simpler ones that they become at a limit of their parameters, and those that become them."""
+    simpler_effects, included_names = limit_cases(), set(names)
+    more_general = {name for name, simpler in simpler_effects.items() if simpler in included_names}
+    return included_names | more_general | {simpler_effects.get(name, name) for name in included_names}
 
 
 @dataclass(frozen=True)

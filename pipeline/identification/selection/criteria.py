@@ -35,7 +35,7 @@ from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import REMAINING_SHARE
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.selection.covariance import SIZES
-from pipeline.identification.selection.evidence import Evidence, tolerance_share
+from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.screening import PERIODIC
 from pipeline.statistics.resampling import LEVEL
 
@@ -365,7 +365,7 @@ class Judge(Rule[Trial]):
                 if parameter.record and value > self.fitter.problem.record[parameter.record]:
                     yield f"{parameter.name} = {value:.3g} of {effect.name} is longer than the record"
             start += len(effect.parameters)
-        if (share := tolerance_share(fit, trial.evidence)) < UNLIKELY:
+        if (share := trial.evidence.tolerance_share) < UNLIKELY:
             yield f"it needs tolerances that {share:.1g} of the study's units have"
 
 

@@ -51,6 +51,7 @@ class Evidence:
     widths : (n_unknowns,) of the priors, as shares of the widest; a size has the most probable one.
     cost_of_widths : logarithm of the evidence with these widths over the average of the evidence with all widths.
     value : logarithm of the evidence; sizes that cannot be negative by a truncated integral.
+    promised_value : the same with what the linear problem promises away from the fit, which ``value`` may not count.
     """
 
     def __init__(
@@ -73,7 +74,7 @@ class Evidence:
         self.structure = structure if structure and held else self.best_structure(self._value, structure or FIRST)
         self._narrow_priors()
         self._positive = self._log_share_above_zero()
-        self.value = self._value(self.structure) + self._positive
+        self.value = self.promised_value = self._value(self.structure) + self._positive
 
     def _narrow_priors(self) -> None:
         """Set the prior of the sizes of each effect to its most probable width, one effect after the other.
@@ -100,8 +101,8 @@ class Evidence:
         return np.ones(len(self.misfit), bool)
 
     def _features(self, structure: Structure, is_chosen: Truth | None = None) -> WhiteFeatures:
-        chosen = self._everything if is_chosen is None else is_chosen
-        return self.covariance.white_features(structure.reach, structure.correlation, chosen)
+        cells = self._everything if is_chosen is None else is_chosen
+        return self.covariance.white_features(structure.reach, structure.correlation, cells)
 
     def _whitened(self, columns: Real, structure: Structure) -> Real:
         return self.covariance.whiten(columns, structure.correlation)
@@ -151,7 +152,8 @@ class Evidence:
 
     def _value(self, structure: Structure) -> float:
         if structure not in self._known_values:
-            self._known_values[structure] = self._log_evidence(structure, self._everything)
+            promise = 0.0 if self.counts_promise else self._promise(structure)
+            self._known_values[structure] = self._log_evidence(structure, self._everything) - promise
         return self._known_values[structure]
 
     def best_structure(
@@ -220,13 +222,18 @@ class Evidence:
         return self.widths * mean, self.widths[:, None] * covariance * self.widths
 
     def without_promise(self) -> "Evidence":
-        """The evidence by Laplace's method at the unknowns of the fit.
+        """The evidence by Laplace's method at the unknowns of the fit, with the structure that is most probable there.
 
         It lacks the gain that the linear problem predicts between the fit and its most probable unknowns: half the
         square of their distance in standard deviations of the posterior.
         """
         at_fit = copy(self)
-        at_fit.counts_promise, at_fit.value = False, self.value - self.promise
+        for name in ("unknowns", "training", "predicting_structure", "predictive"):
+            vars(at_fit).pop(name, None)
+        at_fit.counts_promise, at_fit._known_values = False, {}
+        at_fit.structure = at_fit.best_structure(at_fit._value, self.structure)
+        at_fit._positive = at_fit._log_share_above_zero()
+        at_fit.value = at_fit._value(at_fit.structure) + at_fit._positive
         return at_fit
 
     @property
@@ -253,6 +260,18 @@ class Evidence:
         """The most probable unknowns (n_unknowns,) in their units."""
         return np.asarray(self.centre + self.spread * self.unknowns[0])
 
+    def drawn(self, n_draws: int) -> Real:
+        """Unknowns (n_draws, n_unknowns) of the posterior, in their units, the same at every call."""
+        deviations = np.random.default_rng(n_draws).multivariate_normal(*self.unknowns, n_draws, method="cholesky")
+        return np.asarray(self.centre + self.spread * deviations)
+
+    @property
+    def tolerance_share(self) -> float:
+        """Share of the study's units whose tolerances lie as far from the usual unit as those fitted; 1 without any."""
+        n_modes = len(self.fit.unknowns.modes)
+        # modes have unit variance; their posterior mean is taken: what the structure takes up is no tolerance
+        return float(chdtrc(n_modes, np.sum(self.unknowns[0][-n_modes:] ** 2))) if n_modes else 1.0
+
     def _log_share_above_zero(self) -> float:
         """Logarithm of the share of the posterior of sizes that cannot be negative, over that of their prior."""
         mean, covariance = self._unknowns_beside(self.structure)
@@ -265,8 +284,7 @@ class Evidence:
         if self.structure.size <= largest_size and self.structure.cycle_size <= largest_between_cycles:
             return self.value
         structure = self.best_structure(self._value, self.structure, largest_size, largest_between_cycles)
-        promise = 0.0 if self.counts_promise else self._promise(structure)
-        return self._value(structure) + self._positive - promise
+        return self._value(structure) + self._positive
 
     @cached_property
     def training(self) -> Mapping[int, float]:
@@ -287,7 +305,7 @@ class Evidence:
         """Log density of the cells of every part (n_parts,), predicted from all others: the score of unused data."""
         parts, structure = self.covariance.parts, self.predicting_structure
         others = [self._log_evidence(structure, parts != part) for part in np.unique(parts)]
-        return np.asarray(self._value(structure) - np.array(others))
+        return np.asarray(self._log_evidence(structure, self._everything) - np.array(others))
 
     def distance(self, effect: str, without: "Evidence | None" = None) -> float:
         """How far the sizes of an effect of the model are from zero, over the radius of their 95 % region.
@@ -322,17 +340,12 @@ class Evidence:
                 sizes, shapes = mean[of_effect][is_size], mean[of_effect][~is_size]
                 square = sizes @ precision[np.ix_(is_size, is_size)] @ sizes
                 if without is not None:
-                    gain = self._log_density(self.structure) - without._log_density(self.structure)
+                    gain = float(np.subtract(*(e._value(self.structure) + e.cost_of_widths for e in (self, without))))
                     narrowing = np.linalg.slogdet(precision)[1] + 2 * np.sum(np.log(self.widths[of_effect]))
                     square = max(2 * gain + narrowing + shapes @ shapes, 0.0)
                 return float(np.sqrt(square / (2 * gammaincinv(0.5 * len(sizes), CONFIDENCE))))
             start = stop
         raise KeyError(effect)
-
-    def _log_density(self, structure: Structure) -> float:
-        """Logarithm of the evidence with the widths of the priors that are most probable, sizes of either sign."""
-        promise = 0.0 if self.counts_promise else self._promise(structure)
-        return self._value(structure) + self.cost_of_widths - promise
 
     @property
     def deviations(self) -> Real:
@@ -385,14 +398,3 @@ class Evidence:
         if structure not in self._systems:
             self._systems[structure] = self._solved(structure, self._everything)[:2]
         return self._systems[structure]
-
-
-def tolerance_share(fit: Fit, evidence: Evidence) -> float:
-    """Share of the study's units whose tolerances lie as far from the usual unit as those fitted; 1 without any.
-
-    Modes of the tolerances have unit variance, so their sum of squares is chi-square with as many degrees of freedom.
-    Their posterior mean is taken: what the structure beside the model takes up is no tolerance.
-    """
-    n_modes = len(fit.unknowns.modes)
-    modes = evidence.unknowns[0][-n_modes:]
-    return float(chdtrc(n_modes, modes @ modes)) if n_modes else 1.0

@@ -11,7 +11,7 @@ from pipeline.constant_kinds import Shortcut, ShortcutCount, ShownCount
 from pipeline.identification.fitting.fitter import FALL_OF_PASS, FIRST_ITERATIONS, ITERATIONS, Fitter
 from pipeline.identification.fitting.least_squares import TRIES
 from pipeline.identification.fitting.parameters import Fit
-from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
+from pipeline.identification.fitting.problem import Model, candidates, twins, with_limit_cases
 from pipeline.identification.selection.covariance import Covariance, parts_of
 from pipeline.identification.selection.criteria import (
     MOST_NAMED,
@@ -27,7 +27,7 @@ from pipeline.identification.selection.criteria import (
 )
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.pairs import promising_pairs
-from pipeline.identification.selection.screening import RIVAL, Promise, Screening, screen_effects, start_from_declared
+from pipeline.identification.selection.screening import RIVAL, Promise, can_lower, screen_effects, start_from_declared
 
 FAR_FROM_DECLARED: Shortcut = 0.3
 """Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
@@ -39,6 +39,12 @@ ADDITIONS: ShortcutCount = 4
 """Effects that are tried on top of the best, those that explain most of what it leaves."""
 MOST_REFINED: ShortcutCount = 3
 """Models of as many effects whose fits are refined, the most probable ones."""
+RESTARTS: ShortcutCount = 6
+"""Fits of the model without effects from unknowns drawn from its posterior, where a name is close."""
+CLOSE_ODDS: Shortcut = 25.0
+"""Odds up to which a name is close: so far apart end fits of one model where contacts open and close."""
+LARGEST_GAIN: Shortcut = 200.0
+"""Gain of it that other starts and further steps may bring; models that lack more are left as they are."""
 LEAST_GAIN: Shortcut = 1.0
 """Gain of the logarithm of the evidence from which another step is taken, or everything is tried beside a new base."""
 
@@ -55,8 +61,7 @@ class Selector:
     """Selections on subsets of one problem's cells."""
 
     def __init__(self, fitter: Fitter, visible: Truth, most_effects: int = MOST_EFFECTS):
-        self.fitter, self.problem = fitter, fitter.problem
-        self.most_effects = most_effects
+        self.fitter, self.problem, self.most_effects = fitter, fitter.problem, most_effects
         self.testable = self.problem.candidates_for(candidates(), visible)
 
     def trained_on(self, training: Truth) -> "Selector":
@@ -74,14 +79,8 @@ class Selector:
         if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
             as_declared = replace(base.unknowns, scales=0 * base.unknowns.scales, modes=0 * base.unknowns.modes)
             bases.append(self.fitter.fit(base.model, cells, as_declared, 0))
-        nested_effects = limit_cases()
-        included_names = {effect.name for effect in base.model.effects}
-        included_names |= {name for name, simpler in nested_effects.items() if simpler in included_names} | {
-            nested_effects.get(name, name) for name in included_names
-        }
-        wanted_names = set(offered_names or self.testable)
-        effects = [effect for name, effect in self.testable.items() if name in wanted_names - included_names]
-        return screen_effects(self.fitter, cells, bases, effects)
+        names = set(offered_names or self.testable) - with_limit_cases(effect.name for effect in base.model.effects)
+        return screen_effects(self.fitter, cells, bases, [e for name, e in self.testable.items() if name in names])
 
     def _tries(self, cells: Truth) -> Tries:
         data, judge = self.problem.data, Judge(self.fitter, cells, len(self.testable))
@@ -114,17 +113,23 @@ class Selector:
         """The most probable model without effects: the base, or a fit that starts where models with effects ended.
 
         Fits start at the numbers and tolerances of the most probable model; where something is named, of all models
-        about as probable, and are refined, since a plain fit ends at the kinks that taking the effect away leads to;
-        so is one more, from the model whose end a few steps lead farthest.
+        about as probable, of the one whose end a few steps lead farthest, and where the name is close, at drawn ones.
+        They are refined then, since a plain fit ends at the kinks that taking the effect away leads to.
         """
-        odds = selection.odds
-        names = [name for name in odds if odds[name] >= max(odds.values()) - ODDS]
-        leaders = sorted(names, key=lambda name: -odds[name])[: MOST_REFINED if selection.members else 1]
+        odds, base_evidence = selection.odds, selection.base.evidence
+        least_odds = odds.get(selection.claimed_model, -np.inf) + base_evidence.value - base_evidence.promised_value
+        if least_odds > LARGEST_GAIN:
+            return selection.base
+        leaders = sorted(odds, key=lambda name: -odds[name])[: MOST_REFINED if selection.members else 1]
+        leaders = [name for name in leaders if odds[name] >= odds[leaders[0]] - ODDS]
         fits = [self._fit_without_effects(selection.trials[name].fit, cells) for name in leaders]
         if selection.members:
             ends = [trial.fit for name, trial in selection.trials.items() if name not in leaders]
             first_steps = [self._fit_without_effects(end, cells, FIRST_ITERATIONS) for end in ends]
             fits += sorted(first_steps, key=lambda fit: fit.cost)[:1]
+            if odds[selection.claimed_model] < CLOSE_ODDS:
+                drawn = map(selection.base.fit.unknowns.like, base_evidence.drawn(RESTARTS))
+                fits += [self.fitter.fit_by_load(Model(), cells, start) for start in drawn]
             fits = [self.fitter.refine(fit, cells, fit.unknowns) for fit in fits]
         tries = self._tries(cells)
         trials = (self.trial(fit, cells, tries.covariance, selection.base) for fit in fits if fit.sound)
@@ -301,8 +306,8 @@ class Selector:
         A second one where any could give a pair the odds over the single effect; further ones, which only describe,
         while structure is left that is not the form of the model.
         """
-        single = selection.best_single
-        if single is not None and self._could_be_a_pair(single.fit, tries.cells):
+        single, least = selection.best_single, least_fall(MOST_NAMED, len(self.testable), MOST_NAMED - 1)
+        if single is not None and can_lower(self.fitter, tries.cells, single.fit, self.testable, least):
             selection, _ = self._extended(selection, single, tries)
         current = selection.description
         while MOST_NAMED <= current.fit.model.n_effects < self.most_effects:
@@ -313,12 +318,6 @@ class Selector:
                 break
             current = further
         return selection
-
-    def _could_be_a_pair(self, single: Fit, cells: Truth) -> bool:
-        """Whether another effect beside a fitted single one promises the fall that the odds over it take."""
-        least = least_fall(MOST_NAMED, len(self.testable), MOST_NAMED - 1)
-        screening = Screening(self.fitter, cells, single, single.sigma)
-        return any(screening.could_lower(e, least) for e in self.testable.values() if e not in single.model.effects)
 
     def _extended(
         self, selection: Selection, current: Trial, tries: Tries, names: Sequence[str] = (), count: int = ADDITIONS
@@ -387,11 +386,12 @@ class Selector:
 
 
 def _promising(selection: Selection) -> list[str]:
-    """Models of as many effects as the best one, in its class if what they promise were gained once more."""
+    """Models of as many effects as the best one, in its class if they gained once more what they promise, or little."""
     odds, trials, leader = selection.odds, selection.trials, selection.best_model
     n_effects = trials[leader].fit.model.n_effects if leader else 0
     rivals = [name for name in odds if trials[name].fit.model.n_effects == n_effects]
-    return [name for name in rivals if odds[name] + trials[name].evidence.promise >= odds[leader] - NAMED_ODDS]
+    gains = {name: np.clip(trials[name].evidence.promise, CLOSE_ODDS, LARGEST_GAIN) for name in rivals}
+    return [name for name in rivals if odds[name] + gains[name] >= odds[leader] - NAMED_ODDS]
 
 
 def _rival_cost(fits: Sequence[Fit]) -> float:

@@ -1,6 +1,6 @@
 """What each effect promises before it is fitted: secants of its parameters beside all that is fitted already."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -255,6 +255,15 @@ def _by_sense(ranked_starts: Sequence[Vector], bounds: Sequence[tuple[float, flo
     ]
     first_senses = [senses.index(sense) for sense in dict.fromkeys(senses)]
     return [ranked_starts[k] for k in dict.fromkeys([*first_senses, *range(len(ranked_starts))])]
+
+
+def can_lower(
+    fitter: Fitter, cells: Truth, base: Fit, effects: Mapping[str, Candidate], least_fall: float
+) -> bool:
+    """Whether one of some effects promises a fall of the sum of squares, in the noise, beside a fitted base."""
+    screening = Screening(fitter, cells, base, base.sigma)
+    added_effects = [effect for effect in effects.values() if effect not in base.model.effects]
+    return any(screening.could_lower(effect, least_fall) for effect in added_effects)
 
 
 def start_from_declared(fitter: Fitter, model: Model, cells: Truth, base: Vector) -> Vector:

@@ -37,8 +37,12 @@ SINGLE, PAIR = -prior_log_odds(1, TRIED), -prior_log_odds(2, TRIED)
 class Known:
     """Evidence whose numbers are given."""
 
+    tolerance_share = Evidence.tolerance_share
+
     def __init__(self, value, gain=1.0, limited=None, distance=3.0, left=0.1, modes=(), promise=0.0):
-        self.value, self.predictive, self.promise, self.fit = value, np.full(3, gain), promise, None
+        self.value = self.promised_value = value
+        self.predictive, self.promise = np.full(3, gain), promise
+        self.fit = SimpleNamespace(unknowns=SimpleNamespace(modes=np.zeros(len(modes))))
         self.training = dict.fromkeys(range(3), value)
         self.structure = Structure(left, 0.0, 0.15, 0.0)
         self.unknowns = np.array(modes, float), np.eye(len(modes))
@@ -371,9 +375,12 @@ def test_what_leads_with_no_more_beside_it_than_the_form_leaves_is_fitted_from_a
 
 
 def test_a_rival_whose_fit_is_far_from_its_most_probable_unknowns_is_predicted_there_too():
-    """Its linear evidence may be too small by as much as it promises; one that promises less stays behind."""
-    known = {"coulomb": Known(60.0), "presliding": Known(40.0, promise=15.0), "creep": Known(40.0, promise=5.0)}
-    known |= {"coulomb+creep": Known(30.0, promise=30.0)}
+    """Its linear evidence may be too small by as much as it promises, or by 25 nats; one that lacks more stays behind.
+
+    So does one that is a thousand behind, whatever it promises: a linear problem far from the data promises anything.
+    """
+    known = {"coulomb": Known(60.0), "presliding": Known(35.0, promise=22.0), "creep": Known(25.0, promise=5.0)}
+    known |= {"coulomb+creep": Known(30.0, promise=30.0), "flank_wear": Known(-900.0, promise=5000.0)}
     trials = {name: trial(name, evidence) for name, evidence in known.items()}
     selection, asked, selector = judged(trials), [], Selector.__new__(Selector)
     problem = SimpleNamespace(data=SimpleNamespace(block=np.arange(24)), record={"time": 9.0, "cycles": 9.0})
@@ -422,6 +429,32 @@ def test_no_effect_is_named_by_where_its_steps_led(value, is_named):
     assert selection.members
     assert bool(predicted.members) == is_named
     assert predicted.base.evidence.value == value
+
+
+@pytest.mark.parametrize(
+    ("odds", "promise", "n_drawn", "n_refined"),
+    [(20.0, 0.0, 6, 7), (60.0, 0.0, 0, 1), (300.0, 0.0, 0, 0), (300.0, 150.0, 0, 1)],
+)
+def test_a_close_name_is_held_against_fits_without_effects_from_drawn_unknowns(odds, promise, n_drawn, n_refined):
+    """One that is further ahead than any other start or step leads is not held against further ones.
+
+    What the linear problem promises of the model without effects may be all of the odds, if steps led nowhere.
+    """
+    selection, selector = judged({"coulomb": trial("coulomb", Known(odds + SINGLE))}), Selector.__new__(Selector)
+    base, started, refined = selection.base, [], []
+    base.evidence.promised_value += promise
+    base.evidence.drawn = lambda count: [np.full(len(base.fit.unknowns.flat), 0.1 * k) for k in range(count)]
+    selector.fitter = SimpleNamespace(
+        fit_by_load=lambda model, cells, start: started.append(start) or base.fit,
+        refine=lambda fit, *_: refined.append(fit) or fit,
+    )
+    selector._fit_without_effects = lambda fit, *_: base.fit
+    selector._tries = lambda _: Tries(None, None, None)
+    selector.trial = lambda *_: trial("", Known(odds))
+    selector.at_most_probable = lambda one: one
+    found = selector._without_effects(selection, np.ones(3, bool))
+    assert (len(started), len(refined)) == (n_drawn, n_refined)
+    assert (found.evidence.value > base.evidence.value) == bool(n_refined)
 
 
 class Bending(LinearFitter):

@@ -151,6 +151,33 @@ def test_without_promise_it_is_laplaces_integral_about_the_unknowns_of_the_fit()
     assert evidence.log_evidence_up_to(1.0, np.inf) - at_fit.log_evidence_up_to(1.0, np.inf) > 1.0
 
 
+def test_away_from_the_data_evidence_at_the_fit_has_the_structure_that_is_most_probable_there():
+    """What the linear problem would explain away is a discrepancy at the fit, and costs as one."""
+    design, angle = drawn()
+    fitter, fit = fitted(angle, design)
+    far = Evidence(COVARIANCE, fitter, fitter.fit_at(fit, fit.unknowns.flat + [0.0, 0.3], EVERYTHING))
+    at_fit = far.without_promise()
+    assert far.promised_value == at_fit.promised_value == far.value
+    assert at_fit.structure.square > 20 * far.structure.square
+    assert at_fit.value > far.value - far.promise + 50
+    assert at_fit.value == pytest.approx(
+        max(at_fit._value(replace(at_fit.structure, own_size=size)) for size in SIZES) + at_fit._positive
+    )
+    np.testing.assert_array_equal(at_fit.unknowns[0], at_fit._unknowns_beside(at_fit.structure)[0])
+
+
+def test_unknowns_are_drawn_from_the_posterior():
+    design, angle = drawn()
+    evidence = Evidence(COVARIANCE, *fitted(angle, design))
+    unknowns = evidence.drawn(4000)
+    covariance = evidence.unknowns[1] * np.outer(evidence.spread, evidence.spread)
+    assert unknowns.shape == (4000, len(covariance))
+    deviations = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(unknowns.mean(axis=0), evidence.most_probable, atol=0.07 * deviations.min())
+    np.testing.assert_allclose(np.cov(unknowns.T), covariance, atol=0.07 * np.outer(deviations, deviations).max())
+    np.testing.assert_array_equal(unknowns, evidence.drawn(4000))
+
+
 def test_unused_cells_are_scored_by_their_density_given_all_others():
     design, angle = drawn()
     fitter, fit = fitted(angle, design)
@@ -225,8 +252,9 @@ def test_a_shape_is_held_where_the_size_that_it_trades_with_is_compared_with_zer
     width = 0.25
     at_zero = multivariate_normal.logpdf([0.0, mean[1]], mean, of_effect)
     of_prior = norm.logpdf(0.0, scale=width) + norm.logpdf(mean[1])
-    without = SimpleNamespace(_log_density=lambda structure: at_zero - of_prior)
-    vars(evidence).update(structure=FIRST, widths=np.array([1.0, width, 1.0]), _log_density=lambda structure: 0.0)
+    without = SimpleNamespace(_value=lambda structure: at_zero - of_prior - 0.3, cost_of_widths=0.3)
+    evidence._value, evidence.cost_of_widths = lambda structure: -0.7, 0.7
+    vars(evidence).update(structure=FIRST, widths=np.array([1.0, width, 1.0]))
     assert evidence.distance("presliding", without) == pytest.approx(expected)  # Savage and Dickey
 
 

@@ -11,7 +11,7 @@ from scipy.stats import chi2, halfnorm, norm
 from pipeline.identification.fitting.parameters import Vector
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection.criteria import FORM, Trial
-from pipeline.identification.selection.evidence import tolerance_share
+from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.fitted_numbers import calibrated_numbers, intervals, refit_with_free_numbers
 
 COULOMB = Model((candidates()["coulomb"],))
@@ -114,10 +114,13 @@ def test_numbers_are_released_only_from_the_ends_of_their_ranges():
 
 @pytest.mark.parametrize("modes", [[0.0, 0.0], [1.5, -1.0], [5.0, 4.0]])
 def test_tolerances_are_as_likely_as_the_chi_square_of_their_posterior_mean(modes):
-    fit = SimpleNamespace(unknowns=SimpleNamespace(modes=np.ones(2)))
-    evidence = SimpleNamespace(unknowns=(np.array([7.0, *modes]), None))
-    assert tolerance_share(fit, evidence) == pytest.approx(chi2.sf(np.sum(np.square(modes)), 2))
-    assert tolerance_share(SimpleNamespace(unknowns=SimpleNamespace(modes=np.zeros(0))), evidence) == 1.0
+    def share(n_modes):
+        fit = SimpleNamespace(unknowns=SimpleNamespace(modes=np.ones(n_modes)))
+        evidence = SimpleNamespace(fit=fit, unknowns=(np.array([7.0, *modes]), None))
+        return Evidence.tolerance_share.fget(evidence)
+
+    assert share(2) == pytest.approx(chi2.sf(np.sum(np.square(modes)), 2))
+    assert share(0) == 1.0
 
 
 def test_scales_within_a_thousandth_of_an_end_stand_at_it():

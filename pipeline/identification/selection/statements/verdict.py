@@ -8,7 +8,6 @@ from pipeline.arrays import Truth
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.selection.criteria import UNLIKELY, Selection
-from pipeline.identification.selection.evidence import tolerance_share
 from pipeline.identification.selection.fitted_numbers import (
     CalibratedNumber,
     FittedParameter,
@@ -53,7 +52,7 @@ class Verdict:
 def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     """The verdict of a selection over ``cells`` (n_cells,)."""
     chosen_trial = selection.chosen_trial
-    share = tolerance_share(selection.base.fit, selection.base.evidence)
+    share = selection.base.evidence.tolerance_share
     if selection.members:
         verdict = _of_class(fitter, selection)
     else:
