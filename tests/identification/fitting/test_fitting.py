@@ -272,7 +272,7 @@ def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unkno
     assert rms(fitter.problem, passes.predicted_angle)[1] < 0.5 * rms(fitter.problem, plain.predicted_angle)[1]
 
     known = selector.trial(plain, cells, Covariance(data, cells, data.position))
-    selection = Selection(known, {"coulomb": known}, odds={"coulomb": 9.0}, members=("coulomb",))
+    selection = Selection(known, {"coulomb": known}, odds={"coulomb": 60.0}, members=("coulomb",))
     refined = selector._without_effects(selection, cells).fit.cost
     assert refined < 0.2 * plain.cost
     assert selector._without_effects(replace(selection, members=()), cells).fit.cost > 2 * refined
@@ -281,7 +281,7 @@ def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unkno
     assert selector._without_effects(selection, cells).fit.cost > 2 * refined
     far_along = selector.trial(passes, cells, Covariance(data, cells, data.position))
     trials = {"coulomb": known, "preload": known, "ovality_2": far_along, "creep": known}
-    selection = replace(selection, trials=trials, odds={**dict.fromkeys(trials, -3.0), "coulomb": 9.0})
+    selection = replace(selection, trials=trials, odds={**dict.fromkeys(trials, -3.0), "coulomb": 60.0})
     assert selector._without_effects(selection, cells).fit.cost < 1.1 * passes.cost
 
 
