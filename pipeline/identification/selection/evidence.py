@@ -329,8 +329,7 @@ class Evidence:
         was fitted, this identity is used, because the density may be far from normal: that the torque has a zero
         offset can be certain, although every value between two rows fits as well. Otherwise a normal density is used.
         """
-        mean, covariance = self.unknowns
-        first_share, start = len(self.fit.unknowns.scales), 0
+        (mean, covariance), first_share, start = self.unknowns, len(self.fit.unknowns.scales), 0
         for member in self.fit.model.effects:
             stop = start + len(member.parameters)
             if member.name == effect:
@@ -340,7 +339,8 @@ class Evidence:
                 sizes, shapes = mean[of_effect][is_size], mean[of_effect][~is_size]
                 square = sizes @ precision[np.ix_(is_size, is_size)] @ sizes
                 if without is not None:
-                    gain = float(np.subtract(*(e._value(self.structure) + e.cost_of_widths for e in (self, without))))
+                    gain = self.cost_of_widths - without.cost_of_widths
+                    gain += self._value(self.structure) - without._value(self.structure)
                     narrowing = np.linalg.slogdet(precision)[1] + 2 * np.sum(np.log(self.widths[of_effect]))
                     square = max(2 * gain + narrowing + shapes @ shapes, 0.0)
                 return float(np.sqrt(square / (2 * gammaincinv(0.5 * len(sizes), CONFIDENCE))))

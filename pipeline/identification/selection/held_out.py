@@ -15,7 +15,7 @@ from scipy.special import chdtri, stdtrit
 from pipeline.arrays import Real, Truth
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import Fit
+from pipeline.identification.fitting.parameters import Fit, shares_of_values
 from pipeline.identification.fitting.problem import Model
 from pipeline.identification.selection.carried_over import expected_misfit
 from pipeline.identification.selection.covariance import parts_of
@@ -233,12 +233,16 @@ def _refit(selector: Selector, fit_of_all: Fit, training: Truth, base: Fit) -> F
 
 
 def _from_fit_of_all(selector: Selector, fit_of_all: Fit, training: Truth, other: Fit) -> Fit:
-    """The model of a fit of all cells, fitted to the training cells from there; ``other`` where that is not sound."""
+    """The model of a fit of all cells, fitted to the training cells from there; ``other`` where that is not sound.
+
+    The bounds of some parameters follow from the cells, so that the same values are other shares of them.
+    """
     fitter, unknowns, model = selector.fitter, fit_of_all.unknowns, fit_of_all.model
+    shares = np.clip(shares_of_values(fitter.bounds(model), fit_of_all.values.tolist()), 0.0, 1.0)
     modes = np.zeros(fitter.problem.n_modes)
     n_common = min(len(modes), len(unknowns.modes))
     modes[:n_common] = unknowns.modes[:n_common]
-    start = replace(fitter.start(model, unknowns.shares), scales=unknowns.scales, modes=modes)
+    start = replace(fitter.start(model, shares), scales=unknowns.scales, modes=modes)
     fit = fitter.fit(model, training, start)
     return fit if fit.sound else other
 

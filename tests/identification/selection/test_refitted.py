@@ -7,7 +7,7 @@ from synthetic_unit import CRANKS, Bench, exactly_known, make_unit, problem_of
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Vector, shares_of_values
 from pipeline.identification.fitting.problem import Model, candidates
-from pipeline.identification.selection.held_out import failed_test, predicted_folds
+from pipeline.identification.selection.held_out import _from_fit_of_all, failed_test, predicted_folds
 from pipeline.identification.selection.model_selection import Selector
 from pipeline.identification.selection.screening import _by_sense
 
@@ -67,6 +67,23 @@ def test_positions_that_are_left_out_are_predicted_with_their_own_phase_of_a_rip
     is_beside_play = np.abs(problem.data.torque) < 0.3  # the ripple, of 0.11 N m, decides on which side of it a row is
     assert np.sqrt(np.mean(error[folds.cells & ~is_beside_play] ** 2)) < 1.2
     assert folds.open_square < 10  # by the tolerances; 300 if the phase were left open
+
+
+def test_a_fit_of_all_cells_keeps_its_values_in_a_fold_of_other_bounds(tmp_path, condensed):
+    """The waves of a ripple are bounded by the range of the angle and by the rows that resolve them."""
+    values = (0.1, 0.05, 40_000.0, 4.5, 8.0)
+    unit = make_unit(tmp_path / "u", {"motor_cogging": values}, Bench(cranks=CRANKS, rows=100, noise=0.01), condensed)
+    problem = exactly_known(problem_of(unit, condensed))
+    everything, torque = np.ones(len(problem.data), bool), np.abs(problem.data.torque)
+    selector, training = Selector(Fitter(problem), everything), torque < 0.7 * np.max(torque)
+    effect = selector.testable["motor_cogging"]
+    model, fold = Model((effect,)), selector.trained_on(training)
+    assert fold.fitter.bounds(model)[2][1] < 0.9 * selector.fitter.bounds(model)[2][1]
+    truth = selector.fitter.start(model, shares_of_values(selector.fitter.bounds(model), values))
+    fit_of_all = selector.fitter.fit(model, everything, truth, 0)
+    fit = _from_fit_of_all(fold, fit_of_all, training, None)
+    np.testing.assert_allclose(fit.values[2:], values[2:], rtol=0.01)
+    assert fit.cost < 1.2 * np.sum(training)
 
 
 def test_the_best_start_of_each_sense_comes_before_the_others():
