@@ -65,8 +65,7 @@ class Evidence:
         deviation = (fit.unknowns.flat - self.centre) / self.spread
         self.jacobian, self.angle = jacobian[cells], fitter.problem.data.angle[cells]
         self.misfit = self.angle - (fit.predicted_angle - jacobian @ deviation)[cells]
-        self.of_fit = deviation
-        self.counts_promise = True
+        self.of_fit, self.counts_promise = deviation, True
         self._products: dict[tuple[float, Correlation], tuple[Real, Real]] = {}
         self._known_values: dict[Structure, float] = {}
         self._systems: dict[Structure, tuple[Real, Real]] = {}
@@ -75,6 +74,8 @@ class Evidence:
         self._narrow_priors()
         self._positive = self._log_share_above_zero()
         self.value = self.promised_value = self._value(self.structure) + self._positive
+        kept_key = self.structure.reach, self.structure.correlation  # those of all take 50 MB for each model
+        self._products = {kept_key: self._products[kept_key]}
 
     def _narrow_priors(self) -> None:
         """Set the prior of the sizes of each effect to its most probable width, one effect after the other.
@@ -244,8 +245,7 @@ class Evidence:
     def _promise(self, structure: Structure) -> float:
         """Gain of the logarithm of the evidence that the linear problem predicts away from the fit."""
         mean, covariance = self._unknowns_beside(structure)
-        distance = self.of_fit - mean
-        return 0.5 * float(distance @ np.linalg.solve(covariance, distance))
+        return 0.5 * float((self.of_fit - mean) @ np.linalg.solve(covariance, self.of_fit - mean))
 
     def log_density(self, fit: Fit) -> float:
         """Logarithm of the density of the data and of the unknowns of a fit of the same model, up to a constant."""
