@@ -43,6 +43,8 @@ RESTARTS: ShortcutCount = 6
 """Fits of the model without effects from unknowns drawn from its posterior, where a name is close."""
 CLOSE_ODDS: Shortcut = 25.0
 """Odds up to which a name is close: so far apart end fits of one model where contacts open and close."""
+WELL_FITTED: Shortcut = 1.1
+"""Mean square of a cell, in noise, below which the model without effects is refined from one start alone."""
 LARGEST_GAIN: Shortcut = 200.0
 """Gain of it that other starts and further steps may bring; models that lack more are left as they are."""
 LEAST_GAIN: Shortcut = 1.0
@@ -94,9 +96,8 @@ class Selector:
     def select(self, cells: Truth) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most.
 
-        A fit with an effect may lead to numbers and tolerances that are more probable without the effect, too. If the
-        name does not hold against them, everything is tried anew beside them, since an effect must not win by a start
-        that the model without it did not have.
+        A fit with an effect may lead to numbers that are more probable without it. If the name does not hold there,
+        everything is tried anew beside them: an effect must not win by a start that the model without it did not have.
         """
         base_fit, former = self.recalibrate(cells), -np.inf
         while True:
@@ -113,8 +114,8 @@ class Selector:
         """The most probable model without effects: the base, or a fit that starts where models with effects ended.
 
         Fits start at the numbers and tolerances of the most probable model; where something is named, of all models
-        about as probable, of the one whose end a few steps lead farthest, and where the name is close, at drawn ones.
-        They are refined then, since a plain fit ends at the kinks that taking the effect away leads to.
+        about as probable, of the one whose end a few steps lead farthest, and where the name is close, at drawn ones;
+        refined then, since plain fits end at kinks.
         """
         odds, base_evidence = selection.odds, selection.base.evidence
         least_odds = odds.get(selection.claimed_model, -np.inf) + base_evidence.value - base_evidence.promised_value
@@ -131,8 +132,7 @@ class Selector:
                 drawn = map(selection.base.fit.unknowns.like, base_evidence.drawn(RESTARTS))
                 fits += [self.fitter.fit_by_load(Model(), cells, start) for start in drawn]
             fits = [self.fitter.refine(fit, cells, fit.unknowns) for fit in fits]
-        tries = self._tries(cells)
-        trials = (self.trial(fit, cells, tries.covariance, selection.base) for fit in fits if fit.sound)
+        trials = (self.trial(fit, cells, base_evidence.covariance, selection.base) for fit in fits if fit.sound)
         best = most_probable([selection.base, *map(self.at_most_probable, trials)])
         value, of_base = (trial.evidence.without_promise().value for trial in (best, selection.base))
         return best if value - of_base > LEAST_GAIN else selection.base
@@ -150,8 +150,7 @@ class Selector:
         fits = self.fits(base.fit, cells, promises)
         fall = least_fall(MOST_NAMED, len(self.testable))
         for model, start in promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, fall):
-            rival_cost = min(_rival_cost(fits), base.fit.cost - fall)
-            fits.append(self.fitter.fit_from_best(model, cells, [start], rival_cost=rival_cost))
+            fits.append(self.fitter.fit_from_best(model, cells, [start], None, _rival_cost(fits, base.fit.cost - fall)))
         trials = {f.model.name: self.trial(f, cells, tries.covariance, base) for f in fits if np.isfinite(f.cost)}
         selection = tries.judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
         selection = self._with_all_solutions(selection, promises, tries)
@@ -338,16 +337,19 @@ class Selector:
         return tries.judge.select(selection.base, trials, selection.promised_misfits), further
 
     def recalibrate(self, cells: Truth) -> Fit:
-        """Calibrated numbers and tolerances alone: a fit to the large torques first, refined from two starts.
+        """Calibrated numbers and tolerances alone: a fit to the large torques first, refined from as declared.
 
-        From as declared, and from where the first fit ends. The more probable counts: it may miss more in the noise.
+        Where that misses more than noise, from where the first fit ends, too. The more probable of both counts.
         """
         start, covariance = self.fitter.start(Model()), self._tries(cells).covariance
-        fit = self.fitter.fit_by_load(Model(), cells, start)
-        fits = [self.fitter.refine(fit, cells, one) for one in (start, fit.unknowns)]
+        first_fit = self.fitter.fit_by_load(Model(), cells, start)
+        fit = self.fitter.refine(first_fit, cells, start)
+        if fit.cost < WELL_FITTED * np.count_nonzero(cells):
+            return fit
+        fits = fit, self.fitter.refine(first_fit, cells, first_fit.unknowns)
         trials = [self.trial(one, cells, covariance) for one in fits if np.isfinite(one.cost)]
         best = max(map(self.at_most_probable, trials), key=lambda trial: trial.evidence.value, default=None)
-        return best.fit if best else fit
+        return best.fit if best else first_fit
 
     def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise]) -> list[Fit]:
         """Fits of all promised additions to a base, the best promised first, each from its best start.
@@ -358,8 +360,7 @@ class Selector:
         least_cost = base.cost - least_fall(1, len(self.testable))
         for name, promise in sorted(promises.items(), key=lambda item: item[1].misfit):
             model = Model((*base.model.effects, self.testable[name]))
-            rival_cost = min(_rival_cost(fits), least_cost)
-            fits.append(self.fitter.fit_from_best(model, cells, promise.starts, base, rival_cost))
+            fits.append(self.fitter.fit_from_best(model, cells, promise.starts, base, _rival_cost(fits, least_cost)))
         return fits
 
     def refit(self, model: Model, cells: Truth, base: Fit, rival_cost: float = np.inf) -> Fit:
@@ -394,6 +395,6 @@ def _promising(selection: Selection) -> list[str]:
     return [name for name in rivals if odds[name] + gains[name] >= odds[leader] - NAMED_ODDS]
 
 
-def _rival_cost(fits: Sequence[Fit]) -> float:
-    """Sum of squares beyond which a fit is no rival of the best so far."""
-    return RIVAL * min((fit.cost for fit in fits), default=np.inf)
+def _rival_cost(fits: Sequence[Fit], least_cost: float) -> float:
+    """Sum of squares beyond which a fit is no rival of the best so far, or beyond any name."""
+    return min(RIVAL * min((fit.cost for fit in fits), default=np.inf), least_cost)

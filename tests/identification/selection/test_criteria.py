@@ -37,7 +37,7 @@ SINGLE, PAIR = -prior_log_odds(1, TRIED), -prior_log_odds(2, TRIED)
 class Known:
     """Evidence whose numbers are given."""
 
-    tolerance_share = Evidence.tolerance_share
+    tolerance_share, covariance = Evidence.tolerance_share, None
 
     def __init__(self, value, gain=1.0, limited=None, distance=3.0, left=0.1, modes=(), promise=0.0):
         self.value = self.promised_value = value
@@ -412,6 +412,11 @@ def test_the_fit_without_effects_is_the_more_probable_of_two_though_it_misses_mo
     selector.trial = lambda fit, *_: Trial(fit, Known(values[int(fit is ends[1])]), 1.0)
     selector.at_most_probable = lambda one: one
     assert selector.recalibrate(np.ones(3, bool)) is ends[chosen]
+    refined = iter(ends)
+    assert selector.recalibrate(np.ones(9, bool)) is ends[chosen]
+    refined = iter(ends)
+    assert selector.recalibrate(np.ones(10, bool)) is ends[0]  # it misses no more than noise
+    assert next(refined) is ends[1]
 
 
 @pytest.mark.parametrize(("value", "is_named"), [(30.0, True), (59.0, False)])
@@ -449,7 +454,6 @@ def test_a_close_name_is_held_against_fits_without_effects_from_drawn_unknowns(o
         refine=lambda fit, *_: refined.append(fit) or fit,
     )
     selector._fit_without_effects = lambda fit, *_: base.fit
-    selector._tries = lambda _: Tries(None, None, None)
     selector.trial = lambda *_: trial("", Known(odds))
     selector.at_most_probable = lambda one: one
     found = selector._without_effects(selection, np.ones(3, bool))
