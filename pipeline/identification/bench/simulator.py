@@ -37,8 +37,9 @@ BEYOND: Shortcut = 1.05
 """Reach of the backbone over the largest torque measured: friction may keep more in the reducer than is read."""
 BEYOND_TURNING: Shortcut = 1.3
 """The same where the crank turns: the work on what varies over its angle changes the torque by a tenth or two."""
-KEPT_CURVES: Fineness = 130
-"""Backbones that are kept for each crank angle: those of a fit on its way."""
+KEPT_CURVES: Fineness = 40
+"""Curves that are kept for each crank angle, those of all states of a drive counted: those of a fit on its way. A curve
+of 64 contacts takes a quarter of a megabyte."""
 UNSOUND_SHARE = 0.05
 """Share of equilibria that were not found which a fit may pass through."""
 Drives = tuple[Drive, ...]
@@ -109,7 +110,7 @@ class Forward:
             drive.bearing,
         )
         if key not in self._kept_drives:
-            if len(self._kept_drives) > self._most_kept:
+            if len(self._kept_drives) * len(drive.gap) > self._most_kept:
                 self._kept_drives.clear()
             self._kept_drives[key] = drive, self._solve_backbone(drive)
         self._latest = drive, self._kept_drives[key][1]

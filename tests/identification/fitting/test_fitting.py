@@ -1,5 +1,6 @@
 """Fits: bounds and shares, offsets, scales and tolerances, and that nothing held out is looked at."""
 
+from copy import copy
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -252,6 +253,17 @@ def test_means_over_draws_of_tolerances_are_those_of_the_predictions(unknown):
     influence = np.mean([one.influence for one in predictions], axis=0)
     assert np.max(np.abs(influence - prediction.influence)) > 0.2 * np.max(np.abs(influence))
     np.testing.assert_allclose(change[1][loaded], influence[loaded], atol=0.02 * np.max(np.abs(influence)))
+
+
+def test_curves_of_as_many_states_are_kept_whatever_the_states_of_a_drive(unknown):
+    """A unit whose drive differs from cycle to cycle must not take as many times the memory."""
+    drive, forward = unknown.nominal[0], copy(unknown.forward)
+    states = len(drive.gap)
+    assert states > 1
+    forward._kept_drives, forward._most_kept = {}, 4 * states
+    for number in range(12):
+        forward.backbone(drive.with_added_gap(np.full(drive.gap.shape[1], 1e-4 * number)))
+        assert 0 < len(forward._kept_drives) <= 5
 
 
 @pytest.mark.long
