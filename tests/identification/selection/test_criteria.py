@@ -381,6 +381,7 @@ def test_a_rival_whose_fit_is_far_from_its_most_probable_unknowns_is_predicted_t
     """
     known = {"coulomb": Known(60.0), "presliding": Known(35.0, promise=22.0), "creep": Known(25.0, promise=5.0)}
     known |= {"coulomb+creep": Known(30.0, promise=30.0), "flank_wear": Known(-900.0, promise=5000.0)}
+    known["rayleigh"] = Known(40.0, promise=2.0)
     trials = {name: trial(name, evidence) for name, evidence in known.items()}
     selection, asked, selector = judged(trials), [], Selector.__new__(Selector)
     problem = SimpleNamespace(data=SimpleNamespace(block=np.arange(24)), record={"time": 9.0, "cycles": 9.0})
@@ -396,7 +397,7 @@ def test_a_rival_whose_fit_is_far_from_its_most_probable_unknowns_is_predicted_t
     selector._fit_without_effects = lambda *_: SimpleNamespace(sound=False)
     predicted = selector._at_their_most_probable(selection, tries)
     assert selection.members == ("coulomb",)
-    assert sorted(asked) == ["", "coulomb", "presliding"]
+    assert sorted(asked) == ["", "coulomb", "presliding", "rayleigh"]
     assert predicted.members == ("coulomb", "presliding")
 
 

@@ -156,6 +156,7 @@ def test_away_from_the_data_evidence_at_the_fit_has_the_structure_that_is_most_p
     design, angle = drawn()
     fitter, fit = fitted(angle, design)
     far = Evidence(COVARIANCE, fitter, fitter.fit_at(fit, fit.unknowns.flat + [0.0, 0.3], EVERYTHING))
+    of_linear_problem = far.unknowns[1]
     at_fit = far.without_promise()
     assert far.promised_value == at_fit.promised_value == far.value
     assert at_fit.structure.square > 20 * far.structure.square
@@ -164,6 +165,10 @@ def test_away_from_the_data_evidence_at_the_fit_has_the_structure_that_is_most_p
         max(at_fit._value(replace(at_fit.structure, own_size=size)) for size in SIZES) + at_fit._positive
     )
     np.testing.assert_array_equal(at_fit.unknowns[0], at_fit._unknowns_beside(at_fit.structure)[0])
+    assert np.all(np.diag(at_fit.unknowns[1]) > 1.5 * np.diag(of_linear_problem))
+    structure, parts = at_fit.predicting_structure, COVARIANCE.parts
+    whole, *others = (far._log_evidence(structure, parts != part) for part in (-1, *np.unique(parts)))
+    np.testing.assert_allclose(at_fit.predictive, whole - np.array(others))
 
 
 def test_unknowns_are_drawn_from_the_posterior():

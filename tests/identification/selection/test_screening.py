@@ -11,7 +11,7 @@ from synthetic_unit import CRANKS, Bench, exactly_known, make_unit, problem_of
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Vector, shares_of_values, values_at_shares
-from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.fitting.problem import Model, candidates, limit_cases, with_limit_cases
 from pipeline.identification.selection import ripples
 from pipeline.identification.selection import screening as screening_module
 from pipeline.identification.selection.fitted_numbers import intervals
@@ -287,3 +287,19 @@ def test_an_effect_is_looked_at_in_all_directions_and_further_in_the_best_two():
     np.testing.assert_allclose(step, 0.35 * np.array([1.0, -1.0]) / np.sqrt(2))
     one_sided = Screening._directional_starts(screening, None, np.array([0.1]), np.ones(1, bool))
     assert [np.isfinite(cost) for cost, _ in one_sided] == [True, False, True, True, True, False]
+
+
+def test_effects_of_the_base_are_not_asked_for_once_more(monkeypatch):
+    effects, asked = {name: candidates()[name] for name in ("coulomb", "preload", "creep")}, []
+    look = SimpleNamespace(could_lower=lambda effect, least: asked.append((effect.name, least)) or False)
+    monkeypatch.setattr(screening_module, "Screening", lambda *_: look)
+    base = SimpleNamespace(model=Model((effects["preload"],)), sigma=None)
+    assert not screening_module.can_lower(None, None, base, effects, 9.0)
+    assert asked == [("coulomb", 9.0), ("creep", 9.0)]
+
+
+def test_an_effect_and_the_simpler_one_that_it_becomes_are_one_as_far_as_they_are_tried():
+    for name, simpler in limit_cases().items():
+        assert {name, simpler} <= with_limit_cases([name])
+        assert {name, simpler} <= with_limit_cases([simpler])
+    assert with_limit_cases([]) == set()
