@@ -102,8 +102,8 @@ class Evidence:
         return np.ones(len(self.misfit), bool)
 
     def _features(self, structure: Structure, is_chosen: Truth | None = None) -> WhiteFeatures:
-        cells = self._everything if is_chosen is None else is_chosen
-        return self.covariance.white_features(structure.reach, structure.correlation, cells)
+        chosen = self._everything if is_chosen is None else is_chosen
+        return self.covariance.white_features(structure.reach, structure.correlation, chosen)
 
     def _whitened(self, columns: Real, structure: Structure) -> Real:
         return self.covariance.whiten(columns, structure.correlation)

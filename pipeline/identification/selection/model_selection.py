@@ -42,11 +42,11 @@ MOST_REFINED: ShortcutCount = 3
 RESTARTS: ShortcutCount = 6
 """Fits of the model without effects from unknowns drawn from its posterior, where a name is close."""
 CLOSE_ODDS: Shortcut = 25.0
-"""Odds up to which a name is close: so far apart end fits of one model where contacts open and close."""
+"""Odds up to which a name is close, and gain that a rival's steps may bring: fits of one model differ by as much."""
 WELL_FITTED: Shortcut = 1.1
 """Mean square of a cell, in noise, below which the model without effects is refined from one start alone."""
 LARGEST_GAIN: Shortcut = 200.0
-"""Gain of it that other starts and further steps may bring; models that lack more are left as they are."""
+"""Gain of the logarithm of the evidence that other starts or steps may bring; models that lack more are left."""
 LEAST_GAIN: Shortcut = 1.0
 """Gain of the logarithm of the evidence from which another step is taken, or everything is tried beside a new base."""
 
@@ -113,9 +113,9 @@ class Selector:
     def _without_effects(self, selection: Selection, cells: Truth) -> Trial:
         """The most probable model without effects: the base, or a fit that starts where models with effects ended.
 
-        Fits start at the numbers and tolerances of the most probable model; where something is named, of all models
-        about as probable, of the one whose end a few steps lead farthest, and where the name is close, at drawn ones;
-        refined then, since plain fits end at kinks.
+        Fits start at the numbers and tolerances of the most probable model. Where something is named, they start at
+        those of all models about as probable, of the model whose end a few steps lead farthest, and of draws if the
+        name is close; these are refined, since a plain fit ends at kinks.
         """
         odds, base_evidence = selection.odds, selection.base.evidence
         least_odds = odds.get(selection.claimed_model, -np.inf) + base_evidence.value - base_evidence.promised_value
@@ -339,7 +339,7 @@ class Selector:
     def recalibrate(self, cells: Truth) -> Fit:
         """Calibrated numbers and tolerances alone: a fit to the large torques first, refined from as declared.
 
-        Where that misses more than noise, from where the first fit ends, too. The more probable of both counts.
+        Where it then misses more than noise, also from where the first fit ends; the more probable of both counts.
         """
         start, covariance = self.fitter.start(Model()), self._tries(cells).covariance
         first_fit = self.fitter.fit_by_load(Model(), cells, start)
@@ -387,7 +387,7 @@ class Selector:
 
 
 def _promising(selection: Selection) -> list[str]:
-    """Models of as many effects as the best one, in its class if they gained once more what they promise, or little."""
+    """Models of as many effects as the best one that would be in its class with the gain that steps may bring."""
     odds, trials, leader = selection.odds, selection.trials, selection.best_model
     n_effects = trials[leader].fit.model.n_effects if leader else 0
     rivals = [name for name in odds if trials[name].fit.model.n_effects == n_effects]

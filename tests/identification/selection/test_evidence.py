@@ -215,6 +215,10 @@ def test_a_size_that_cannot_be_negative_takes_the_share_of_its_posterior_above_z
     share = log_ndtr(mean[1] / np.sqrt(covariance[1, 1])) + np.log(2)
     assert evidence.value == pytest.approx(evidence._value(evidence.structure) + share)
     assert abs(share) > 0.01
+    far = Evidence(COVARIANCE, fitter, fitter.fit_at(fit, fit.unknowns.flat + [0.0, 0.3], EVERYTHING))
+    at_fit = far.without_promise()
+    assert at_fit._positive == at_fit._log_share_above_zero()
+    assert abs(at_fit._positive - far._positive) > 1e-3
 
 
 def test_the_distance_of_a_size_from_zero_is_in_radii_of_its_region():
