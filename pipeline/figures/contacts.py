@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import NullLocator, StrMethodFormatter
 
 from pipeline.figures.style import (
     ACCENT_LIGHT,
@@ -103,6 +103,7 @@ def spring_laws_figure(
         grid[0, column].margins(x=0.0)
         grid[0, column].set_ylim(bottom=0)
         grid[1, column].set_yscale("log")  # the roots are stiffer than the tips by two orders
+        grid[1, column].yaxis.set_major_formatter(StrMethodFormatter("{x:,g}"))  # the page has no mathtext
         grid[1, column].yaxis.set_minor_locator(NullLocator())
     return figure
 

@@ -209,7 +209,10 @@ def test_equal_roller_laws_share_a_curve_and_the_tangent_is_dashed(contacts):
         for contact in (-1, *contacts["contact"])
     ]
     laws = pd.concat(parts)
-    axes = spring_laws_figure(laws, contacts).axes
+    figure = spring_laws_figure(laws, contacts)
+    axes = figure.axes
+    figure.canvas.draw()
+    assert not any("$" in label.get_text() for one in axes for label in one.get_yticklabels())
     assert [text.get_text() for text in axes[1].get_legend().get_texts()] == ["input bearing", "output roller"]
     solid, dashed = axes[1].lines[:2]
     assert np.nanmax(solid.get_xdata()[np.isfinite(solid.get_ydata())]) == 60

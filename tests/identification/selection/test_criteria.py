@@ -454,11 +454,13 @@ def test_a_close_name_is_held_against_fits_without_effects_from_drawn_unknowns(o
         fit_by_load=lambda model, cells, start: started.append(start) or base.fit,
         refine=lambda fit, *_: refined.append(fit) or fit,
     )
-    selector._fit_without_effects = lambda fit, *_: base.fit
+    steps: list[int] = []
+    selector._fit_without_effects = lambda fit, cells, n_steps=15: steps.append(n_steps) or base.fit
     selector.trial = lambda *_: trial("", Known(odds))
     selector.at_most_probable = lambda one: one
     found = selector._without_effects(selection, np.ones(3, bool))
     assert (len(started), len(refined)) == (n_drawn, n_refined)
+    assert steps == [15] * bool(n_refined)  # from the leading model, to the end
     assert (found.evidence.value > base.evidence.value) == bool(n_refined)
 
 
