@@ -4,15 +4,23 @@ from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
+from scipy.special import expit
 
 from pipeline.arrays import Real
-from pipeline.constant_kinds import Fineness, Seed, Unit
+from pipeline.constant_kinds import Fineness, Rounding, Seed, Unit
+from pipeline.identification.measurement.enough import SURE
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.unit_sections import InstrumentSection
 from pipeline.statistics.resampling import resampled_counts, resampled_means
 
 MAD_TO_STD: Unit = 1.4826
 """Standard deviation over median absolute deviation of normal values."""
+MIXTURE_STEPS: Fineness = 50
+"""Steps in which noise and the steps of a staircase are told apart."""
+STANDING_SHARE = 0.4
+"""Of neighbouring rows that are at one torque on a staircase, at least: half of them, less what is left out."""
+LEAST_SHARE: Rounding = 1e-9
+"""Of differences that are noise or steps, and of their mean square that is noise: less is none."""
 RESAMPLES: Fineness = 1000
 """Of the block bootstrap of the noise."""
 SEED: Seed = 79
@@ -22,17 +30,44 @@ SEED: Seed = 79
 def high_frequency_scatter(values: Real, runs: list[slice]) -> float:
     """Standard deviation of independent noise in a signal sampled along `runs` of rows, in its own unit.
 
-    The smallest of three estimates, since what is no noise only enlarges each. Fourth differences (variance 70 s^2)
+    The smallest of the estimates, since what is no noise only enlarges each. Fourth differences (variance 70 s^2)
     remove a ramp that starts and ends gently; second differences (6 s^2) contain fewer corners and steps, most of which
-    their median absolute value ignores; first differences (2 s^2) are noise where a staircase stands still. Noise that
-    is alike in neighbouring rows is not seen. NaN with fewer than three rows in a run.
+    their median absolute value ignores; first differences (2 s^2) are noise where a staircase stands still, which are
+    told from its steps by their sizes. Noise that is alike in neighbouring rows is not seen. NaN with fewer than three
+    rows in a run.
     """
     estimates = [
         MAD_TO_STD * np.median(np.abs(differences)) / np.sqrt(comb(2 * order, order))
         for order in (1, 2, 4)
         if (differences := _differences(values, runs, order)).size
     ]
+    if estimates:
+        estimates.append(_scatter_beside_steps(_differences(values, runs, 1), smallest_step(values)) / np.sqrt(2))
     return float(min(estimates, default=np.nan))
+
+
+def _scatter_beside_steps(differences: Real, resolution: float) -> float:
+    """Standard deviation of the differences (n,) within steps of a staircase; infinite where there is none.
+
+    Their sizes are a mixture: those of noise are normal about zero, steps about a height. Each size belongs to both in
+    proportion to its density, and both have the moments of what belongs to them, in turns.
+
+    Source: Dempster, Laird and Rubin, J. R. Stat. Soc. B 39 (1977) 1.
+    """
+    sizes, height = np.abs(differences), np.sqrt(np.mean(differences**2))
+    if height == 0:
+        return np.inf
+    least = max(resolution**2 / 6, LEAST_SHARE * height**2)  # a difference has two roundings, a twelfth each
+    noise_square, step_square, share = max(np.quantile(sizes, 0.25) ** 2, least), max(height**2 / 4, least), 0.5
+    for _ in range(MIXTURE_STEPS):
+        log_ratio = 0.5 * (np.log(4 * step_square / noise_square) + (sizes - height) ** 2 / step_square)
+        is_noise = expit(np.log(share / (1 - share)) + log_ratio - 0.5 * sizes**2 / noise_square)
+        share = np.clip(np.mean(is_noise), LEAST_SHARE, 1 - LEAST_SHARE)
+        noise_square = max(is_noise @ sizes**2 / is_noise.sum(), least)
+        height = (1 - is_noise) @ sizes / (1 - is_noise).sum()
+        step_square = max((1 - is_noise) @ (sizes - height) ** 2 / (1 - is_noise).sum(), least)
+    is_staircase = share > STANDING_SHARE and height > SURE * np.sqrt(noise_square)
+    return float(np.sqrt(noise_square)) if is_staircase else np.inf
 
 
 def _differences(values: Real, runs: list[slice], order: int) -> Real:

@@ -31,11 +31,22 @@ def test_scatter_of_a_ramp_with_noise(sigma, slope, seed):
     assert high_frequency_scatter(values, [slice(0, 2000), slice(2000, 4000)]) == pytest.approx(sigma, rel=0.1)
 
 
-@pytest.mark.parametrize(("rows", "most"), [(3, 1.8), (6, 1.3)])
-def test_scatter_of_a_staircase_is_that_of_its_rows_and_not_its_steps(rows, most):
-    """Where two of three differences are noise their median is the noise's upper quartile."""
-    values = np.repeat(40.0 * np.arange(600), rows) + np.random.default_rng(1).standard_normal(600 * rows)
-    assert 0.9 < high_frequency_scatter(values, [slice(None)]) < most
+@pytest.mark.parametrize("readings", [2, 3, 4, 6])
+@pytest.mark.parametrize("step", [8.0, 40.0])
+def test_scatter_of_a_staircase_is_that_of_its_readings_and_not_its_steps(readings, step):
+    rng = np.random.default_rng(readings)
+    values = np.repeat(step * np.arange(600), readings) + rng.standard_normal(600 * readings)
+    is_kept = rng.random(values.size) > 0.05
+    assert high_frequency_scatter(values[is_kept], [slice(None)]) == pytest.approx(1.0, rel=0.1)
+
+
+@pytest.mark.parametrize("step", [0.0, 8.0, 40.0])
+@pytest.mark.parametrize("resolution", [0.3, 1.0])
+def test_scatter_of_rounded_values_is_that_of_noise_and_rounding(resolution, step):
+    values = np.repeat(step * np.arange(600), 2) + np.random.default_rng(3).standard_normal(1200)
+    rounded = resolution * np.round(values / resolution)
+    expected = np.hypot(1.0, resolution / np.sqrt(12))
+    assert high_frequency_scatter(rounded, [slice(None)]) == pytest.approx(expected, rel=0.15)
 
 
 def test_floor_of_independent_noise_is_that_of_the_cells(tmp_path):
