@@ -46,16 +46,41 @@ def rows_at_no_torque(
 
     The least friction keeps the drive on the side of the play that it came from; a model without friction puts each
     row on a side by the noise of its torque. A hold is ``fewest`` or more consecutive rows within ``smallest_torque``
-    [N m] of zero. The torques of the rows before and after it differ by more than noise: a slow sweep is no hold.
+    [N m] of zero, or two if the sensor reads another torque without any (`_readings_at_no_torque`). The torques of the
+    rows before and after it differ by more than noise: a slow sweep is no hold.
     """
     is_held = np.zeros(len(rows), bool)
-    for block in branches.rows:
+    readings = _readings_at_no_torque(rows, usable, branches)
+    readings[np.abs(readings) <= smallest_torque] = 0.0
+    for block, reading in zip(branches.rows, readings.tolist(), strict=True):
         numbers = np.flatnonzero(usable[block]) + block.start
         torque = rows.torque[numbers]
         is_step = np.concatenate([[True], np.abs(np.diff(torque)) > np.sqrt(2) * smallest_torque, [True]])
-        for start, stop in _runs(np.abs(torque) <= smallest_torque):
-            is_held[numbers[start:stop]] = stop - start >= fewest and is_step[start] and is_step[stop]
+        for start, stop in _runs(np.abs(torque - reading) <= smallest_torque):
+            is_hold = stop - start >= (2 if reading else fewest)
+            is_held[numbers[start:stop]] = is_hold and is_step[start] and is_step[stop]
     return is_held
+
+
+def _readings_at_no_torque(rows: Rows, usable: Truth, branches: BranchBlocks) -> Real:
+    """Torque (n_branches,) [N m] that is read in each branch without torque, where its rows show that; else 0.
+
+    A sensor with a zero offset, or one that creeps, reads another torque than zero there. The drive does not leave its
+    side of the play at no torque, in either sense: the last row before the play is then at the same step of the bench
+    in both senses, less than half a step apart. Where every step is loaded they are a whole step apart.
+    """
+    last, step = np.full((2, len(branches.rows)), np.nan)
+    for number, (block, direction) in enumerate(zip(branches.rows, branches.direction.tolist(), strict=True)):
+        of_branch = np.flatnonzero(usable[block]) + block.start
+        torque, rise = rows.torque[of_branch], direction * np.diff(rows.angle[of_branch])
+        passes_zero = torque.size > 1 and torque[0] * torque[-1] < 0  # the first branch of a position does not
+        if passes_zero and np.max(rise) > PLAY_SHARE * np.ptp(rows.angle[of_branch]):
+            before_play = int(np.argmax(rise))
+            last[number], step[number] = torque[before_play], abs(torque[before_play + 1] - torque[before_play])
+    is_repeated = np.abs(last - last[:, None]) < 0.5 * np.minimum(step, step[:, None])
+    is_repeated &= branches.position == branches.position[:, None]
+    is_repeated &= branches.direction != branches.direction[:, None]
+    return np.where(np.any(is_repeated, axis=1), last, 0.0)
 
 
 def rows_in_play(rows: Rows, usable: Truth, branches: BranchBlocks) -> Truth:

@@ -93,6 +93,28 @@ def test_rows_held_at_no_torque_are_not_usable(tmp_path, held):
     assert np.sum(torque == 0) == 6 * held
 
 
+def held_on_its_side(levels, held):
+    """A staircase of a drive that stays on its side of a play of 2 arcmin without torque."""
+    torque, table = staircase(levels, held)
+    side = pd.Series(np.where(torque, np.sign(torque), np.nan)).ffill()
+    return torque, table.assign(angle_arcmin=0.25 * torque + side)
+
+
+@pytest.mark.parametrize(("rising", "falling"), [(0.7, 0.7), (-0.7, -0.7), (-0.7, 0.7)])
+def test_rows_held_at_no_torque_are_not_usable_if_the_sensor_reads_another_torque(tmp_path, rising, falling):
+    """A row on the old side of the play, read as 0.7 N m, kept a creep of the sensor below half of the one put in."""
+    torque, table = held_on_its_side(np.linspace(-12.0, 12.0, 7), 4)
+    is_rising = pd.Series(np.sign(np.diff(torque, append=-8.0))).replace(0.0, np.nan).bfill() > 0
+    error = np.where(is_rising, rising, falling)
+    measurement = read(tmp_path, table.assign(torque_Nm=table["torque_Nm"] + error))
+    np.testing.assert_array_equal(measurement.usable, torque != 0)
+
+
+def test_steps_that_are_all_loaded_stay_if_the_sensor_reads_another_torque(tmp_path):
+    _, table = held_on_its_side(np.linspace(-7.0, 7.0, 8), 4)
+    assert read(tmp_path, table.assign(torque_Nm=table["torque_Nm"] + 0.5)).usable.all()
+
+
 def test_a_hold_beside_no_torque_and_a_sweep_through_it_stay(tmp_path):
     torque, table = staircase(np.linspace(-6.5, 6.5, 14), 4)
     assert np.min(np.abs(torque)) > SURE * NOISE
