@@ -4,16 +4,50 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
 from synthetic_unit import Bench, make_unit, problem_of, with_angles
 
+from pipeline.config.studies.study import FORCE_LAW, SHORT_CONTACT
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Model
 from pipeline.identification.identify import _best_selection, _is_held_by_range
 
 
-@pytest.mark.parametrize(("factor", "are_short"), [(1.3, False), (2.8, True)])
+def deflection_of_crown(force, radius, crown):
+    """Approach [mm] of steel in Hertz' point contact with two relative radii [mm] (Johnson 1985, 4.2)."""
+    modulus = 206e3 / (2 * (1 - 0.3**2))
+
+    def integrals(log_ratio):
+        square = 1 - np.exp(-2 * log_ratio)  # of the eccentricity, for semi-axes a = e^log_ratio b
+        return ellipk(square), ellipe(square), np.exp(2 * log_ratio)
+
+    def excess(log_ratio):
+        k, e, axes = integrals(log_ratio)
+        return np.log((axes * e - k) / (k - e)) - np.log(crown / radius)
+
+    log_ratio = brentq(excess, 1e-3, 10.0)
+    k, e, axes = integrals(log_ratio)
+    shorter = np.exp(-log_ratio)
+    mean_axis = (4 / (np.pi * (1 - shorter**2))) ** (1 / 3) * shorter**0.5 * ((axes * e - k) * (k - e)) ** (1 / 6)
+    sphere = (9 * force**2 / (16 * modulus**2 * np.sqrt(radius * crown))) ** (1 / 3)
+    return sphere * 2 / np.pi * shorter**0.5 / mean_axis * k
+
+
+def test_the_range_of_short_contacts_holds_crowned_pins():
+    """Over Palmgren's contact of the whole width, of a small and of a large drive; near a sphere the closed form."""
+    sphere = (9 * 100.0**2 / (16 * (206e3 / 1.82) ** 2 * 5.0)) ** (1 / 3)
+    assert deflection_of_crown(100.0, 5.0, 5.03) == pytest.approx(sphere, rel=0.01)
+    for force, radius, width in ((466.0, 2.0, 10.0), (2000.0, 5.0, 25.0)):
+        line = 3.84e-5 * force**0.9 / width**0.8
+        factors = [deflection_of_crown(force, radius, crown) / line for crown in (100.0, 1000.0)]
+        assert FORCE_LAW < factors[1] < factors[0] < 1.15 * SHORT_CONTACT
+        assert factors[0] > 0.75 * SHORT_CONTACT
+
+
+@pytest.mark.parametrize(("factor", "are_short"), [(1.3, False), (2.8, True), (4.5, True)])
 def test_contacts_on_a_part_of_the_width_are_tried_where_they_explain_more(factor, are_short, tmp_path, condensed):
-    """Contacts that give way 2.8 times as far, where another law of line contacts allows 1.65 times.
+    """Contacts that give way 2.8 or 4.5 times as far, where another law of line contacts allows 1.65 times.
 
     Within the range of line contacts a torsion of the output is named in their place.
     """
