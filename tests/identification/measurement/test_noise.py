@@ -49,6 +49,12 @@ def test_scatter_of_rounded_values_is_that_of_noise_and_rounding(resolution, ste
     assert high_frequency_scatter(rounded, [slice(None)]) == pytest.approx(expected, rel=0.15)
 
 
+def test_scatter_of_a_staircase_is_no_less_than_its_rounding():
+    values = np.repeat(80.0 * np.arange(600), 2) + np.random.default_rng(3).standard_normal(1200)
+    rounded = 4.0 * np.round(values / 4.0)
+    assert high_frequency_scatter(rounded, [slice(None)]) == pytest.approx(4.0 / np.sqrt(12), rel=0.3)
+
+
 def test_floor_of_independent_noise_is_that_of_the_cells(tmp_path):
     noise, averaged = noise_of(tmp_path, measured(cycles=8, per_branch=400, noise=0.2))
     expected = 0.2 * np.sqrt(np.mean(1 / averaged.count))

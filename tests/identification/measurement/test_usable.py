@@ -111,8 +111,26 @@ def test_rows_held_at_no_torque_are_not_usable_if_the_sensor_reads_another_torqu
 
 
 def test_steps_that_are_all_loaded_stay_if_the_sensor_reads_another_torque(tmp_path):
+    """Also where the sensor of another position reads 2 N m more: its last row in one sense is ours in the other."""
     _, table = held_on_its_side(np.linspace(-7.0, 7.0, 8), 4)
-    assert read(tmp_path, table.assign(torque_Nm=table["torque_Nm"] + 0.5)).usable.all()
+    other = table.assign(crank_deg=90.0, torque_Nm=table["torque_Nm"] + 2.0)
+    both = pd.concat([table.assign(torque_Nm=table["torque_Nm"] + 0.5), other.assign(crank_deg=90.0)])
+    assert read(tmp_path, both).usable.all()
+
+
+def test_the_first_load_of_a_position_shows_no_play(tmp_path):
+    """From 1 to 3 N m the angle rises most on the way from no torque; the play is crossed from 1 to -1 N m."""
+    levels = np.arange(1.0, 8.0, 2.0)
+    torque = np.repeat(np.concatenate([levels, levels[-2::-1], -levels, -levels[-2::-1], levels]), 4)
+    angle = torque / 4 + np.sign(torque)
+    table = pd.DataFrame({"cycle": 0, "crank_deg": 0.0, "torque_Nm": torque, "angle_arcmin": angle})
+    assert read(tmp_path, table).usable.all()
+
+
+def test_a_single_row_before_the_play_stays_if_the_sensor_reads_another_torque(tmp_path):
+    """It may be held by friction."""
+    _, table = held_on_its_side(np.linspace(-6.0, 6.0, 13), 1)
+    assert read(tmp_path, table.assign(torque_Nm=table["torque_Nm"] + 0.7)).usable.all()
 
 
 def test_a_hold_beside_no_torque_and_a_sweep_through_it_stay(tmp_path):
