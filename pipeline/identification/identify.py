@@ -27,7 +27,7 @@ from pipeline.identification.selection.held_out import (
     predicted_folds,
     splits_of,
 )
-from pipeline.identification.selection.model_selection import Selector
+from pipeline.identification.selection.model_selection import LARGEST_GAIN, Selector
 from pipeline.identification.selection.statements.detection import DetectionLimit, detection_limits
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy_of
 from pipeline.identification.selection.statements.remainder import Remainder, remainder
@@ -175,19 +175,27 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
 def _best_selection(problem: Problem, cells: Truth) -> tuple[Selector, Selection]:
     """The selection on the cells (n_cells,) of a problem, and the selector that made it.
 
-    Where contacts on a part of the width make the answer more probable, everything is tried again with their ranges, so
-    that no compliance is named in their place.
+    Where contacts on a part of the width make the answer, or the model without effects, more probable, everything is
+    tried again with their ranges, so that no compliance is named in their place.
     """
     selector = Selector(Fitter(problem), cells)
     selection = selector.select(cells)
-    if not any(_is_held_by_range(problem, trial.fit) for trial in (selection.base, selection.answer)):
+    base, answer = selection.base, selection.answer
+    is_certain = not selection.members or selection.odds[selection.claimed_model] > LARGEST_GAIN
+    if is_certain and not any(_is_held_by_range(problem, trial.fit) for trial in (base, answer)):
         return selector, selection
-    answer, short_contacts = selection.answer, Selector(Fitter(problem.with_short_contacts()), cells)
+    short_contacts = Selector(Fitter(problem.with_short_contacts()), cells)
     start = replace(answer.fit.unknowns, reach=problem.short_range)
-    fits = short_contacts.fitter.fit(answer.fit.model, cells, start), short_contacts.recalibrate(cells)
-    rivals = [short_contacts.trial(fit, cells, answer.evidence.covariance, answer) for fit in fits if fit.sound]
-    value = max((short_contacts.at_most_probable(rival).evidence.value for rival in rivals), default=-np.inf)
-    is_better = value - answer.evidence.without_promise().value > ODDS
+    fits = short_contacts.recalibrate(cells), short_contacts.fitter.fit(answer.fit.model, cells, start)
+    rivals = [
+        (short_contacts.trial(fit, cells, base.evidence.covariance, known), known)
+        for fit, known in zip(fits, (base, answer), strict=True)
+        if fit.sound
+    ]
+    is_better = any(
+        short_contacts.at_most_probable(rival).evidence.value - known.evidence.without_promise().value > ODDS
+        for rival, known in rivals
+    )
     return (short_contacts, short_contacts.select(cells)) if is_better else (selector, selection)
 
 

@@ -9,6 +9,7 @@ from scipy.special import ellipe, ellipk
 from synthetic_unit import Bench, make_unit, problem_of, with_angles
 
 from pipeline.config.studies.study import FORCE_LAW, SHORT_CONTACT
+from pipeline.identification import identify
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Model
 from pipeline.identification.identify import _best_selection, _is_held_by_range
@@ -45,13 +46,9 @@ def test_the_range_of_short_contacts_holds_crowned_pins():
         assert factors[0] > 0.75 * SHORT_CONTACT
 
 
-@pytest.mark.parametrize(("factor", "are_short"), [(1.3, False), (2.8, True), (4.5, True)])
-def test_contacts_on_a_part_of_the_width_are_tried_where_they_explain_more(factor, are_short, tmp_path, condensed):
-    """Contacts that give way 2.8 or 4.5 times as far, where another law of line contacts allows 1.65 times.
-
-    Within the range of line contacts a torsion of the output is named in their place.
-    """
-    problem = problem_of(make_unit(tmp_path / "u", {}, Bench(), condensed), condensed)
+def selected_with_softer_contacts(factor, folder, condensed):
+    """The selection on a unit whose contacts give way ``factor`` times as far, and the problem before it."""
+    problem = problem_of(make_unit(folder / "u", {}, Bench(), condensed), condensed)
     free = np.where(np.arange(problem.scale_range.shape[1]) < len(problem.calibrated_keys), 1e-3, 1.0)
     problem = replace(problem, scale_range=free * problem.scale_range, short_range=free * problem.short_range)
     fitter = Fitter(problem.with_short_contacts())
@@ -61,9 +58,27 @@ def test_contacts_on_a_part_of_the_width_are_tried_where_they_explain_more(facto
     scales[of_laws] = np.log(factor)
     angle = fitter.predict(Model(), replace(start, scales=scales)).angle
     noise = np.random.default_rng(3).normal(scale=problem.data.sigma)
-    selector, selection = _best_selection(with_angles(problem, angle + noise), np.ones(len(noise), bool))
+    return problem, *_best_selection(with_angles(problem, angle + noise), np.ones(len(noise), bool))
+
+
+@pytest.mark.parametrize(("factor", "are_short"), [(1.3, False), (2.8, True), (4.5, True)])
+def test_contacts_on_a_part_of_the_width_are_tried_where_they_explain_more(factor, are_short, tmp_path, condensed):
+    """Contacts that give way 2.8 or 4.5 times as far, where another law of line contacts allows 1.65 times.
+
+    Within the range of line contacts a torsion of the output is named in their place.
+    """
+    problem, selector, selection = selected_with_softer_contacts(factor, tmp_path, condensed)
     expected_range = problem.short_range if are_short else problem.scale_range
     np.testing.assert_array_equal(selector.problem.scale_range, expected_range)
+    assert selection.members == ()
+
+
+def test_they_are_tried_before_a_name_even_if_no_range_holds_the_fit(tmp_path, condensed, monkeypatch):
+    """Beside a compliance that is named the laws may be as declared: it takes the place of their softness."""
+    monkeypatch.setattr(identify, "_is_held_by_range", lambda *_: False)
+    monkeypatch.setattr(identify, "LARGEST_GAIN", np.inf)
+    problem, selector, selection = selected_with_softer_contacts(2.8, tmp_path, condensed)
+    np.testing.assert_array_equal(selector.problem.scale_range, problem.short_range)
     assert selection.members == ()
 
 
