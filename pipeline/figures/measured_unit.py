@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from pipeline.figures import style
 
@@ -54,6 +55,7 @@ def loops_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]]
         _draw_loop(axes, cycle_rows, models)
         _draw_zoom(axes, cycle_rows, models)
         axes.set(title=f"Crank at {crank:g}°, cycle {cycle_rows['cycle'].iloc[0]}", xlabel="torque (N m)")
+        axes.xaxis.set_major_locator(MaxNLocator(4))  # torques of four digits have no room for more
     panels[0].set_ylabel("angle (arcmin)")
     style.legend_below(figure, panels[0])
     return figure
