@@ -181,8 +181,8 @@ def _best_selection(problem: Problem, cells: Truth) -> tuple[Selector, Selection
     selector = Selector(Fitter(problem), cells)
     selection = selector.select(cells)
     base, answer = selection.base, selection.answer
-    is_certain = not selection.members or selection.odds[selection.claimed_model] > LARGEST_GAIN
-    if is_certain and not any(_is_held_by_range(problem, trial.fit) for trial in (base, answer)):
+    is_close = bool(selection.members) and selection.odds[selection.claimed_model] <= LARGEST_GAIN
+    if not is_close and not any(_is_held_by_range(problem, trial.fit) for trial in (base, answer)):
         return selector, selection
     short_contacts = Selector(Fitter(problem.with_short_contacts()), cells)
     start = replace(answer.fit.unknowns, reach=problem.short_range)

@@ -49,8 +49,9 @@ def high_frequency_scatter(values: Real, runs: list[slice]) -> float:
 def _scatter_beside_steps(differences: Real, resolution: float) -> float:
     """Standard deviation of the differences (n,) within steps of a staircase; infinite where there is none.
 
-    Their sizes are a mixture: those of noise are normal about zero, steps about a height. Each size belongs to both in
-    proportion to its density, and both have the moments of what belongs to them, in turns.
+    The sizes of the differences are a mixture of two normal distributions: noise about zero, and steps about their
+    height. Expectation and maximisation in turns: each size is shared between the two by their densities, and each
+    distribution takes its moments from its shares.
 
     Source: Dempster, Laird and Rubin, J. R. Stat. Soc. B 39 (1977) 1.
     """

@@ -65,9 +65,9 @@ def rows_at_no_torque(
 def _readings_at_no_torque(rows: Rows, usable: Truth, branches: BranchBlocks) -> Real:
     """Torque (n_branches,) [N m] that is read in each branch without torque, where its rows show that; else 0.
 
-    A sensor with a zero offset, or one that creeps, reads another torque than zero there. The drive does not leave its
-    side of the play at no torque, in either sense: the last row before the play is then at the same step of the bench
-    in both senses, less than half a step apart. Where every step is loaded they are a whole step apart.
+    A sensor with a zero offset, or one that creeps, reads another torque than zero there. At no torque the drive stays
+    on its side of the play, whether the torque rises or falls. If one step of the bench is at no torque, it is the last
+    one before the play in both senses; if every step is loaded, the last ones of the two senses are a step apart.
     """
     last, step = np.full((2, len(branches.rows)), np.nan)
     for number, (block, direction) in enumerate(zip(branches.rows, branches.direction.tolist(), strict=True)):
