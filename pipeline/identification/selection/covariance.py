@@ -7,8 +7,9 @@ Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; autoregressive no
 white noise: Box and Jenkins, Time Series Analysis (1970), sections 3.4 and A4.3.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -188,6 +189,38 @@ class Covariance:
     def log_scale(self, correlation: Correlation, is_chosen: Truth) -> float:
         """Logarithm of what turns the density of whitened cells into that of ``is_chosen`` ones (n,)."""
         return float(np.sum(np.log(self.whitening[correlation].diagonal() / self.sigma)[is_chosen]))
+
+    def best_nearby(
+        self, value: Callable[[Structure], float], start: Structure, largest: tuple[float, float, float]
+    ) -> Structure:
+        """The structure that steps along each number but the correlation lead to, until none helps."""
+        positions_scatter, cycles_scatter = self.can_scatter
+        (largest_shared, largest_size, largest_between_cycles), limit = largest, np.hypot(largest[1], SIZES[0])
+        own_sizes = sizes_up_to(largest_size) if positions_scatter else [0.0]
+        cycle_sizes = [0.0, *(sizes_up_to(largest_between_cycles)[1:] if cycles_scatter else [])]
+        axes: tuple[Sequence[float], ...] = (sizes_up_to(largest_shared), own_sizes, REACHES, cycle_sizes)
+        start_values = start.common, start.own_size, start.reach, start.cycle_size
+        place = [
+            max(int(np.searchsorted(axis, first, side="right")) - 1, 0)
+            for axis, first in zip(axes, start_values, strict=True)
+        ]
+
+        def structure_at(place: Sequence[int]) -> Structure:
+            common, own_size, reach, cycle_size = (axis[k] for axis, k in zip(axes, place, strict=True))
+            return Structure(common, own_size, reach, start.correlation, cycle_size)
+
+        best_value, has_improved = value(structure_at(place)), True
+        while has_improved:
+            has_improved = False
+            for number, step in product(range(len(axes)), (-1, 1)):
+                while 0 <= place[number] + step < len(axes[number]):
+                    neighbour = [k + step * (n == number) for n, k in enumerate(place)]
+                    structure = structure_at(neighbour)
+                    neighbour_value = value(structure) if structure.size <= limit else -np.inf
+                    if neighbour_value <= best_value:
+                        break
+                    place, best_value, has_improved = neighbour, neighbour_value, True
+        return structure_at(place)
 
     @property
     def can_scatter(self) -> tuple[bool, bool]:

@@ -9,7 +9,7 @@ Source: evidence of a linear Gaussian model: MacKay, Neural Computation 4 (1992)
 largest marginal likelihood: Harville, J. Am. Stat. Assoc. 72 (1977) 320.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -30,7 +30,6 @@ from pipeline.identification.selection.covariance import (
     Covariance,
     Structure,
     WhiteFeatures,
-    sizes_up_to,
 )
 from pipeline.statistics.resampling import CONFIDENCE
 
@@ -67,15 +66,14 @@ class Evidence:
         self.misfit = self.angle - (fit.predicted_angle - jacobian @ deviation)[cells]
         self.of_fit, self.counts_promise = deviation, True
         self._products: dict[tuple[float, Correlation], tuple[Real, Real]] = {}
+        self._grams: dict[tuple[float, Correlation, float], Real] = {}
         self._known_values: dict[Structure, float] = {}
         self._systems: dict[Structure, tuple[Real, Real]] = {}
         self.widths, self.cost_of_widths = np.ones(jacobian.shape[1]), 0.0
-        self.structure = structure if structure and held else self.best_structure(self._value, structure or FIRST)
+        self.structure = structure if structure and held else self._most_probable_structure(structure or FIRST)
         self._narrow_priors()
         self._positive = self._log_share_above_zero()
         self.value = self.promised_value = self._value(self.structure) + self._positive
-        kept_key = self.structure.reach, self.structure.correlation  # those of all take 50 MB for each model
-        self._products = {kept_key: self._products[kept_key]}
 
     def _narrow_priors(self) -> None:
         """Set the prior of the sizes of each effect to its most probable width, one effect after the other.
@@ -111,7 +109,7 @@ class Evidence:
     def _all_products(self, structure: Structure, is_chosen: Truth) -> tuple[Real, Real]:
         """Products of the whitened columns of chosen cells (n,), and of each position's own features with them.
 
-        The columns are the jacobian, what is missed, and the features that positions share.
+        The columns are the features that positions share, the jacobian, and what is missed.
         """
         key, is_whole = (structure.reach, structure.correlation), bool(np.all(is_chosen))
         if is_whole and key in self._products:
@@ -119,43 +117,70 @@ class Evidence:
         features = self._features(structure, is_chosen)
         of_model = self._whitened(np.column_stack([self.jacobian, self.misfit]), structure) * is_chosen[:, None]
         cross = of_model.T @ features.shared
-        products = np.block([[of_model.T @ of_model, cross], [cross.T, features.shared_products]])
-        own_products = np.hstack([features.own.T @ of_model, features.own_products])
+        products = np.block([[features.shared_products, cross.T], [cross, of_model.T @ of_model]])
+        own_products = np.hstack([features.own_products, features.own.T @ of_model])
         if is_whole:
             self._products[key] = products, own_products
         return products, own_products
 
-    def _solved(self, structure: Structure, is_chosen: Truth) -> tuple[Real, Real, Real, float]:
-        """Deviations (n_columns,) of unknowns and features, factor of their posterior's precision, right side, square.
-
-        Of chosen cells (n,), the features that each position has by itself taken up; the square is that of the misfit,
-        in noise.
-        """
-        k, variance = self.jacobian.shape[1], self.covariance.own_variance(structure)
+    def _gram(self, structure: Structure, is_chosen: Truth) -> Real:
+        """The products of all columns, the features that each position has by itself taken up."""
+        key, is_whole = (structure.reach, structure.correlation, structure.own_size), bool(np.all(is_chosen))
+        if is_whole and key in self._grams:
+            return self._grams[key]
         products, own_products = self._all_products(structure, is_chosen)
-        variances = self._features(structure, is_chosen).variances(variance)
-        gram = products - own_products.T @ (variances[:, None] * own_products)
-        other_columns = np.delete(np.arange(len(gram)), k)
-        spread = np.append(self.widths, self.covariance.spreads(structure))
-        scaled_gram = spread[:, None] * gram[np.ix_(other_columns, other_columns)] * spread
-        factor = cholesky(np.eye(len(spread)) + scaled_gram, lower=True)
-        return spread, factor, spread * gram[other_columns, k], float(gram[k, k])
+        variances = self._features(structure, is_chosen).variances(self.covariance.own_variance(structure))
+        gram: Real = products - own_products.T @ (variances[:, None] * own_products)
+        if is_whole:
+            self._grams[key] = gram
+        return gram
 
-    def _log_evidence(self, structure: Structure, is_chosen: Truth) -> float:
-        """Logarithm of the evidence of chosen cells (n,); of several balances with a ripple each is as probable."""
-        _, factor, right_side, square = self._solved(structure, is_chosen)
-        explained_square = np.sum(solve_triangular(factor, right_side, lower=True) ** 2)
+    def _solved(self, structure: Structure, is_chosen: Truth) -> tuple[Real, Real, Real, float]:
+        """Prior deviations (n_columns,) of shared features and unknowns, their precision's factor, solution and square.
+
+        Of chosen cells (n,). The solution is that of the factor for what is missed, and the square that of the misfit
+        in noise. Unknowns are last: the end of the factor is that of their own precision, whatever the features are.
+        """
+        gram = self._gram(structure, is_chosen)
+        spread = np.append(self.covariance.spreads(structure), self.widths)
+        precision = spread[:, None] * gram[:-1, :-1] * spread
+        precision[np.diag_indices_from(precision)] += 1.0
+        factor = cholesky(precision, lower=True, overwrite_a=True, check_finite=False)
+        solution = solve_triangular(factor, spread * gram[:-1, -1], lower=True, check_finite=False)
+        return spread, factor, solution, float(gram[-1, -1])
+
+    def _log_evidence(self, structure: Structure, is_chosen: Truth, without_promise: bool = False) -> float:
+        """Logarithm of the evidence of chosen cells (n,); of several balances with a ripple each is as probable.
+
+        Without what the linear problem promises away from the fit if asked for.
+        """
+        _, factor, solution, square = self._solved(structure, is_chosen)
         size = float(np.sum(np.log(np.diag(factor)))) + 0.5 * float(is_chosen.sum()) * np.log(2 * np.pi)
         size += self._features(structure, is_chosen).log_size(self.covariance.own_variance(structure))
         scale = self.covariance.log_scale(structure.correlation, is_chosen)
         choice = float(np.sum(np.log(self.fit.balances[self.covariance.cells][is_chosen])))
-        return float(-0.5 * (square - explained_square) - size + scale - choice - self.cost_of_widths)
+        value = -0.5 * (square - solution @ solution) - size + scale - choice - self.cost_of_widths
+        return float(value) - (self._gain_from_fit(factor, solution) if without_promise else 0.0)
+
+    def _gain_from_fit(self, factor: Real, solution: Real) -> float:
+        """Half the square of the distance from the fit to the most probable unknowns, in their posterior deviations."""
+        n_features = len(solution) - len(self.widths)
+        of_unknowns = factor[n_features:, n_features:]
+        return 0.5 * float(np.sum((of_unknowns.T @ (self.of_fit / self.widths) - solution[n_features:]) ** 2))
 
     def _value(self, structure: Structure) -> float:
         if structure not in self._known_values:
-            promise = 0.0 if self.counts_promise else self._promise(structure)
-            self._known_values[structure] = self._log_evidence(structure, self._everything) - promise
+            known = self._log_evidence(structure, self._everything, without_promise=not self.counts_promise)
+            self._known_values[structure] = known
         return self._known_values[structure]
+
+    def _most_probable_structure(self, start: Structure) -> Structure:
+        """The structure of the largest evidence; its products are kept: those of all take 50 MB for each model."""
+        self._products, self._grams = dict(self._products), {}
+        structure = self.best_structure(self._value, start)
+        key = structure.reach, structure.correlation
+        self._products, self._grams = {key: self._products[key]}, {}
+        return structure
 
     def best_structure(
         self,
@@ -177,39 +202,7 @@ class Evidence:
             for correlation, (common, own) in product(self.covariance.correlations, shares)
         ]
         largest_sizes = min(largest_shared, largest_size), largest_size, largest_between_cycles
-        return max((self._best_nearby(value, one, largest_sizes) for one in starts), key=value)
-
-    def _best_nearby(
-        self, value: Callable[[Structure], float], start: Structure, largest: tuple[float, float, float]
-    ) -> Structure:
-        """The structure that steps along each number but the correlation lead to, until none helps."""
-        positions_scatter, cycles_scatter = self.covariance.can_scatter
-        (largest_shared, largest_size, largest_between_cycles), limit = largest, np.hypot(largest[1], SIZES[0])
-        own_sizes = sizes_up_to(largest_size) if positions_scatter else [0.0]
-        cycle_sizes = [0.0, *(sizes_up_to(largest_between_cycles)[1:] if cycles_scatter else [])]
-        axes: tuple[Sequence[float], ...] = (sizes_up_to(largest_shared), own_sizes, REACHES, cycle_sizes)
-        start_values = start.common, start.own_size, start.reach, start.cycle_size
-        place = [
-            max(int(np.searchsorted(axis, first, side="right")) - 1, 0)
-            for axis, first in zip(axes, start_values, strict=True)
-        ]
-
-        def structure_at(place: Sequence[int]) -> Structure:
-            common, own_size, reach, cycle_size = (axis[k] for axis, k in zip(axes, place, strict=True))
-            return Structure(common, own_size, reach, start.correlation, cycle_size)
-
-        best_value, has_improved = value(structure_at(place)), True
-        while has_improved:
-            has_improved = False
-            for number, step in product(range(len(axes)), (-1, 1)):
-                while 0 <= place[number] + step < len(axes[number]):
-                    neighbour = [k + step * (n == number) for n, k in enumerate(place)]
-                    structure = structure_at(neighbour)
-                    neighbour_value = value(structure) if structure.size <= limit else -np.inf
-                    if neighbour_value <= best_value:
-                        break
-                    place, best_value, has_improved = neighbour, neighbour_value, True
-        return structure_at(place)
+        return max((self.covariance.best_nearby(value, one, largest_sizes) for one in starts), key=value)
 
     @cached_property
     def unknowns(self) -> tuple[Real, Real]:
@@ -217,9 +210,10 @@ class Evidence:
         return self._unknowns_beside(self.structure)
 
     def _unknowns_beside(self, structure: Structure) -> tuple[Real, Real]:
-        (spread, factor, right_side, _), k = self._solved(structure, self._everything), self.jacobian.shape[1]
-        covariance = cho_solve((factor, True), np.eye(len(spread), k))[:k]
-        mean = cho_solve((factor, True), right_side)[:k]
+        (_, factor, solution, _), k = self._solved(structure, self._everything), len(self.widths)
+        of_unknowns = factor[len(factor) - k :, len(factor) - k :]
+        inverse = solve_triangular(of_unknowns, np.eye(k), lower=True)
+        mean, covariance = inverse.T @ solution[len(solution) - k :], inverse.T @ inverse
         return self.widths * mean, self.widths[:, None] * covariance * self.widths
 
     def without_promise(self) -> "Evidence":
@@ -232,7 +226,7 @@ class Evidence:
         for name in ("unknowns", "training", "predicting_structure", "predictive"):
             vars(at_fit).pop(name, None)
         at_fit.counts_promise, at_fit._known_values = False, {}
-        at_fit.structure = at_fit.best_structure(at_fit._value, self.structure)
+        at_fit.structure = at_fit._most_probable_structure(self.structure)
         at_fit._positive = at_fit._log_share_above_zero()
         at_fit.value = at_fit._value(at_fit.structure) + at_fit._positive
         return at_fit
@@ -240,18 +234,14 @@ class Evidence:
     @property
     def promise(self) -> float:
         """Gain of the logarithm of the evidence that ``value`` counts away from the fit."""
-        return self._promise(self.structure) if self.counts_promise else 0.0
-
-    def _promise(self, structure: Structure) -> float:
-        """Gain of the logarithm of the evidence that the linear problem predicts away from the fit."""
-        mean, covariance = self._unknowns_beside(structure)
-        return 0.5 * float((self.of_fit - mean) @ np.linalg.solve(covariance, self.of_fit - mean))
+        return self._gain_from_fit(*self._solved(self.structure, self._everything)[1:3]) if self.counts_promise else 0.0
 
     def log_density(self, fit: Fit) -> float:
         """Logarithm of the density of the data and of the unknowns of a fit of the same model, up to a constant."""
         at_unknowns = copy(self)
         at_unknowns.misfit = self.angle - fit.predicted_angle[self.covariance.cells]
         at_unknowns.jacobian, at_unknowns.widths, at_unknowns._products = self.jacobian[:, :0], self.widths[:0], {}
+        at_unknowns._grams = {}
         deviation = (fit.unknowns.flat - self.centre) / (self.spread * self.widths)
         return at_unknowns._log_evidence(self.structure, self._everything) - 0.5 * float(deviation @ deviation)
 
@@ -377,7 +367,7 @@ class Evidence:
         white = self._whitened(np.column_stack([self.misfit, changes[covariance.cells]]), structure)
         spread, factor = self._system(structure)
         amounts = spread[:, None] * cho_solve((factor, True), self._beside_own_features(white, structure)[1])
-        white -= np.hstack([self._whitened(self.jacobian, structure), self._features(structure).shared]) @ amounts
+        white -= np.hstack([self._features(structure).shared, self._whitened(self.jacobian, structure)]) @ amounts
         left = self._features(structure).left(white, covariance.own_variance(structure))
         _, block = np.unique(covariance.data.block[covariance.cells], return_inverse=True)
         products = left[:, 1:] * left[:, :1]
@@ -390,7 +380,7 @@ class Evidence:
         """
         features = self._features(structure)
         left = features.left(white, self.covariance.own_variance(structure))
-        products = np.vstack([self._whitened(self.jacobian, structure).T @ left, features.shared.T @ left])
+        products = np.vstack([features.shared.T @ left, self._whitened(self.jacobian, structure).T @ left])
         return left, self._system(structure)[0][:, None] * products
 
     def _system(self, structure: Structure) -> tuple[Real, Real]:

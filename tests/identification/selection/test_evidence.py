@@ -239,7 +239,8 @@ def test_of_a_linear_size_the_density_at_zero_follows_from_the_model_without_it(
     assert with_effect.distance("coulomb", without) == pytest.approx(linear, rel=1e-4)
     at_fit = with_effect.without_promise()
     at_fit.of_fit = at_fit.of_fit + 0.05
-    assert at_fit._promise(at_fit.structure) > 0.01
+    with_promise = at_fit._log_evidence(at_fit.structure, at_fit._everything)
+    assert with_promise - at_fit._value(at_fit.structure) > 0.01
     assert at_fit.distance("coulomb", without) < linear < with_effect.distance("coulomb", without) + 1e-3
     without._known_values = {with_effect.structure: without._value(with_effect.structure) - 4.0}
     radius = 2 * gammaincinv(0.5, 0.95)
