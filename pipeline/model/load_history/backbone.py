@@ -6,6 +6,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from pipeline.arrays import Real
+from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import LIMIT_TORQUE, LoadCycle, solve_cycle
@@ -70,31 +71,41 @@ class Backbone:
         By the energy of ``influence``: what each contact and the bearing give way more under the forces that they
         carry, times the slope of these over the torque.
         """
-        closing, bearing_depth = self._deflections_of(neighbour)
-        own_closing, own_bearing_depth = self._own_deflections
-        change: Real = np.sum(self.influence * (closing - own_closing), axis=2)
-        change += np.sum(self._slopes_of_thrust * (bearing_depth - own_bearing_depth), axis=2)
+        drive, force = self.drive, self.states.force
+        closing: Real = (neighbour.gap - drive.gap)[:, None]
+        if neighbour.compliance is not drive.compliance:
+            closing = closing + force @ (neighbour.compliance - drive.compliance)
+        if neighbour.laws is not drive.laws and neighbour.laws.content != drive.laws.content:
+            closing = closing + self._deflections(neighbour.laws) - self._own_deflections
+        change: Real = np.sum(self.influence * closing, axis=2)
+        depth = neighbour.clearance_of_disks[:, None] - drive.clearance_of_disks[:, None]
+        if neighbour.bearing != drive.bearing:
+            depth = depth + neighbour.bearing.depth(self._thrust) - drive.bearing.depth(self._thrust)
+        if np.any(depth):
+            change += np.sum(self._slopes_of_thrust * depth, axis=2)
         return change
 
     @cached_property
-    def _own_deflections(self) -> tuple[Real, Real]:
-        return self._deflections_of(self.drive)
+    def _own_deflections(self) -> Real:
+        return self._deflections(self.drive.laws)
+
+    @cached_property
+    def _thrust(self) -> Real:
+        """Force (n, n_nodes, n_disks) on each input bearing [N]."""
+        return self.drive.reducer.thrust(self.states.force)
 
     @cached_property
     def _slopes_of_thrust(self) -> Real:
         """Derivative (n, n_nodes, n_disks) of the force on each input bearing by the torque [N/(N mm)]."""
-        return self._over_torque(self.drive.reducer.thrust(self.states.force))
+        return self._over_torque(self._thrust)
 
-    def _deflections_of(self, drive: Drive) -> tuple[Real, Real]:
-        """Deflection of contacts (n, n_nodes, n_contacts) and bearings (n, n_nodes, n_disks) of a drive [mm].
-
-        Under the forces of this curve; the gaps and the clearances are added.
-        """
+    def _deflections(self, laws: ContactLaws) -> Real:
+        """Deflection of contacts (n, n_nodes, n_contacts) by laws under the forces of this curve [mm]."""
         force = self.states.force
         is_loaded = np.nonzero(force > 0)
-        closing = drive.gap[:, None] + force @ drive.compliance
-        closing[is_loaded] += drive.laws[is_loaded[-1]].deflection(force[is_loaded])
-        return closing, drive.bearing.depth(drive.reducer.thrust(force)) + drive.clearance_of_disks[:, None]
+        deflection = np.zeros(force.shape)
+        deflection[is_loaded] = laws[is_loaded[-1]].deflection(force[is_loaded])
+        return deflection
 
 
 @lru_cache(maxsize=8)
