@@ -12,12 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.arrays import Real, Truth
-from pipeline.constant_kinds import Rounding, Shortcut, ShortcutCount, ShortcutGrid
+from pipeline.constant_kinds import Fineness, Rounding, Shortcut, ShortcutCount, ShortcutGrid
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Drives, Forward
 from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector, values_at_shares
 from pipeline.identification.fitting.problem import Model, Problem, first_states
+from pipeline.model.load_history.drive import Drive
 
 STEP: Rounding = 2e-4
 """Step of the finite differences, as a share of a parameter's bounds."""
@@ -33,6 +34,8 @@ LOADS: ShortcutGrid = (0.6, 0.4, 0.2, 0.1)
 """Shares of the largest torque above which cells are fitted, one after the other."""
 FIRST_ITERATIONS: ShortcutCount = 3
 """Steps of a fit from each of several starts before the best of them goes on, and before cells are added."""
+KEPT_GAPS: Fineness = 16
+"""Values of effects of which the gaps at each station are kept: those of an iteration."""
 OPEN_SHARE = 0.3
 """Prior standard deviation of an effect's parameter, in shares of its bounds, about no effect (or the middle of the
 bounds of a parameter without a zero). It decides where the data leave a valley, and is weak beside what they tell."""
@@ -44,6 +47,7 @@ class Fitter:
     def __init__(self, problem: Problem):
         self.problem = problem
         self.positions = range(len(problem.stations))
+        self._known_gaps: dict[tuple[object, ...], tuple[Drive, Real]] = {}
 
     def start(self, model: Model, shares: Real | None = None) -> Vector:
         """No scale, no tolerance, parameters at ``shares``; scales are held to their plausible ranges."""
@@ -70,11 +74,23 @@ class Fitter:
             )
         ]
         conditions = [problem.conditions[station] for station in stations]
-        put, instrument = model.put(
-            shifted_drives, conditions, values_at_shares(self.bounds(model), unknowns.shares).tolist()
-        )
-        by_station = dict(zip(stations, put, strict=True))
+        values = values_at_shares(self.bounds(model), unknowns.shares).tolist()
+        put, instrument = model.put(shifted_drives, conditions, values)
+        key = model.name, model.by_state, *values
+        by_station = {k: self._with_known_gap(drive, (k, *key)) for k, drive in zip(stations, put, strict=True)}
         return {number: tuple(by_station[k] for k in problem.stations[number]) for number in numbers}, instrument
+
+    def _with_known_gap(self, drive: Drive, key: tuple[object, ...]) -> Drive:
+        """A drive with the gap of its errors; effects at the same values leave the same gaps at all force laws."""
+        if drive.known_gap is not None:
+            return drive
+        key = (*key, id(drive.reducer), drive.profile)
+        if key not in self._known_gaps:
+            if len(self._known_gaps) > KEPT_GAPS * len(self.problem.conditions):
+                self._known_gaps.clear()
+            self._known_gaps[key] = drive, drive.gap_of_errors  # the drive keeps its reducer, and so the key's place
+            return drive
+        return replace(drive, known_gap=self._known_gaps[key][1])
 
     def predict(
         self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None, modes: bool = False
