@@ -81,7 +81,7 @@ def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
     arms = np.abs(reducer.contact_jacobian[:, reducer.output_motion])
     carrier = int(np.argmax(arms))
     force = abs(torque) / arms[carrier]
-    depth = drive.laws[carrier].deflection(force)[0] + drive.compliance[carrier, carrier] * force
+    depth = drive.laws.deflection(force)[carrier] + drive.compliance[carrier, carrier] * force
     turn = np.sign(torque) * depth / arms[carrier]
     rotations = [i for i, motion in enumerate(reducer.motions) if motion.endswith("_phi")]
     senses = [1 if motion == reducer.output_motion else np.sign(reducer.flange_ratio) for motion in rotations]
