@@ -26,6 +26,7 @@ from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.results import corrected_design, tables
+from pipeline.identification.results.prediction_errors import angle_of_branch
 from pipeline.identification.results.residual_signatures import (
     SignatureCells,
     _friction,
@@ -430,3 +431,14 @@ FITTED = {
 )
 def test_judgement_of_a_fitted_effect(changes, judgement):
     assert candidate_row({**FITTED, **changes}, {})["judgement"] == judgement
+
+
+def test_cells_at_one_torque_of_a_staircase_count_as_their_mean():
+    """Two readings a step of a line of slope 2: between two cells of one torque there is no slope."""
+    torque = np.repeat([1.0, 2.0, 3.0], 2)
+    angle = 2 * torque + np.tile([-0.1, 0.1], 3)
+    with np.errstate(all="raise"):
+        np.testing.assert_allclose([angle_of_branch(torque, angle, level)[0] for level in (1.0, 1.5, 2.0)], [2, 3, 4])
+        np.testing.assert_allclose(angle_of_branch(-torque, -angle, -1.5), [-3])
+    assert np.isnan(angle_of_branch(torque, angle, 4.0)).all()
+    assert np.isnan(angle_of_branch(torque[:4], angle[:4], 1.5)).all()

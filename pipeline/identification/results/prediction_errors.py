@@ -92,6 +92,20 @@ def _loops(identification: Identification) -> list[tuple[Numbers, Numbers]]:
     return pairs
 
 
+def angle_of_branch(torque: Real, angle: Real, level: float) -> Real:
+    """Angle of a branch (1,) at a torque ``level``, by its cells (n,) on that side of zero; NaN where it has too few.
+
+    Cells at one torque, as of a staircase, count as their mean.
+    """
+    side = torque * np.sign(level) > 0
+    x, number = np.unique(np.abs(torque[side]), return_inverse=True)
+    y = np.bincount(number, angle[side]) / np.bincount(number)
+    if len(x) < 3 or abs(level) > x[-1] + BEYOND * x[-1]:
+        return np.full(1, np.nan)
+    k = int(np.clip(np.searchsorted(x, abs(level)) - 1, 1 if abs(level) < x[1] else 0, len(x) - 2))
+    return np.array([y[k] + (abs(level) - x[k]) * (y[k + 1] - y[k]) / (x[k + 1] - x[k])])
+
+
 def _read(identification: Identification, loop: tuple[Numbers, Numbers], angle: Real) -> dict[str, float]:
     torque, study = identification.problem.data.torque, identification.measurement.unit.study
     definitions = assembly.definitions(study)
@@ -99,15 +113,7 @@ def _read(identification: Identification, loop: tuple[Numbers, Numbers], angle: 
     falling, rising = loop
 
     def angle_at(branch: Numbers, level: float) -> Real:
-        """Angle of a branch at a torque, on that torque's side of zero (1,)."""
-        side = branch[torque[branch] * np.sign(level) > 0]
-        x, y = np.abs(torque[side]), angle[side]
-        order = np.argsort(x)
-        x, y = x[order], y[order]
-        if len(x) < 3 or abs(level) > x[-1] + BEYOND * x[-1]:
-            return np.full(1, np.nan)
-        k = int(np.clip(np.searchsorted(x, abs(level)) - 1, 1 if abs(level) < x[1] else 0, len(x) - 2))
-        return np.array([y[k] + (abs(level) - x[k]) * (y[k + 1] - y[k]) / (x[k + 1] - x[k])])
+        return angle_of_branch(torque[branch], angle[branch], level)
 
     tiny = 1e-9 * study.design.cycloid.rated_torque_Nm
     readings = LoopReadings.from_bench(
