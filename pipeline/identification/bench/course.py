@@ -18,8 +18,8 @@ class CrankMotion:
     stations : (n_stations,) ascending crank angles at which the drive is known [rad].
     ratio : turns of the crank per turn of the output, with its sign.
     cells : (n_cells,) crank angle at each cell as measured [rad]; its mean places the model's.
-    at_input : whether the torque read is that of the motor times the ratio, which does the work on what varies over the
-        crank angle; else that at the output.
+    at_input : whether the torque read is that of the motor times minus the ratio, which does the work on what varies
+        over the crank angle; else that at the output.
     """
 
     stations: Real

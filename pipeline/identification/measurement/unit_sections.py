@@ -98,8 +98,9 @@ class CrankSection(Section):
     In both cases `crank_deg` is the crank angle at the first row of each position, counted over a turn of the output.
 
     `ratio` has a sign: turns of the crank per turn of the output, negative with the housing held. A torque at the
-    "input" is that of the motor times the ratio. `twist_before_disk` is the share of the twist that lies between crank
-    and disk, by which the disk does not turn against the housing.
+    "input" is that of the motor times minus the ratio, so that it has the sign of the motor with the housing held.
+    `twist_before_disk` is the share of the twist that lies between crank and disk, by which the disk does not turn
+    against the housing.
     """
 
     moves: Literal["fixed", "follows_angle", "column"] = "fixed"
