@@ -14,11 +14,13 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Problem, candidates
 from pipeline.identification.fitting.stations import stations_of
+from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import read_measurement
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.selection.baselines import METHODS, TURN_METHODS, Cycles, baselines
 from pipeline.identification.selection.criteria import ODDS, Selection, without_names
+from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.held_out import (
     AngleError,
     Folds,
@@ -27,7 +29,7 @@ from pipeline.identification.selection.held_out import (
     predicted_folds,
     splits_of,
 )
-from pipeline.identification.selection.model_selection import LARGEST_GAIN, Selector
+from pipeline.identification.selection.model_selection import CLOSE_ODDS, LARGEST_GAIN, WELL_FITTED, Selector
 from pipeline.identification.selection.statements.detection import DetectionLimit, detection_limits
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy_of
 from pipeline.identification.selection.statements.remainder import Remainder, remainder
@@ -49,6 +51,12 @@ from pipeline.model.compiled import Decorator
 
 Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]
 """Compliances of a study's design at crank angles [deg]: each (n_contacts, n_contacts) [mm/N]."""
+
+SENSE = (
+    "torque and angle are taken with the other sign, which is more probable by {gain:.0f} (natural logarithm of the "
+    "odds); look which sense is positive on the bench, and in which a locked output is read, and reverse both columns"
+)
+"""Note on data whose sense is the other one."""
 
 one_thread: Decorator = threadpool_limits.wrap(limits=1)
 """Matrices are small: threads would wait for each other, and move last digits."""
@@ -123,16 +131,18 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
     ------
     InputError : as ``training_rows``.
     """
-    unit = measurement.unit
     if measurement.fatal:
         return FaultyUnit(measurement, Verdict(FAULT), fault_statement(measurement.fatal))
-    cranks = measurement.rows.cranks
-    is_training = measurement.training_cells if unit.settings.held_out.train else np.ones(len(measurement.cells), bool)
-    compliances = condense(unit.study, stations_of(measurement).cranks.tolist())
-    selector, selection = _best_selection(build_problem(measurement, compliances, is_training), is_training)
-    fitter, data = selector.fitter, selector.problem.data
+    is_training, problem = _problem_of(measurement, condense)
+    selector, selection = _best_selection(problem, is_training)
+    if sense := _other_sense(measurement, condense, selector, selection):
+        measurement = measurement.in_other_sense(sense)
+        is_training, problem = _problem_of(measurement, condense)
+        selector, selection = _best_selection(problem, is_training)
+    fitter, data, cranks = selector.fitter, selector.problem.data, measurement.rows.cranks
     baseline_curves = _baseline_curves(measurement, fitter, is_training)
     selection, verdict, folds = _tested_on_unused_data(selector, selection, is_training, baseline_curves)
+    verdict = replace(verdict, findings=(*verdict.findings, *(note.message for note in measurement.notes)))
     recalibration_error = angle_error(data, cranks, *folds.curves(False)["recalibrated"], folds.cells)
     best_error = angle_error(data, cranks, folds.best_curve, folds.open_best, folds.cells)
     turns = isinstance(data, TurningData)
@@ -170,6 +180,43 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
         could_hide=detection_limits(fitter, selection.base, selector.testable) if has_limits else (),
         between_cranks=_between_cranks(fitter, selection),
     )
+
+
+def _problem_of(measurement: Measurement, condense: Condensed) -> tuple[Truth, Problem]:
+    """Cells (n_cells,) that a fit may see, and the problem of a measurement."""
+    has_training = bool(measurement.unit.settings.held_out.train)
+    is_training = measurement.training_cells if has_training else np.ones(len(measurement.cells), bool)
+    compliances = condense(measurement.unit.study, stations_of(measurement).cranks.tolist())
+    return is_training, build_problem(measurement, compliances, is_training)
+
+
+def _other_sense(
+    measurement: Measurement, condense: Condensed, selector: Selector, selection: Selection
+) -> Fault | None:
+    """A note that torque and angle have the other sign, where the model says so; None elsewhere.
+
+    Errors of the parts act on one side of a flank, so that measured dimensions, or a crank that turns within the
+    loops, tell the two senses apart. The other one is taken where the model without effects, or the answer's, then
+    misses no more than noise, and is more probable than the answer by more than fits of one model differ.
+    """
+    unit = measurement.unit
+    is_told_apart = unit.dimensions is not None or unit.settings.crank.moves != "fixed"
+    if isinstance(selector.problem.data, TurningData) or not is_told_apart:
+        return None
+    cells, problem = _problem_of(measurement.in_other_sense(), condense)
+    other, base, answer = Selector(Fitter(problem), cells), selection.base, selection.answer
+    gains = []
+    for trial in {base.fit.model.name: base, answer.fit.model.name: answer}.values():
+        model, shares = trial.fit.model, trial.fit.unknowns.shares
+        zero = other.fitter.centre(model, trial.fit.unknowns)[len(trial.fit.unknowns.scales) :][: len(shares)]
+        from_shares = [other.fitter.start(model, np.clip(of, 0.0, 1.0)) for of in (shares, 2 * zero - shares)]
+        starts = [replace(start, scales=trial.fit.unknowns.scales) for start in from_shares]
+        fit = other.fitter.fit_from_best(model, cells, starts)
+        if fit.sound and fit.cost < WELL_FITTED * np.count_nonzero(cells):
+            there = Evidence(other._tries(cells).covariance, other.fitter, fit).without_promise()
+            gains.append(there.value - answer.evidence.value)
+    gain = max(gains, default=0.0)
+    return Fault("sense", SENSE.format(gain=gain), "note") if gain > CLOSE_ODDS else None
 
 
 def _best_selection(problem: Problem, cells: Truth) -> tuple[Selector, Selection]:

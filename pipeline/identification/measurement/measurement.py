@@ -1,5 +1,6 @@
 """All that is known of a measured unit before any model: what follows from its rows, and what is wrong with them."""
 
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,8 +14,16 @@ from pipeline.identification.measurement.rows import read_rows, training_rows
 from pipeline.identification.measurement.unit_file import UnitFile
 
 
+@dataclass(frozen=True, eq=False)
 class Measurement(MeasuredRows):
-    """A unit's rows, what follows from them, and their faults."""
+    """A unit's rows, what follows from them, and their faults.
+
+    Attributes
+    ----------
+    notes : what was found by the model, beside the faults of the rows.
+    """
+
+    notes: tuple[Fault, ...] = field(default=(), kw_only=True)
 
     @classmethod
     def read(cls, unit: UnitFile) -> "Measurement":
@@ -29,7 +38,15 @@ class Measurement(MeasuredRows):
     @cached_property
     def faults(self) -> tuple[Fault, ...]:
         """Faults of the data, fatal ones and notes."""
-        return tuple(data_faults(self))
+        return (*data_faults(self), *self.notes)
+
+    def in_other_sense(self, *notes: Fault) -> "Measurement":
+        """The measurement with torque and angle of the other sign, and notes on it."""
+        rows, command = self.rows, self.rows.command
+        reversed_rows = replace(
+            rows, torque=-rows.torque, angle=-rows.angle, command=None if command is None else -command
+        )
+        return Measurement(self.unit, reversed_rows, notes=notes)
 
     @property
     def fatal(self) -> tuple[Fault, ...]:

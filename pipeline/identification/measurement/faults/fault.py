@@ -43,7 +43,7 @@ class Fault:
     ----------
     kind : "missing column", "not a number", "decreasing time", "disordered rows", "constant column", "unit", "sign",
         "saturation", "clipped angle", "swapped columns", "missing cycle", "one sense", "too few points",
-        "duplicate file", "encoder jump", "mixed offsets", "position stands out".
+        "duplicate file", "encoder jump", "mixed offsets", "position stands out", "sense".
     message : what was found, and what to do.
     severity : "fatal" makes an identification impossible; "note" only bears on it.
     rows : `file:line` of the first rows concerned.

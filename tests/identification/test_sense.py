@@ -1,0 +1,74 @@
+"""Benches that count the other sense as positive: torque and angle of both signs are compared with the model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_unit import CRANKS, ROOT, Bench, Condensed, make_unit
+
+from pipeline.identification import identify
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.identify import _other_sense, _problem_of
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.selection.criteria import Selection
+from pipeline.identification.selection.model_selection import Selector
+
+FRICTION = {"coulomb": [0.4]}
+
+
+def noted(measurement: Measurement, condensed: Condensed, effects: tuple[str, ...] = ()):
+    """The note on the sense of a measurement whose answer has effects, fitted beside numbers as declared."""
+    cells, problem = _problem_of(measurement, condensed)
+    selector = Selector(Fitter(problem), cells)
+    covariance = selector._tries(cells).covariance
+    base = selector.trial(selector.fitter.fit(Model(), cells, selector.fitter.start(Model())), cells, covariance)
+    model = Model(tuple(candidates()[name] for name in effects))
+    answer = selector.trial(selector.fitter.fit(model, cells, selector.fitter.start(model)), cells, covariance)
+    trials, named = ({model.name: answer}, (model.name,)) if effects else ({}, ())
+    return _other_sense(measurement, condensed, selector, Selection(base, trials, {}, {}, {}, model.name, named))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("effects", [{}, FRICTION])
+def test_a_bench_of_the_other_sense_is_noted_and_one_of_the_right_sense_is_not(tmp_path, condensed, effects):
+    """Errors of the parts act on one side of a flank; beside friction the answer's model says so, not the base."""
+    folder = make_unit(tmp_path / "u", effects, Bench(cranks=CRANKS), condensed)
+    measurement = Measurement.read(load_measured_unit(folder, ROOT))
+    assert noted(measurement, condensed, tuple(effects)) is None
+    note = noted(measurement.in_other_sense(), condensed, tuple(effects))
+    assert (note.kind, note.severity) == ("sense", "note")
+    assert "reverse both columns" in note.message
+    again = measurement.in_other_sense().in_other_sense(note)
+    assert again.faults == (*measurement.faults, note)
+    np.testing.assert_array_equal(again.rows.torque, measurement.rows.torque)
+
+
+def test_of_unknown_dimensions_and_a_crank_that_is_held_no_sense_is_sought(tmp_path, condensed):
+    folder = make_unit(tmp_path / "u", {}, Bench(known=False), condensed)
+    measurement = Measurement.read(load_measured_unit(folder, ROOT))
+
+    def nothing_condensed(*_):
+        pytest.fail("the other sense is not to be solved")
+
+    assert _other_sense(measurement, nothing_condensed, Selector(*_selected(measurement, condensed)), None) is None
+
+
+def _selected(measurement: Measurement, condensed: Condensed):
+    cells, problem = _problem_of(measurement, condensed)
+    return Fitter(problem), cells
+
+
+def test_what_misses_more_than_noise_in_both_senses_is_left_as_it_is(tmp_path, condensed, monkeypatch):
+    """Where neither sense fits, the more probable one says nothing: the errors of the model are larger than both."""
+    folder = make_unit(tmp_path / "u", {}, Bench(cranks=CRANKS[:2], rows=24), condensed)
+    measurement = Measurement.read(load_measured_unit(folder, ROOT)).in_other_sense()
+    assert noted(measurement, condensed) is not None
+    rows = measurement.rows
+    distorted = Measurement(measurement.unit, replace(rows, angle=rows.angle + 0.1 * np.abs(rows.torque)))
+    assert noted(distorted, condensed) is None
+    monkeypatch.setattr(identify, "CLOSE_ODDS", np.inf)
+    assert noted(measurement, condensed) is None
