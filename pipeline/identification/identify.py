@@ -19,8 +19,7 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import read_measurement
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.selection.baselines import METHODS, TURN_METHODS, Cycles, baselines
-from pipeline.identification.selection.criteria import ODDS, Selection, without_names
-from pipeline.identification.selection.evidence import Evidence
+from pipeline.identification.selection.criteria import ODDS, Selection, Trial, without_names
 from pipeline.identification.selection.held_out import (
     AngleError,
     Folds,
@@ -133,12 +132,7 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
     """
     if measurement.fatal:
         return FaultyUnit(measurement, Verdict(FAULT), fault_statement(measurement.fatal))
-    is_training, problem = _problem_of(measurement, condense)
-    selector, selection = _best_selection(problem, is_training)
-    if sense := _other_sense(measurement, condense, selector, selection):
-        measurement = measurement.in_other_sense(sense)
-        is_training, problem = _problem_of(measurement, condense)
-        selector, selection = _best_selection(problem, is_training)
+    measurement, is_training, selector, selection = _selected(measurement, condense)
     fitter, data, cranks = selector.fitter, selector.problem.data, measurement.rows.cranks
     baseline_curves = _baseline_curves(measurement, fitter, is_training)
     selection, verdict, folds = _tested_on_unused_data(selector, selection, is_training, baseline_curves)
@@ -190,43 +184,56 @@ def _problem_of(measurement: Measurement, condense: Condensed) -> tuple[Truth, P
     return is_training, build_problem(measurement, compliances, is_training)
 
 
-def _other_sense(
-    measurement: Measurement, condense: Condensed, selector: Selector, selection: Selection
-) -> Fault | None:
-    """A note that torque and angle have the other sign, where the model says so; None elsewhere.
+def _selected(measurement: Measurement, condense: Condensed) -> tuple[Measurement, Truth, Selector, Selection]:
+    """The selection on a measurement, or on that with torque and angle of the other sign if these are more probable.
+
+    Beside it the measurement that it is of, the cells (n_cells,) that it is fitted to, and the selector that made it.
+    """
+    while True:
+        cells, problem = _problem_of(measurement, condense)
+        selector = Selector(Fitter(problem), cells)
+        base_fit = selector.recalibrate(cells)
+        base = selector.trial(base_fit, cells, selector.tries(cells).covariance)
+        sense = _other_sense(measurement, condense, selector, base)
+        if not sense:
+            selector, selection = _best_selection(selector, cells, base_fit)
+            sense = _other_sense(measurement, condense, selector, selection.answer) if selection.odds else None
+        if not sense:
+            return measurement, cells, selector, selection
+        measurement = measurement.in_other_sense(sense)
+
+
+def _other_sense(measurement: Measurement, condense: Condensed, selector: Selector, trial: Trial) -> Fault | None:
+    """A note that torque and angle have the other sign, where a model says so; None elsewhere.
 
     Errors of the parts act on one side of a flank, so that measured dimensions, or a crank that turns within the
-    loops, tell the two senses apart. The other one is taken where the model without effects, or the answer's, then
-    misses no more than noise, and is more probable than the answer by more than fits of one model differ.
+    loops, tell the two senses apart. The other one is taken if the model of a trial then misses no more than noise, and
+    is more probable by more than fits of one model differ.
     """
     unit = measurement.unit
     is_told_apart = unit.dimensions is not None or unit.settings.crank.moves != "fixed"
-    if isinstance(selector.problem.data, TurningData) or not is_told_apart:
+    if isinstance(selector.problem.data, TurningData) or measurement.notes or not is_told_apart:
         return None
     cells, problem = _problem_of(measurement.in_other_sense(), condense)
-    other, base, answer = Selector(Fitter(problem), cells), selection.base, selection.answer
-    gains = []
-    for trial in {base.fit.model.name: base, answer.fit.model.name: answer}.values():
-        model, shares = trial.fit.model, trial.fit.unknowns.shares
-        zero = other.fitter.centre(model, trial.fit.unknowns)[len(trial.fit.unknowns.scales) :][: len(shares)]
-        from_shares = [other.fitter.start(model, np.clip(of, 0.0, 1.0)) for of in (shares, 2 * zero - shares)]
-        starts = [replace(start, scales=trial.fit.unknowns.scales) for start in from_shares]
-        fit = other.fitter.fit_from_best(model, cells, starts)
-        if fit.sound and fit.cost < WELL_FITTED * np.count_nonzero(cells):
-            there = Evidence(other._tries(cells).covariance, other.fitter, fit).without_promise()
-            gains.append(there.value - answer.evidence.value)
-    gain = max(gains, default=0.0)
+    other, model, known = Selector(Fitter(problem), cells), trial.fit.model, trial.fit.unknowns
+    zero = other.fitter.centre(model, known)[len(known.scales) :][: len(known.shares)]
+    from_shares = [other.fitter.start(model, np.clip(of, 0.0, 1.0)) for of in (known.shares, 2 * zero - known.shares)]
+    starts = [replace(start, scales=known.scales) for start in from_shares[: 2 if model.effects else 1]]
+    fit = other.fitter.fit_from_best(model, cells, starts)
+    if not fit.sound or fit.cost > WELL_FITTED * np.count_nonzero(cells):
+        return None
+    there = other.trial(fit, cells, other.tries(cells).covariance).evidence.without_promise()
+    gain = there.value - trial.evidence.value
     return Fault("sense", SENSE.format(gain=gain), "note") if gain > CLOSE_ODDS else None
 
 
-def _best_selection(problem: Problem, cells: Truth) -> tuple[Selector, Selection]:
-    """The selection on the cells (n_cells,) of a problem, and the selector that made it.
+def _best_selection(selector: Selector, cells: Truth, base_fit: Fit | None = None) -> tuple[Selector, Selection]:
+    """The selection on cells (n_cells,) from a fit without effects, and the selector that made it.
 
     Where contacts on a part of the width make the answer, or the model without effects, more probable, everything is
     tried again with their ranges, so that no compliance is named in their place.
     """
-    selector = Selector(Fitter(problem), cells)
-    selection = selector.select(cells)
+    selection, problem = selector.select(cells, base_fit), selector.problem
     base, answer = selection.base, selection.answer
     is_close = bool(selection.members) and selection.odds[selection.claimed_model] <= LARGEST_GAIN
     if not is_close and not any(_is_held_by_range(problem, trial.fit) for trial in (base, answer)):

@@ -14,22 +14,17 @@ from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.identify import _other_sense, _problem_of
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.selection.criteria import Selection
 from pipeline.identification.selection.model_selection import Selector
 
 FRICTION = {"coulomb": [0.4]}
 
 
 def noted(measurement: Measurement, condensed: Condensed, effects: tuple[str, ...] = ()):
-    """The note on the sense of a measurement whose answer has effects, fitted beside numbers as declared."""
+    """The note on the sense of a measurement by a model with effects, fitted beside numbers as declared."""
     cells, problem = _problem_of(measurement, condensed)
-    selector = Selector(Fitter(problem), cells)
-    covariance = selector._tries(cells).covariance
-    base = selector.trial(selector.fitter.fit(Model(), cells, selector.fitter.start(Model())), cells, covariance)
-    model = Model(tuple(candidates()[name] for name in effects))
-    answer = selector.trial(selector.fitter.fit(model, cells, selector.fitter.start(model)), cells, covariance)
-    trials, named = ({model.name: answer}, (model.name,)) if effects else ({}, ())
-    return _other_sense(measurement, condensed, selector, Selection(base, trials, {}, {}, {}, model.name, named))
+    selector, model = Selector(Fitter(problem), cells), Model(tuple(candidates()[name] for name in effects))
+    fit = selector.fitter.fit(model, cells, selector.fitter.start(model))
+    return _other_sense(measurement, condensed, selector, selector.trial(fit, cells, selector.tries(cells).covariance))
 
 
 @pytest.mark.long

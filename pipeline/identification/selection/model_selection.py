@@ -84,28 +84,29 @@ class Selector:
         names = set(offered_names or self.testable) - with_limit_cases(effect.name for effect in base.model.effects)
         return screen_effects(self.fitter, cells, bases, [e for name, e in self.testable.items() if name in names])
 
-    def _tries(self, cells: Truth) -> Tries:
-        data, judge = self.problem.data, Judge(self.fitter, cells, len(self.testable))
-        return Tries(cells, Covariance(data, cells, parts_of(data, cells)), judge)
+    def tries(self, cells: Truth) -> Tries:
+        """What models are fitted to and judged by."""
+        covariance = Covariance(self.problem.data, cells, parts_of(self.problem.data, cells))
+        return Tries(cells, covariance, Judge(self.fitter, cells, len(self.testable)))
 
     def trial(self, fit: Fit, cells: Truth, covariance: Covariance, base: Trial | None = None) -> Trial:
         """A fitted model with its evidence."""
         evidence = Evidence(covariance, self.fitter, fit, base.evidence.structure if base else None)
         return Trial(fit, evidence, covariance.rms(fit.predicted_angle))
 
-    def select(self, cells: Truth) -> Selection:
+    def select(self, cells: Truth, base_fit: Fit | None = None) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most.
 
         A fit with an effect may lead to numbers that are more probable without it. If the name does not hold there,
         everything is tried anew beside them: an effect must not win by a start that the model without it did not have.
         """
-        base_fit, former = self.recalibrate(cells), -np.inf
+        base_fit, former = base_fit or self.recalibrate(cells), -np.inf
         while True:
             selection = self._beside(base_fit, cells)
             base, value = self._without_effects(selection, cells), selection.base.evidence.value
             if base is selection.base or value <= former:
                 return selection
-            challenged = self._tries(cells).judge.select(base, selection.trials, selection.promised_misfits)
+            challenged = self.tries(cells).judge.select(base, selection.trials, selection.promised_misfits)
             if selection.members and challenged.members == selection.members:
                 return challenged
             base_fit, former = base.fit, value
@@ -144,7 +145,7 @@ class Selector:
 
     def _beside(self, base_fit: Fit, cells: Truth) -> Selection:
         """The selection beside a fit without effects."""
-        tries = self._tries(cells)
+        tries = self.tries(cells)
         base = self.trial(base_fit, cells, tries.covariance)
         promises = self.screen(cells, base.fit)
         fits = self.fits(base.fit, cells, promises)
@@ -341,15 +342,14 @@ class Selector:
 
         Where it then misses more than noise, also from where the first fit ends; the more probable of both counts.
         """
-        start, covariance = self.fitter.start(Model()), self._tries(cells).covariance
+        start, covariance = self.fitter.start(Model()), self.tries(cells).covariance
         first_fit = self.fitter.fit_by_load(Model(), cells, start)
         fit = self.fitter.refine(first_fit, cells, start)
         if fit.cost < WELL_FITTED * np.count_nonzero(cells):
             return fit
         fits = fit, self.fitter.refine(first_fit, cells, first_fit.unknowns)
-        trials = [self.trial(one, cells, covariance) for one in fits if np.isfinite(one.cost)]
-        best = max(map(self.at_most_probable, trials), key=lambda trial: trial.evidence.value, default=None)
-        return best.fit if best else first_fit
+        ends = [self.at_most_probable(self.trial(one, cells, covariance)) for one in fits if np.isfinite(one.cost)]
+        return max(ends, key=lambda trial: trial.evidence.value).fit if ends else first_fit
 
     def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise]) -> list[Fit]:
         """Fits of all promised additions to a base, the best promised first, each from its best start.

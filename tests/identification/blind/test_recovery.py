@@ -116,7 +116,7 @@ def test_what_looks_like_the_best_effect_is_fitted_from_its_numbers_too(tmp_path
     problem = exactly_known(problem_of(make_unit(tmp_path / "u", {"preload": (8.0,)}, TWO, condensed), condensed))
     cells = np.ones(len(problem.data), bool)
     selector = Selector(Fitter(problem), cells)
-    fitter, tries = selector.fitter, selector._tries(cells)
+    fitter, tries = selector.fitter, selector.tries(cells)
     selector.testable = {name: selector.testable[name] for name in ("preload", "pin_radius_error")}
     base = selector.trial(fitter.fit(Model(), cells, fitter.start(Model())), cells, tries.covariance)
     models = {name: Model((effect,)) for name, effect in selector.testable.items()}
@@ -137,7 +137,7 @@ def test_beside_each_member_of_the_best_pair_what_explains_most_is_tried(tmp_pat
     problem = exactly_known(problem_of(make_unit(tmp_path / "u", effects, TWO, condensed), condensed))
     cells = np.ones(len(problem.data), bool)
     selector = Selector(Fitter(problem), cells)
-    fitter, tries = selector.fitter, selector._tries(cells)
+    fitter, tries = selector.fitter, selector.tries(cells)
     selector.testable = {name: selector.testable[name] for name in (*effects, "torque_zero", "torque_gain")}
     base = selector.trial(fitter.fit(Model(), cells, fitter.start(Model())), cells, tries.covariance)
     pair = Model((selector.testable["pin_radius_error"], selector.testable["torque_zero"]))

@@ -407,7 +407,7 @@ def test_a_single_effect_is_fitted_from_where_a_pair_led(exact_unit):
     angle = Fitter(unit).predict(COULOMB, Fitter(unit).start(COULOMB, np.array([share]))).angle
     noise = unit.data.noise * np.random.default_rng(0).standard_normal(len(unit.data))
     selector = Selector(Fitter(with_angles(unit, angle + noise)), cells)
-    tries = selector._tries(cells)
+    tries = selector.tries(cells)
     pair_model = Model((COULOMB.effects[0], candidates()["torque_zero"]))
     shares = {COULOMB: [4 * share], pair_model: [share, 0.5]}
     fits = [selector.fitter.fit(m, cells, selector.fitter.start(m, np.array(v)), 0) for m, v in shares.items()]

@@ -409,7 +409,7 @@ def test_the_fit_without_effects_is_the_more_probable_of_two_though_it_misses_mo
     selector.fitter = SimpleNamespace(
         start=lambda _: None, fit_by_load=lambda *_: start, refine=lambda *_: next(refined)
     )
-    selector._tries = lambda _: Tries(None, None, None)
+    selector.tries = lambda _: Tries(None, None, None)
     selector.trial = lambda fit, *_: Trial(fit, Known(values[int(fit is ends[1])]), 1.0)
     selector.at_most_probable = lambda one: one
     assert selector.recalibrate(np.ones(3, bool)) is ends[chosen]

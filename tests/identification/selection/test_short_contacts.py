@@ -13,6 +13,7 @@ from pipeline.identification import identify
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Model
 from pipeline.identification.identify import _best_selection, _is_held_by_range
+from pipeline.identification.selection.model_selection import Selector
 
 
 def deflection_of_crown(force, radius, crown):
@@ -58,7 +59,8 @@ def selected_with_softer_contacts(factor, folder, condensed):
     scales[of_laws] = np.log(factor)
     angle = fitter.predict(Model(), replace(start, scales=scales)).angle
     noise = np.random.default_rng(3).normal(scale=problem.data.sigma)
-    return problem, *_best_selection(with_angles(problem, angle + noise), np.ones(len(noise), bool))
+    cells = np.ones(len(noise), bool)
+    return problem, *_best_selection(Selector(Fitter(with_angles(problem, angle + noise)), cells), cells)
 
 
 @pytest.mark.parametrize(("factor", "are_short"), [(1.3, False), (2.8, True), (4.5, True)])
