@@ -55,6 +55,8 @@ A bench usually has both kinds: rounding and the torque sensor add white noise t
 SINGLE_GROUPS = 6
 """Positions (or cycles) up to which each is left out by itself; more are left out in three lots, spread evenly over
 them, so that the time grows as the rows do."""
+NO_WEIGHT: Rounding = 1e-12
+"""Weight of an earlier cell in a whitened one, of unit noise, below which it counts as none."""
 OFFSET: Rounding = 1e3
 """Prior standard deviation of the zero of an angle, in those of the median cell: equal in all models."""
 
@@ -307,7 +309,7 @@ def _whitening(block: Whole, correlation: Correlation) -> csr_array:
     lags = np.abs(places[:, None] - places)
     factor = cholesky(share * of_neighbours**lags + (1 - share) * np.eye(len(places)), lower=True)
     longest = solve_triangular(factor, np.eye(len(places)), lower=True)
-    longest[np.abs(longest) < np.finfo(float).eps] = 0.0
+    longest[np.abs(longest) < NO_WEIGHT] = 0.0
     return csr_array(block_diag([longest[:length, :length] for length in lengths]))
 
 

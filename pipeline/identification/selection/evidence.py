@@ -67,6 +67,7 @@ class Evidence:
         self.of_fit, self.counts_promise = deviation, True
         self._products: dict[tuple[float, Correlation], tuple[Real, Real]] = {}
         self._grams: dict[tuple[float, Correlation, float], Real] = {}
+        self._white_columns: dict[Correlation, Real] = {}
         self._known_values: dict[Structure, float] = {}
         self._systems: dict[Structure, tuple[Real, Real]] = {}
         self.widths, self.cost_of_widths = np.ones(jacobian.shape[1]), 0.0
@@ -115,7 +116,10 @@ class Evidence:
         if is_whole and key in self._products:
             return self._products[key]
         features = self._features(structure, is_chosen)
-        of_model = self._whitened(np.column_stack([self.jacobian, self.misfit]), structure) * is_chosen[:, None]
+        if structure.correlation not in self._white_columns:
+            columns = np.column_stack([self.jacobian, self.misfit])
+            self._white_columns = {structure.correlation: self._whitened(columns, structure)}  # of one at a time
+        of_model = self._white_columns[structure.correlation] * is_chosen[:, None]
         cross = of_model.T @ features.shared
         products = np.block([[features.shared_products, cross.T], [cross, of_model.T @ of_model]])
         own_products = np.hstack([features.own_products, features.own.T @ of_model])
@@ -176,10 +180,10 @@ class Evidence:
 
     def _most_probable_structure(self, start: Structure) -> Structure:
         """The structure of the largest evidence; its products are kept: those of all take 50 MB for each model."""
-        self._products, self._grams = dict(self._products), {}
+        self._products, self._grams, self._white_columns = dict(self._products), {}, {}
         structure = self.best_structure(self._value, start)
         key = structure.reach, structure.correlation
-        self._products, self._grams = {key: self._products[key]}, {}
+        self._products, self._grams, self._white_columns = {key: self._products[key]}, {}, {}
         return structure
 
     def best_structure(
@@ -241,7 +245,7 @@ class Evidence:
         at_unknowns = copy(self)
         at_unknowns.misfit = self.angle - fit.predicted_angle[self.covariance.cells]
         at_unknowns.jacobian, at_unknowns.widths, at_unknowns._products = self.jacobian[:, :0], self.widths[:0], {}
-        at_unknowns._grams = {}
+        at_unknowns._grams, at_unknowns._white_columns = {}, {}
         deviation = (fit.unknowns.flat - self.centre) / (self.spread * self.widths)
         return at_unknowns._log_evidence(self.structure, self._everything) - 0.5 * float(deviation @ deviation)
 
