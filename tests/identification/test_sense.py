@@ -36,7 +36,7 @@ def test_a_bench_of_the_other_sense_is_noted_and_one_of_the_right_sense_is_not(t
     assert noted(measurement, condensed, tuple(effects)) is None
     note = noted(measurement.in_other_sense(), condensed, tuple(effects))
     assert (note.kind, note.severity) == ("sense", "note")
-    assert "reverse both columns" in note.message
+    assert note.message.endswith("reverse both columns")
     again = measurement.in_other_sense().in_other_sense(note)
     assert again.faults == (*measurement.faults, note)
     np.testing.assert_array_equal(again.rows.torque, measurement.rows.torque)
