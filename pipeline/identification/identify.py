@@ -53,8 +53,8 @@ Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]
 
 SENSE = (
     "torque and angle are taken with the other sign, which is more probable by {gain:.0f} (natural logarithm of the "
-    "odds); check which sense the bench counts as positive and, at a locked output, the sign of the ratio; then reverse "
-    "both columns"
+    "odds); check which sense the bench counts as positive and, at a locked output, the sign of the ratio; then "
+    "reverse both columns"
 )
 """Note on data whose sense is the other one."""
 
