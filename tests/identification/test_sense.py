@@ -16,7 +16,7 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.model_selection import Selector
 
-FRICTION = {"coulomb": [0.4]}
+FRICTION, ZERO = {"coulomb": [0.4]}, {"torque_zero": [0.5]}
 
 
 def noted(measurement: Measurement, condensed: Condensed, effects: tuple[str, ...] = ()):
@@ -28,7 +28,7 @@ def noted(measurement: Measurement, condensed: Condensed, effects: tuple[str, ..
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("effects", [{}, FRICTION])
+@pytest.mark.parametrize("effects", [{}, FRICTION, ZERO])
 def test_a_bench_of_the_other_sense_is_noted_and_one_of_the_right_sense_is_not(tmp_path, condensed, effects):
     """Errors of the parts act on one side of a flank; beside friction the answer's model says so, not the base."""
     folder = make_unit(tmp_path / "u", effects, Bench(cranks=CRANKS), condensed)
@@ -40,6 +40,16 @@ def test_a_bench_of_the_other_sense_is_noted_and_one_of_the_right_sense_is_not(t
     again = measurement.in_other_sense().in_other_sense(note)
     assert again.faults == (*measurement.faults, note)
     np.testing.assert_array_equal(again.rows.torque, measurement.rows.torque)
+
+
+def test_a_commanded_torque_has_the_other_sign_too(tmp_path, condensed):
+    folder = make_unit(tmp_path / "u", {}, Bench(rows=24), condensed)
+    measurement = Measurement.read(load_measured_unit(folder, ROOT))
+    rows = replace(measurement.rows, command=2 * measurement.rows.torque)
+    other = Measurement(measurement.unit, rows).in_other_sense().rows
+    np.testing.assert_array_equal(other.command, -rows.command)
+    np.testing.assert_array_equal(other.angle, -rows.angle)
+    assert measurement.in_other_sense().rows.command is None
 
 
 def test_of_unknown_dimensions_and_a_crank_that_is_held_no_sense_is_sought(tmp_path, condensed):
