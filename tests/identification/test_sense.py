@@ -73,7 +73,9 @@ def test_what_misses_more_than_noise_in_both_senses_is_left_as_it_is(tmp_path, c
     measurement = Measurement.read(load_measured_unit(folder, ROOT)).in_other_sense()
     assert noted(measurement, condensed) is not None
     rows = measurement.rows
-    distorted = Measurement(measurement.unit, replace(rows, angle=rows.angle + 0.1 * np.abs(rows.torque)))
+    distorted = Measurement(measurement.unit, replace(rows, angle=rows.angle + 0.006 * np.cos(rows.torque)))
     assert noted(distorted, condensed) is None
+    monkeypatch.setattr(identify, "WELL_FITTED", np.inf)
+    assert noted(distorted, condensed) is not None
     monkeypatch.setattr(identify, "CLOSE_ODDS", np.inf)
     assert noted(measurement, condensed) is None
