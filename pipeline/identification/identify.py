@@ -18,8 +18,9 @@ from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import read_measurement
 from pipeline.identification.measurement.unit_file import UnitFile
+from pipeline.identification.measurement.unit_sections import NEITHER
 from pipeline.identification.selection.baselines import METHODS, TURN_METHODS, Cycles, baselines
-from pipeline.identification.selection.criteria import ODDS, Selection, Trial, without_names
+from pipeline.identification.selection.criteria import NAMED_ODDS, NO_EFFECT_LEFT, ODDS, Selection, Trial, without_names
 from pipeline.identification.selection.held_out import (
     AngleError,
     Folds,
@@ -28,7 +29,7 @@ from pipeline.identification.selection.held_out import (
     predicted_folds,
     splits_of,
 )
-from pipeline.identification.selection.model_selection import CLOSE_ODDS, LARGEST_GAIN, WELL_FITTED, Selector
+from pipeline.identification.selection.model_selection import LARGEST_GAIN, Selector
 from pipeline.identification.selection.statements.detection import DetectionLimit, detection_limits
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy_of
 from pipeline.identification.selection.statements.remainder import Remainder, remainder
@@ -186,46 +187,49 @@ def _problem_of(measurement: Measurement, condense: Condensed) -> tuple[Truth, P
 
 
 def _selected(measurement: Measurement, condense: Condensed) -> tuple[Measurement, Truth, Selector, Selection]:
-    """The selection on a measurement, or on that with torque and angle of the other sign if these are more probable.
+    """The measurement with the more probable sign of torque and angle, and the selection on it.
 
-    Beside it the measurement that it is of, the cells (n_cells,) that it is fitted to, and the selector that made it.
+    Between them the cells (n_cells,) to which models are fitted, and the selector that made the selection.
     """
     while True:
         cells, problem = _problem_of(measurement, condense)
         selector = Selector(Fitter(problem), cells)
         base_fit = selector.recalibrate(cells)
         base = selector.trial(base_fit, cells, selector.tries(cells).covariance)
-        sense = _other_sense(measurement, condense, selector, base)
+        sense = _other_sense(measurement, condense, base)
         if not sense:
             selector, selection = _best_selection(selector, cells, base_fit)
-            sense = _other_sense(measurement, condense, selector, selection.answer) if selection.odds else None
+            sense = _other_sense(measurement, condense, selection.answer) if selection.odds else None
         if not sense:
             return measurement, cells, selector, selection
         measurement = measurement.in_other_sense(sense)
 
 
-def _other_sense(measurement: Measurement, condense: Condensed, selector: Selector, trial: Trial) -> Fault | None:
-    """A note that torque and angle have the other sign, where a model says so; None elsewhere.
+def _other_sense(measurement: Measurement, condense: Condensed, trial: Trial) -> Fault | None:
+    """A note that torque and angle have the other sign, if the model of a trial says so; else None.
 
-    Errors of the parts act on one side of a flank, so that measured dimensions, or a crank that turns within the
-    loops, tell the two senses apart. The other one is taken if the model of a trial then misses no more than noise, and
-    is more probable by more than fits of one model differ.
+    The two signs can be distinguished if the dimensions were measured, or if the crank turns within the loops, because
+    errors of the parts act on one side of a flank. Like a name, the other sign takes odds of 999 to 1, and the model
+    may then leave no more than its form: if neither sign fits, the errors of the model would decide.
     """
-    unit = measurement.unit
-    is_told_apart = unit.dimensions is not None or unit.settings.crank.moves != "fixed"
-    if isinstance(selector.problem.data, TurningData) or measurement.notes or not is_told_apart:
+    settings = measurement.unit.settings
+    differ = measurement.unit.dimensions is not None or settings.crank.moves != "fixed"
+    if settings.locked == NEITHER or measurement.notes or not differ:
         return None
     cells, problem = _problem_of(measurement.in_other_sense(), condense)
     other, model, known = Selector(Fitter(problem), cells), trial.fit.model, trial.fit.unknowns
     zero = other.fitter.centre(model, known)[len(known.scales) :][: len(known.shares)]
-    from_shares = [other.fitter.start(model, np.clip(of, 0.0, 1.0)) for of in (known.shares, 2 * zero - known.shares)]
-    starts = [replace(start, scales=known.scales) for start in from_shares[: 2 if model.effects else 1]]
+    starts = [
+        replace(other.fitter.start(model, np.clip(zero + sign * (known.shares - zero), 0, 1)), scales=known.scales)
+        for sign in ((1, -1) if model.effects else (1,))
+    ]
     fit = other.fitter.fit_from_best(model, cells, starts)
-    if not fit.sound or fit.cost > WELL_FITTED * np.count_nonzero(cells):
+    if not fit.sound:
         return None
     there = other.trial(fit, cells, other.tries(cells).covariance).evidence.without_promise()
     gain = there.value - trial.evidence.value
-    return Fault("sense", SENSE.format(gain=gain), "note") if gain > CLOSE_ODDS else None
+    is_explained = there.structure.size <= NO_EFFECT_LEFT
+    return Fault("sense", SENSE.format(gain=gain), "note") if is_explained and gain > NAMED_ODDS else None
 
 
 def _best_selection(selector: Selector, cells: Truth, base_fit: Fit | None = None) -> tuple[Selector, Selection]:

@@ -24,7 +24,7 @@ def noted(measurement: Measurement, condensed: Condensed, effects: tuple[str, ..
     cells, problem = _problem_of(measurement, condensed)
     selector, model = Selector(Fitter(problem), cells), Model(tuple(candidates()[name] for name in effects))
     fit = selector.fitter.fit(model, cells, selector.fitter.start(model))
-    return _other_sense(measurement, condensed, selector, selector.trial(fit, cells, selector.tries(cells).covariance))
+    return _other_sense(measurement, condensed, selector.trial(fit, cells, selector.tries(cells).covariance))
 
 
 @pytest.mark.long
@@ -59,12 +59,7 @@ def test_of_unknown_dimensions_and_a_crank_that_is_held_no_sense_is_sought(tmp_p
     def nothing_condensed(*_):
         pytest.fail("the other sense is not to be solved")
 
-    assert _other_sense(measurement, nothing_condensed, Selector(*_selected(measurement, condensed)), None) is None
-
-
-def _selected(measurement: Measurement, condensed: Condensed):
-    cells, problem = _problem_of(measurement, condensed)
-    return Fitter(problem), cells
+    assert _other_sense(measurement, nothing_condensed, None) is None
 
 
 def test_what_misses_more_than_noise_in_both_senses_is_left_as_it_is(tmp_path, condensed, monkeypatch):
@@ -75,7 +70,7 @@ def test_what_misses_more_than_noise_in_both_senses_is_left_as_it_is(tmp_path, c
     rows = measurement.rows
     distorted = Measurement(measurement.unit, replace(rows, angle=rows.angle + 0.006 * np.cos(rows.torque)))
     assert noted(distorted, condensed) is None
-    monkeypatch.setattr(identify, "WELL_FITTED", np.inf)
+    monkeypatch.setattr(identify, "NO_EFFECT_LEFT", np.inf)
     assert noted(distorted, condensed) is not None
-    monkeypatch.setattr(identify, "CLOSE_ODDS", np.inf)
+    monkeypatch.setattr(identify, "NAMED_ODDS", np.inf)
     assert noted(measurement, condensed) is None

@@ -76,7 +76,7 @@ class Fitter:
         conditions = [problem.conditions[station] for station in stations]
         values = values_at_shares(self.bounds(model), unknowns.shares).tolist()
         put, instrument = model.put(shifted_drives, conditions, values)
-        key = model.name, model.by_state, *values
+        key = *(effect.name for effect in model.effects), model.by_state, *values
         by_station = {k: self._with_known_gap(drive, (k, *key)) for k, drive in zip(stations, put, strict=True)}
         return {number: tuple(by_station[k] for k in problem.stations[number]) for number in numbers}, instrument
 

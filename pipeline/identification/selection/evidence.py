@@ -149,8 +149,8 @@ class Evidence:
         spread = np.append(self.covariance.spreads(structure), self.widths)
         precision = spread[:, None] * gram[:-1, :-1] * spread
         precision[np.diag_indices_from(precision)] += 1.0
-        factor = cholesky(precision, lower=True, overwrite_a=True, check_finite=False)
-        solution = solve_triangular(factor, spread * gram[:-1, -1], lower=True, check_finite=False)
+        factor = cholesky(precision, lower=True, overwrite_a=True)
+        solution = solve_triangular(factor, spread * gram[:-1, -1], lower=True)
         return spread, factor, solution, float(gram[-1, -1])
 
     def _log_evidence(self, structure: Structure, is_chosen: Truth, without_promise: bool = False) -> float:

@@ -91,6 +91,22 @@ def test_positive_bounds_far_apart_are_shared_by_the_logarithm():
     np.testing.assert_allclose(shares_of_values([(0.05, 5e4)], [50.0]), 0.5)
 
 
+def test_kept_gaps_are_those_of_the_effects_at_their_values(exact_unit):
+    """Of one effect at two values, of two in either order, and at another scale of the calibrated numbers."""
+    kept, library = Fitter(exact_unit), candidates()
+    n_scales = len(kept.start(Model()).scales)
+    names = ("ovality_2", "ovality_3")  # which have the same bounds
+    for order in (names, names[::-1]):
+        model = Model(tuple(library[name] for name in order))
+        for share, scale in ((0.55, 0.0), (0.6, 0.0), (0.55, 0.1)):
+            unknowns = replace(kept.start(model, np.array([share, 0.5, 0.5, 0.5])), scales=np.full(n_scales, scale))
+            for fresh_drives, drives in zip(
+                *(fitter.drives(model, unknowns)[0].values() for fitter in (Fitter(exact_unit), kept)), strict=True
+            ):
+                np.testing.assert_array_equal(drives[0].gap, fresh_drives[0].gap)
+    assert len({drive.gap.tobytes() for drive, _ in kept._known_gaps.values()}) > 2
+
+
 def test_waves_are_no_finer_than_the_rows_of_a_branch_resolve(exact_unit):
     """With two rows over each; where that leaves fewer waves than a staircase has, the effect is not testable."""
     cogging, data = candidates()["motor_cogging"], exact_unit.data
