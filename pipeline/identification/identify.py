@@ -82,15 +82,13 @@ class Identification:
     folds : predictions of held-out cells.
     errors : of these, by stage: declared, recalibrated, after.
     baselines : errors on the same cells of predictions that ask no reducer, by title.
-    description_error : error of the model that describes best, where it is not the one that is claimed.
-    carried_error : of the same with the systematic part of its training residual; None where nothing structured is
-        left.
+    carried_error : error of the most probable model with the systematic part of its training residual; None where
+        nothing structured is left.
     between_cranks : where the crank turns within the loops, what leaving out every second of the crank angles that the
         model was condensed at changes the angle by [arcmin]; None where it is held.
     could_hide : where nothing is named, the sizes of each effect that would be noticed, and named.
-    remainder : what the claimed model leaves on these cells, or the one that describes best.
-    discrepancy : structure in what the claimed model, or the one that describes best, leaves of the cells fitted; None
-        where nothing is left.
+    remainder : what the most probable model leaves on these cells.
+    discrepancy : structure in what the most probable model leaves of the cells fitted; None where nothing is left.
     """
 
     measurement: Measurement
@@ -104,7 +102,6 @@ class Identification:
     baselines: Mapping[str, AngleError]
     remainder: Remainder
     discrepancy: Discrepancy | None
-    description_error: AngleError | None
     carried_error: AngleError | None
     could_hide: tuple[DetectionLimit, ...]
     between_cranks: float | None
@@ -144,12 +141,9 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
     turns = isinstance(data, TurningData)
     has_names = bool(verdict.named_effects)
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in folds.curves(has_names).items()}
-    description_error = angle_error(data, cranks, folds.described_curve, folds.open_described, folds.cells)
     carried_error = angle_error(data, cranks, folds.carried_curve, folds.open_carried, folds.cells)
     structure_left = remainder(data, folds.best_curve, folds.cells, best_error.to_noise, recalibration_error.to_noise)
     has_limits = not has_names and not folds.in_sample
-    is_answer = has_names and selection.description is selection.answer
-    effects = selection.description.fit.model.effects
     in_sample = ("turn" if turns else "loop") if folds.in_sample else ""
     shown_curve = (folds.best_curve if has_names else data.angle) - folds.recalibrated_curve
     where = place_of_largest(data, shown_curve, folds.cells)
@@ -171,7 +165,6 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
         discrepancy=discrepancy_of(fitter, selection.answer.fit, measurement.cells.direction, is_training)
         if verdict.verdict == UNEXPLAINED and not turns
         else None,
-        description_error=None if is_answer or not effects else description_error,
         carried_error=carried_error if np.any(np.isfinite(folds.carried_curve)) and not folds.in_sample else None,
         could_hide=detection_limits(fitter, selection.base, selector.testable) if has_limits else (),
         between_cranks=_between_cranks(fitter, selection),

@@ -52,6 +52,7 @@ OFF = (
     (screening, "STEPS", (1e-3, 3e-3, 1e-2, 3e-2, 1e-1)),
     (screening, "SHAPES", (0.1, 0.2, 0.35, 0.5, 0.6, 0.7, 0.85)),
     (screening, "REACH", 8.0),
+    (screening, "LOOKED_AT", 10**6),
     (screening, "STARTS", 10**6),
     (screening, "RIVAL", np.inf),
     (screening, "RADII", (0.15, 0.05, 0.1, 0.2, 0.35)),

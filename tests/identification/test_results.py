@@ -319,9 +319,7 @@ def test_the_page_says_which_prediction_is_ahead() -> None:
         baselines=errors,
         errors={"after": AngleError(5.0, 9.0, {}, 5.0, 1.0, 10)},
         carried_error=AngleError(2.0, 3.0, {}, 2.0, 1.0, 10),
-        description_error=None,
         folds=SimpleNamespace(common_share=0.5),
-        selection=SimpleNamespace(description=SimpleNamespace(fit=SimpleNamespace(model=SimpleNamespace(name="")))),
     )
     sentence = comparison_sentence(identification)
     assert "The model is behind the best of them, replay, by a factor of 1.25" in sentence

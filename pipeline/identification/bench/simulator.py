@@ -6,11 +6,13 @@ made of it, not itself.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import is_
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array, hstack
 
-from pipeline.arrays import Index, Real
+from pipeline.arrays import Real
 from pipeline.constant_kinds import Fineness, Shortcut
 from pipeline.identification.bench.course import Course
 from pipeline.identification.bench.load_path import (
@@ -91,6 +93,7 @@ class Forward:
         self._kept_drives: dict[tuple[Any, ...], tuple[Drive, Backbone]] = {}
         self._latest: tuple[Drive | None, Backbone | None] = None, None
         self._preloaded_backbones: dict[tuple[Any, ...], Backbone] = {}
+        self._latest_weights: dict[int, tuple[Drives, Real, csr_array]] = {}
 
     def backbone(self, drive: Drive) -> Backbone:
         """The frictionless curve of a drive, without its torsion.
@@ -269,40 +272,44 @@ class Forward:
         -------
         (n_cells, k) [arcmin].
         """
-        motion = self.courses[position].crank
-        if motion is None:
-            return self._at_torques(stations[0], position, carried_torque, values[0])
-        angles = [self.backbone(drive).angle[..., None] for drive in stations]
-        held = np.column_stack(
-            [
-                self._at_torques(drive, position, carried_torque, angle) / ARCMIN
-                for drive, angle in zip(stations, angles, strict=True)
-            ]
-        )
-        slope = np.sum(motion.shares * np.gradient(held, motion.stations, axis=1), axis=1)
-        change_of_cells = np.zeros((len(carried_torque), values[0].shape[2]))
-        for drive, of_station, share in zip(stations, values, motion.shares.T, strict=True):
-            near = np.flatnonzero(share)
-            change_of_cells[near] += share[near, None] * self._at_torques(
-                drive, position, carried_torque, of_station, near
-            )
-        return np.asarray(change_of_cells / (1 + motion.ratio * slope)[:, None])
+        at_cells = np.concatenate([of_station.reshape(-1, of_station.shape[2]) for of_station in values])
+        return np.asarray(self._weights(stations, position, carried_torque) @ at_cells)
 
-    def _at_torques(
-        self, drive: Drive, position: int, carried_torque: Real, values: Real, cells: Index | slice = slice(None)
-    ) -> Real:
-        """Values (n, n_nodes, k) [rad] of a backbone at the ``carried_torque`` (n_cells,) of some cells: [arcmin]."""
+    def _weights(self, stations: Drives, position: int, carried_torque: Real) -> csr_array:
+        """Weights (n_cells, n_stations n n_nodes) [arcmin/rad] of ``_at_cells``.
+
+        The latest of each position are kept: the derivatives of a fit ask for them once for each unknown.
+        """
+        known = self._latest_weights.get(position)
+        if known and all(map(is_, known[0], stations)) and np.array_equal(known[1], carried_torque):
+            return known[2]
+        motion, curves = self.courses[position].crank, [self.backbone(drive) for drive in stations]
+        of_stations = [self._weights_at_torques(drive, position, carried_torque) for drive in stations]
+        weights = ARCMIN * of_stations[0]
+        if motion is not None:
+            held = [of_station @ curve.angle.ravel() for of_station, curve in zip(of_stations, curves, strict=True)]
+            slope = np.sum(motion.shares * np.gradient(np.column_stack(held), motion.stations, axis=1), axis=1)
+            shares = ARCMIN * motion.shares.T / (1 + motion.ratio * slope)
+            of_cells = [share[:, None] * weight for share, weight in zip(shares, of_stations, strict=True)]
+            weights = hstack(of_cells, format="csr")
+        self._latest_weights[position] = stations, carried_torque, weights
+        return weights
+
+    def _weights_at_torques(self, drive: Drive, position: int, carried_torque: Real) -> csr_array:
+        """Weights (n_cells, n n_nodes) of lines between a backbone's nodes at the ``carried_torque`` (n_cells,)."""
         course, nodes = self.courses[position], self.backbone(drive).torque
-        carried_torque = carried_torque[cells]
-        at_cells = np.zeros((len(carried_torque), values.shape[2]))
+        entries = []
         for state in course.states:
-            share = course.share_of(state)[cells]
-            in_state = share > 0
-            torque = carried_torque[in_state] / drive.stiffening(state)
+            share = course.share_of(state)
+            cells = np.flatnonzero(share > 0)
+            torque = carried_torque[cells] / drive.stiffening(state)
             j = np.clip(np.searchsorted(nodes, torque) - 1, 0, len(nodes) - 2)
-            x = np.clip((torque - nodes[j]) / (nodes[j + 1] - nodes[j]), 0, 1)[:, None]
-            at_cells[in_state] += share[in_state, None] * ((1 - x) * values[state, j] + x * values[state, j + 1])
-        return ARCMIN * at_cells
+            x = np.clip((torque - nodes[j]) / (nodes[j + 1] - nodes[j]), 0, 1)
+            node = state * len(nodes) + j
+            entries += [(share[cells] * (1 - x), cells, node), (share[cells] * x, cells, node + 1)]
+        weight, cell, node = (np.concatenate(parts) for parts in zip(*entries, strict=True))
+        shape = len(carried_torque), len(drive.gap) * len(nodes)
+        return csr_array((weight, (cell, node)), shape=shape)
 
 
 def _reading(read: Real, path: LoadPath, is_sound: bool, response: Real, balances: Real) -> Reading:

@@ -152,7 +152,6 @@ def _keys_without_fit() -> dict[str, Any]:
         "noise": None,
         "remainder": None,
         "discrepancy": None,
-        "described": None,
         "carried": None,
         "written": None,
         "could_hide": [],
@@ -179,7 +178,6 @@ def _keys_of_fit(findings_of_unit: Findings) -> dict[str, Any]:
             "torque_noise_Nm": noise.torque_noise_Nm,
         },
         "held_out_errors": {stage: asdict(error) for stage, error in identification.errors.items()},
-        "described": asdict(identification.description_error) if identification.description_error else None,
         "carried": _carried_error(identification),
         "could_hide": [asdict(limit) for limit in identification.could_hide],
         "baselines": {title: asdict(error) for title, error in identification.baselines.items()},
@@ -203,7 +201,7 @@ def _keys_of_fit(findings_of_unit: Findings) -> dict[str, Any]:
 
 
 def _carried_error(identification: Identification) -> dict[str, Any] | None:
-    """Error of the description with what is expected to come again, and the common share of what it misses."""
+    """Error of the most probable model with what is expected to come again, and the common share of its misses."""
     if identification.carried_error is None:
         return None
     return asdict(identification.carried_error) | {"common_share": identification.folds.common_share}

@@ -128,13 +128,6 @@ class Selection:
         return self.trials[name] if name else self.base
 
     @property
-    def description(self) -> Trial:
-        """The trial of the most probable model of any number of effects; the answer where it is named."""
-        if self.members or not self.best_model:
-            return self.answer
-        return max([self.answer, *self.trials.values()], key=lambda trial: trial.evidence.value)
-
-    @property
     def best_single(self) -> Trial | None:
         """The trial of the most probable single effect; None where "no effect" is not rejected."""
         names = [name for name in self.odds if self.trials[name].fit.model.n_effects == 1] if self.best_model else []

@@ -59,18 +59,17 @@ class Folds:
     cells : (n_cells,) those that judge.
     declared_curve, recalibrated_curve : of the model as declared, and with its calibrated numbers refitted.
     best_curve : with the effects that were chosen, claimed or not.
-    described_curve : with those that describe best, whether a claim could rest on them or not.
-    carried_curve : of the description, with what of its training residual is expected to come again (``carried_over``);
-        NaN where that is not asked for.
-    open_recalibrated, open_best, open_described, open_carried : standard deviations that the training cells leave open,
-        and by which they scatter from position to position.
+    carried_curve : the same, with what of its training residual is expected to come again (``carried_over``); NaN where
+        that is not asked for.
+    open_recalibrated, open_best, open_carried : standard deviations that the training cells leave open, and by which
+        they scatter from position to position.
     models : name of the model that was chosen in each fold; "" for none.
     tested_curve : of the model that is tested, which is the same in all folds: the one that is named, else the one
         without effects.
     added_squares : sum of squares, in noise, that the cells left out add to its fits (``_added_squares``).
     open_square : mean square, in noise, of what the training cells leave open of it at the cells left out, without the
         scatter between positions.
-    common_share : of the variance of what the description misses, taken to be common to all positions; mean over folds;
+    common_share : of the variance of what the best model misses, taken to be common to all positions; mean over folds;
         NaN where it is not asked for.
     in_sample : whether the fits have seen the cells, since nothing could be held out.
     """
@@ -79,11 +78,9 @@ class Folds:
     declared_curve: Real
     recalibrated_curve: Real
     best_curve: Real
-    described_curve: Real
     carried_curve: Real
     open_recalibrated: Real
     open_best: Real
-    open_described: Real
     open_carried: Real
     models: tuple[str, ...]
     tested_curve: Real
@@ -116,13 +113,13 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
     data = selector.problem.data
     declared_angle = fitter.predict(Model(), fitter.start(Model())).angle
     declared_curve = np.full(len(data), np.nan)
-    predicted_curves, left_open = np.full((4, len(data)), np.nan), np.full((4, len(data)), np.nan)
+    predicted_curves, left_open = np.full((2, 3, len(data)), np.nan)
     tested_curve = np.full(len(data), np.nan)
     models, shares, added_squares, open_squares = [], [], [], []
     splits = splits_of(data, visible)
     for training, judged_cells in splits:
         if len(splits) == 1:
-            fold, fits = selector, (selection.base.fit, selection.answer.fit, selection.description.fit)
+            fold, fits = selector, (selection.base.fit, selection.answer.fit)
         else:
             fold = selector.trained_on(training)
             fits = _fold(fold, selection, training, judged_cells)
@@ -142,18 +139,16 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
         for number, (angle, deviation) in enumerate(curves):
             predicted_curves[number, judged_cells] = angle[judged_cells]
             left_open[number, judged_cells] = deviation[judged_cells]
-    cells = np.isfinite(declared_curve + predicted_curves[:3].sum(axis=0))  # errors are compared over the same cells
+    cells = np.isfinite(declared_curve + predicted_curves[:2].sum(axis=0))  # errors are compared over the same cells
     return Folds(
         cells=cells,
         declared_curve=declared_curve,
         recalibrated_curve=predicted_curves[0],
         best_curve=predicted_curves[1],
-        described_curve=predicted_curves[2],
-        carried_curve=predicted_curves[3],
+        carried_curve=predicted_curves[2],
         open_recalibrated=left_open[0],
         open_best=left_open[1],
-        open_described=left_open[2],
-        open_carried=left_open[3],
+        open_carried=left_open[2],
         models=tuple(models),
         tested_curve=tested_curve,
         added_squares=float(np.sum(added_squares)),
@@ -200,8 +195,8 @@ def splits_of(data: Data, visible: Truth) -> list[tuple[Truth, Truth]]:
     return [(part != number, part == number) for number in numbers]
 
 
-def _fold(selector: Selector, selection: Selection, training: Truth, judged_cells: Truth) -> tuple[Fit, Fit, Fit]:
-    """The model refitted, with effects, and as it describes best, from the training cells alone.
+def _fold(selector: Selector, selection: Selection, training: Truth, judged_cells: Truth) -> tuple[Fit, Fit]:
+    """The model refitted, and with effects, from the training cells alone.
 
     Refitted from the declared numbers and from the fit of all cells, which only leads the search: the better fit.
     """
@@ -209,16 +204,12 @@ def _fold(selector: Selector, selection: Selection, training: Truth, judged_cell
     from_declared = fitter.fit(Model(), training, fitter.start(Model()))
     from_all = _from_fit_of_all(selector, selection.base.fit, training, from_declared)
     base = min(from_declared, from_all, key=lambda fit: fit.cost)
-    answer, description = selection.answer.fit, selection.description.fit
+    answer = selection.answer.fit
     if selection.members:
         part = int(parts_of(fitter.problem.data, training | judged_cells)[judged_cells][0])
         name = Judge(fitter, training, len(selector.testable)).chosen_without(selection, part)
-        chosen_fit = _refit(selector, selection.trials[name].fit, training, base) if name else base
-    else:
-        chosen_fit = _from_fit_of_all(selector, answer, training, base) if answer.model.effects else base
-    if description is answer:
-        return base, chosen_fit, chosen_fit
-    return base, chosen_fit, _from_fit_of_all(selector, description, training, base)
+        return base, _refit(selector, selection.trials[name].fit, training, base) if name else base
+    return base, _from_fit_of_all(selector, answer, training, base) if answer.model.effects else base
 
 
 def _refit(selector: Selector, fit_of_all: Fit, training: Truth, base: Fit) -> Fit:
@@ -271,9 +262,9 @@ def _angle_with_systematic_part(fitter: Fitter, fit: Fit, training: Truth) -> tu
     return angle, expected_part.deviation, expected_part.common_share
 
 
-def _tested(selector: Selector, selection: Selection, training: Truth, fits: tuple[Fit, Fit, Fit]) -> Fit:
+def _tested(selector: Selector, selection: Selection, training: Truth, fits: tuple[Fit, Fit]) -> Fit:
     """The fit of a fold whose model is tested: of what is named, whichever effects the training cells choose."""
-    base, chosen_fit, _ = fits
+    base, chosen_fit = fits
     if not selection.members:
         return base
     if chosen_fit.model.name in selection.members:

@@ -1,4 +1,4 @@
-"""What is tried on a unit: every effect that the data can test, the most promising pairs, and further effects."""
+"""What is tried on a unit: every effect that the data can test, and the most promising pairs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.arrays import Truth
-from pipeline.constant_kinds import Shortcut, ShortcutCount, ShownCount
+from pipeline.constant_kinds import Shortcut, ShortcutCount
 from pipeline.identification.fitting.fitter import FALL_OF_PASS, FIRST_ITERATIONS, ITERATIONS, Fitter
 from pipeline.identification.fitting.least_squares import TRIES
 from pipeline.identification.fitting.parameters import Fit
-from pipeline.identification.fitting.problem import Model, candidates, twins, with_limit_cases
+from pipeline.identification.fitting.problem import Candidate, Model, candidates, twins, with_limit_cases
 from pipeline.identification.selection.covariance import Covariance, parts_of
 from pipeline.identification.selection.criteria import (
     MOST_NAMED,
@@ -27,12 +27,16 @@ from pipeline.identification.selection.criteria import (
 )
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.pairs import promising_pairs
-from pipeline.identification.selection.screening import RIVAL, Promise, can_lower, screen_effects, start_from_declared
+from pipeline.identification.selection.screening import (
+    RIVAL,
+    Promise,
+    promising_effects,
+    screen_effects,
+    start_from_declared,
+)
 
 FAR_FROM_DECLARED: Shortcut = 0.3
 """Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
-MOST_EFFECTS: ShownCount = 4
-"""Effects in one description at most; two of them can be named."""
 PAIRS: ShortcutCount = 10
 """Pairs of effects that are fitted, those that promise most beside the model without effects."""
 ADDITIONS: ShortcutCount = 4
@@ -62,8 +66,8 @@ class Tries(NamedTuple):
 class Selector:
     """Selections on subsets of one problem's cells."""
 
-    def __init__(self, fitter: Fitter, visible: Truth, most_effects: int = MOST_EFFECTS):
-        self.fitter, self.problem, self.most_effects = fitter, fitter.problem, most_effects
+    def __init__(self, fitter: Fitter, visible: Truth):
+        self.fitter, self.problem = fitter, fitter.problem
         self.testable = self.problem.candidates_for(candidates(), visible)
 
     def trained_on(self, training: Truth) -> "Selector":
@@ -71,7 +75,7 @@ class Selector:
 
         It may refit what this one may test: with a position less an effect over the crank angle is still a model.
         """
-        fold = Selector(Fitter(self.problem.trained_on(training)), training, self.most_effects)
+        fold = Selector(Fitter(self.problem.trained_on(training)), training)
         fold.testable = self.testable
         return fold
 
@@ -81,8 +85,14 @@ class Selector:
         if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
             as_declared = replace(base.unknowns, scales=0 * base.unknowns.scales, modes=0 * base.unknowns.modes)
             bases.append(self.fitter.fit(base.model, cells, as_declared, 0))
-        names = set(offered_names or self.testable) - with_limit_cases(effect.name for effect in base.model.effects)
-        return screen_effects(self.fitter, cells, bases, [e for name, e in self.testable.items() if name in names])
+        effects = self._beside_effects_of(base)
+        offered = [effect for name, effect in effects.items() if not offered_names or name in offered_names]
+        return screen_effects(self.fitter, cells, bases, offered)
+
+    def _beside_effects_of(self, fit: Fit) -> dict[str, Candidate]:
+        """Effects that the data can test, less those of a fit's model and what they become at a limit."""
+        names = with_limit_cases(effect.name for effect in fit.model.effects)
+        return {name: effect for name, effect in self.testable.items() if name not in names}
 
     def tries(self, cells: Truth) -> Tries:
         """What models are fitted to and judged by."""
@@ -264,9 +274,10 @@ class Selector:
 
         They are fitted from the numbers and tolerances of the best one. From another start a fit may end at a kink, and
         an effect must not be named because similar effects lacked its start. In a pair, the effects that explain
-        most beside the other member are tried, too. This is repeated while the best model changes.
+        most beside the other member are tried, too, once for each such member. This is repeated while the best model
+        changes.
         """
-        former, name = "", selection.best_model
+        former, name, extended = "", selection.best_model, list[set[str]]()
         while name not in ("", former):
             best = selection.trials[name].fit
             for effect in best.model.effects:
@@ -274,7 +285,9 @@ class Selector:
                 names = [name for name in twins(effect.name) if name in self.testable and name not in others]
                 if others or names:
                     left = self.trial(self._without(best, effect.name, tries.cells), tries.cells, tries.covariance)
-                    selection, _ = self._extended(selection, left, tries, names, ADDITIONS if others else 0)
+                    count = ADDITIONS if others and others not in extended else 0
+                    selection = self._extended(selection, left, tries, names, count)
+                    extended.append(others)
             former, name = name, selection.best_model
         return selection
 
@@ -301,32 +314,20 @@ class Selector:
         return tries.judge.select(base, trials, selection.promised_misfits)
 
     def _with_additions(self, selection: Selection, tries: Tries) -> Selection:
-        """The selection with further effects beside its most probable single one, and beside its most probable model.
-
-        A second one where any could give a pair the odds over the single effect; further ones, which only describe,
-        while structure is left that is not the form of the model.
-        """
+        """The selection with a second effect beside its most probable single one, of those that could give the odds."""
         single, least = selection.best_single, least_fall(MOST_NAMED, len(self.testable), MOST_NAMED - 1)
-        if single is not None and can_lower(self.fitter, tries.cells, single.fit, self.testable, least):
-            selection, _ = self._extended(selection, single, tries)
-        current = selection.description
-        while MOST_NAMED <= current.fit.model.n_effects < self.most_effects:
-            if current.evidence.structure.size <= selection.limit:
-                break
-            selection, further = self._extended(selection, current, tries)
-            if further.evidence.value <= current.evidence.value:
-                break
-            current = further
-        return selection
+        return selection if single is None else self._extended(selection, single, tries, (), ADDITIONS, least)
 
     def _extended(
-        self, selection: Selection, current: Trial, tries: Tries, names: Sequence[str] = (), count: int = ADDITIONS
-    ) -> tuple[Selection, Trial]:
-        """The selection with effects added to one of its trials, and the most probable of these, or the trial.
+        self, selection: Selection, current: Trial, tries: Tries, names: Sequence[str], count: int, least: float = 0.0
+    ) -> Selection:
+        """The selection with effects added to one of its trials: ``names``, and the ``count`` that explain most.
 
-        Those ``names``, and the ``count`` effects that explain most.
+        Of those whose secants promise the ``least`` fall of the sum of squares, in the noise.
         """
-        promises = self.screen(tries.cells, current.fit, () if count else names)
+        looked_at, effects = list(names), self._beside_effects_of(current.fit)
+        looked_at += promising_effects(self.fitter, tries.cells, current.fit, effects, least) if count else []
+        promises = self.screen(tries.cells, current.fit, looked_at) if looked_at else {}
         best_names = sorted(promises, key=lambda name: promises[name].misfit)[:count]
         promises = {name: promise for name, promise in promises.items() if name in {*names, *best_names}}
         fits = [fit for fit in self.fits(current.fit, tries.cells, promises) if np.isfinite(fit.cost)]
@@ -334,8 +335,7 @@ class Selector:
         known = {name: selection.trials[name] for name in added_trials if name in selection.trials}
         added_trials |= {name: most_probable([trial, added_trials[name]]) for name, trial in known.items()}
         trials = {**selection.trials, **added_trials}
-        further = max(added_trials.values(), key=lambda trial: trial.evidence.value, default=current)
-        return tries.judge.select(selection.base, trials, selection.promised_misfits), further
+        return tries.judge.select(selection.base, trials, selection.promised_misfits)
 
     def recalibrate(self, cells: Truth) -> Fit:
         """Calibrated numbers and tolerances alone: a fit to the large torques first, refined from as declared.

@@ -20,6 +20,8 @@ SHAPES: ShortcutGrid = (0.1, 0.35, 0.6, 0.85)
 """Shares of the bounds at which parameters that leave no trace of an absent effect are looked at."""
 REACH: Shortcut = 4.0
 """Lengths of its secant up to which an effect is extrapolated."""
+LOOKED_AT: ShortcutCount = 12
+"""Effects that are looked at more closely beside another one, those that explain most by their secants."""
 STARTS: ShortcutCount = 3
 """Most starts from which an effect is fitted: senses of its parameters, and bases."""
 RIVAL: Shortcut = 3.0
@@ -122,16 +124,15 @@ class Screening:
         confirmed_starts += self._directional_starts(model, np.where(grows, shapes[0], 0.0), grows)
         return [candidate_start for candidate_start in confirmed_starts if np.isfinite(candidate_start[0])]
 
-    def could_lower(self, effect: Candidate, least_fall: float) -> bool:
-        """Whether a secant of an effect promises a fall of the sum of squares, in the noise, of ``least_fall``."""
-        left = self.base_misfit - least_fall * self.base_misfit / self.base.cost
+    def misfit_by_secants(self, effect: Candidate) -> float:
+        """Least misfit by secants of an effect, which cost less than its starts; infinite without an equilibrium."""
         if effect.starts == PERIODIC:
-            return any(misfit <= left for misfit, _ in ripple_starts(self, effect))
+            return min((misfit for misfit, _ in ripple_starts(self, effect)), default=np.inf)
         model = Model((*self.base.model.effects, effect))
         shapes, grows = self._shapes(effect)
-        lengths = STEPS[:0:-1]  # the smallest looks the same, or at the play alone
-        looks = product(shapes, lengths)
-        return any(misfit <= left for at in looks for misfit, *_ in self._probes(model, at[0], grows, at[1]))
+        looks = product(shapes, STEPS[:0:-1])  # the smallest looks the same, or at the play alone
+        probes = (probe for shape, length in looks for probe in self._probes(model, shape, grows, length))
+        return min((misfit for misfit, *_ in probes), default=np.inf)
 
     def _shapes(self, effect: Candidate) -> tuple[list[Real], Truth]:
         """Shares of the bounds without an effect, and which parameters grow from there; the others at ``SHAPES``."""
@@ -257,13 +258,18 @@ def _by_sense(ranked_starts: Sequence[Vector], bounds: Sequence[tuple[float, flo
     return [ranked_starts[k] for k in dict.fromkeys([*first_senses, *range(len(ranked_starts))])]
 
 
-def can_lower(
+def promising_effects(
     fitter: Fitter, cells: Truth, base: Fit, effects: Mapping[str, Candidate], least_fall: float
-) -> bool:
-    """Whether one of some effects promises a fall of the sum of squares, in the noise, beside a fitted base."""
+) -> list[str]:
+    """Names of the effects that explain most beside a fitted base by their secants, the best first.
+
+    Of those that promise the ``least_fall`` of the sum of squares, in the noise.
+    """
     screening = Screening(fitter, cells, base, base.sigma)
-    added_effects = [effect for effect in effects.values() if effect not in base.model.effects]
-    return any(screening.could_lower(effect, least_fall) for effect in added_effects)
+    misfits = {name: screening.misfit_by_secants(effect) for name, effect in effects.items()}
+    largest = screening.base_misfit * (1 - least_fall / base.cost)
+    names = [name for name in misfits if misfits[name] <= largest]
+    return sorted(names, key=lambda name: misfits[name])[:LOOKED_AT]
 
 
 def start_from_declared(fitter: Fitter, model: Model, cells: Truth, base: Vector) -> Vector:

@@ -110,8 +110,8 @@ class CurvesOverCrank:
             if np.max(np.abs(step)) < CLOSE:
                 break
         crank = start - ratio * delta
-        work = self._integrals(self._slopes(crank)) - self._slopes_of_stored(crank)
-        motor = self.torque + ratio * work
+        _, energy_slope = self._energies._at_nodes(crank)
+        motor = self.torque + ratio * energy_slope
         if np.any(np.diff(motor) <= 0) or np.any(1 + ratio * slope <= 0):
             raise ValueError("the drive varies so much over the crank angle that it jumps; smaller torques do not")
         # close to the play two nodes differ by less than what cubics between the stations are off by
@@ -127,33 +127,19 @@ class CurvesOverCrank:
         straight = 0.0 if self.period else slope * (crank - placed_crank)
         return constant + x * (line + x * (square + x * cubic)) + straight, slope
 
-    def _slopes(self, crank: Real) -> Real:
-        """Derivatives (n, n_nodes) of the curves at crank angles (n,); beyond those known, that at the nearest."""
-        slopes: Real = self.spline(self.crank_in_range(crank), 1)
-        return slopes
-
-    def _slopes_of_stored(self, crank: Real) -> Real:
-        """Derivative (n_nodes,) of the energy without torque, at the crank angle of each node and on its side."""
-        if not np.any(self.elastic_energy):
-            return np.zeros(len(crank))
-        side = np.repeat([0, 1], len(crank) // 2)
-        slopes: Real = self._stored_by_side._slopes(crank)[np.arange(len(crank)), side]
-        return slopes
-
     @cached_property
-    def _stored_by_side(self) -> "CurvesOverCrank":
-        """The curves with the stored energy (n_cranks, 2), below and above no torque, in place of the angle."""
-        return replace(self, angle=np.broadcast_to(self.elastic_energy, (len(self.crank), 2)))
+    def _energies(self) -> "CurvesOverCrank":
+        """The curves with the complementary energy (n_cranks, n_nodes) in place of the angle.
 
-    def _integrals(self, values: Real) -> Real:
-        """Integral (n_nodes,) from no torque to each node of its row of values (n_nodes, n_nodes), by trapezia."""
-        middle = len(self.torque) // 2
-        work = np.empty(len(self.torque))
-        for side, first_node in ((slice(None, middle), middle - 1), (slice(middle, None), middle)):
-            from_start = cumulative_trapezoid(values[side, side], self.torque[side], initial=0.0)
-            from_first = np.diagonal(from_start) - from_start[:, first_node - side.indices(len(work))[0]]
-            work[side] = from_first + values[side, first_node] * self.torque[first_node]  # from none to the first node
-        return work
+        A spline is linear in its values: its integral over the torque is the spline of the integrals.
+        """
+        middle, energy = len(self.torque) // 2, np.empty_like(self.angle)
+        stored = np.broadcast_to(self.elastic_energy, (len(self.crank), 2)).T[:, :, None]
+        for number, outwards in enumerate((slice(middle - 1, None, -1), slice(middle, None))):
+            torque, angle = self.torque[outwards], self.angle[:, outwards]
+            to_first_node = angle[:, :1] * torque[0]
+            energy[:, outwards] = cumulative_trapezoid(angle, torque, initial=0.0) + to_first_node - stored[number]
+        return replace(self, angle=energy)
 
     def _spline(self, nodes: slice) -> CubicSpline:
         crank, angle = self.crank[nodes], self.angle[nodes]
@@ -185,6 +171,8 @@ def stored_energy(drive: Drive, curve: Backbone, state: int) -> Real:
     Of each contact F d(F) less the integral of d over F, of the bodies f C f / 2, of a bearing F d / (n + 1).
     """
     force = curve.limits.force[state][::-1]
+    if not np.any(force):
+        return np.zeros(2)
     law = drive.laws
     contacts = np.sum(force * law.deflection(force) - law.energy(force), axis=-1)
     bodies = 0.5 * np.sum((force @ drive.compliance) * force, axis=-1)

@@ -82,7 +82,7 @@ def comparison_sentence(identification: Identification) -> str:
     if identification.carried_error is None:
         return f"{sentence}."
     comparison, ratio = _rank_beside(identification.carried_error, best_error)
-    return f"{sentence}; the best description with the predicted systematic residual is {comparison} it by {ratio}."
+    return f"{sentence}; the most probable model with the predicted systematic residual is {comparison} it by {ratio}."
 
 
 def _rank_beside(error: AngleError, best_error: AngleError) -> tuple[str, str]:
@@ -210,14 +210,11 @@ def _scatter(remainder: Remainder) -> str:
 def other_errors(identification: Identification) -> dict[str, AngleError]:
     """Errors that stand beside the model's.
 
-    Of the best description, where it is not claimed; of it with what is expected to come again; of the baselines.
+    Of the most probable model with what is expected to come again, and of the baselines.
     """
-    name = identification.selection.description.fit.model.name
     errors = {}
-    if identification.description_error:
-        errors[f"best description, not claimed: {title_of(name)}"] = identification.description_error
     if identification.carried_error:
         share = digits(100 * identification.folds.common_share, 2)
-        title = "best description with the predicted systematic residual"
+        title = "most probable model with the predicted systematic residual"
         errors[f"{title} ({share} % of its variance common to all positions)"] = identification.carried_error
     return {**errors, **identification.baselines}

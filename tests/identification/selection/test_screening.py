@@ -24,6 +24,7 @@ from pipeline.identification.selection.screening import (
     REACH,
     STEPS,
     Screening,
+    promising_effects,
     screen_effects,
     start_from_declared,
 )
@@ -94,11 +95,9 @@ def promised(look):
     return min(misfit for misfit, _ in look.starts(EFFECT)) / look.base_misfit
 
 
-def test_an_effect_could_lower_the_misfit_by_what_it_promises_and_no_more():
+def test_secants_of_a_linear_effect_leave_what_its_fit_leaves():
     fitter, look, _ = looked(0.3)
-    fall = least(fitter, 1) - least(fitter, 2)
-    assert look.could_lower(EFFECT, 0.99 * fall)
-    assert not look.could_lower(EFFECT, 1.01 * fall)
+    assert look.misfit_by_secants(EFFECT) == pytest.approx(least(fitter, 2), rel=1e-6)
 
 
 def test_what_the_base_can_follow_or_goes_the_other_way_promises_nothing():
@@ -289,13 +288,15 @@ def test_an_effect_is_looked_at_in_all_directions_and_further_in_the_best_two():
     assert [np.isfinite(cost) for cost, _ in one_sided] == [True, False, True, True, True, False]
 
 
-def test_effects_of_the_base_are_not_asked_for_once_more(monkeypatch):
-    effects, asked = {name: candidates()[name] for name in ("coulomb", "preload", "creep")}, []
-    look = SimpleNamespace(could_lower=lambda effect, least: asked.append((effect.name, least)) or False)
+def test_effects_that_promise_the_least_fall_are_looked_at_the_best_first(monkeypatch):
+    misfits = {"coulomb": 60.0, "preload": 91.0, "creep": 20.0, "torque_gain": 89.0}
+    effects = {name: candidates()[name] for name in misfits}
+    look = SimpleNamespace(base_misfit=100.0, misfit_by_secants=lambda effect: misfits[effect.name])
     monkeypatch.setattr(screening_module, "Screening", lambda *_: look)
-    base = SimpleNamespace(model=Model((effects["preload"],)), sigma=None)
-    assert not screening_module.can_lower(None, None, base, effects, 9.0)
-    assert asked == [("coulomb", 9.0), ("creep", 9.0)]
+    base = SimpleNamespace(sigma=None, cost=200.0)  # in the noise, twice as large
+    assert promising_effects(None, None, base, effects, 20.0) == ["creep", "coulomb", "torque_gain"]
+    monkeypatch.setattr(screening_module, "LOOKED_AT", 1)
+    assert promising_effects(None, None, base, effects, 20.0) == ["creep"]
 
 
 def test_an_effect_and_the_simpler_one_that_it_becomes_are_one_as_far_as_they_are_tried():

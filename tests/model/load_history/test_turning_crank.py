@@ -50,7 +50,6 @@ def test_each_node_is_read_off_its_own_curve(extended):
     of_all, slopes = (case.spline(placed, order)[nodes, nodes] for order in (0, 1))
     np.testing.assert_allclose(angle, of_all + beyond * slopes, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(slope, slopes, rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(case._slopes(crank)[nodes, nodes], slopes, rtol=1e-12)
 
 
 def test_the_torque_of_the_motor_is_the_derivative_of_the_energy():
