@@ -107,8 +107,8 @@ class Selector:
     def select(self, cells: Truth, base_fit: Fit | None = None) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most.
 
-        A fit with an effect may lead to numbers that are more probable without it. If the name does not hold there,
-        everything is tried anew beside them: an effect must not win by a start that the model without it did not have.
+        A fit with an effect may lead to numbers that are more probable without it. If the name does not hold there, or
+        if effects lack no more odds than that gain, everything is tried anew: no effect must win by its start alone.
         """
         base_fit, former = base_fit or self.recalibrate(cells), -np.inf
         while True:
@@ -117,7 +117,8 @@ class Selector:
             if base is selection.base or value <= former:
                 return selection
             challenged = self.tries(cells).judge.select(base, selection.trials, selection.promised_misfits)
-            if selection.members and challenged.members == selection.members:
+            gained_odds = max(selection.odds.values(), default=-np.inf) + base.evidence.value - value
+            if challenged.members == selection.members and (selection.members or gained_odds < NAMED_ODDS):
                 return challenged
             base_fit, former = base.fit, value
 
@@ -272,10 +273,9 @@ class Selector:
     def _with_twins(self, selection: Selection, tries: Tries) -> Selection:
         """The selection with models in which another effect takes the place of a member of the best one.
 
-        They are fitted from the numbers and tolerances of the best one. From another start a fit may end at a kink, and
-        an effect must not be named because similar effects lacked its start. In a pair, the effects that explain
-        most beside the other member are tried, too, once for each such member. This is repeated while the best model
-        changes.
+        They are fitted from the numbers and tolerances of the best one: an effect must not be named because similar
+        effects lacked its start. In a pair, the effects that explain most beside the other member are tried, too, once
+        for each such member. This is repeated while the best model changes.
         """
         former, name, extended = "", selection.best_model, list[set[str]]()
         while name not in ("", former):

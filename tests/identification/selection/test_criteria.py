@@ -464,6 +464,21 @@ def test_a_close_name_is_held_against_fits_without_effects_from_drawn_unknowns(o
     assert (found.evidence.value > base.evidence.value) == bool(n_refined)
 
 
+@pytest.mark.parametrize(("odds", "is_tried_anew"), [(-2.0, False), (3.0, False), (5.0, True), (60.0, True)])
+def test_everything_is_tried_anew_beside_a_new_base_only_where_its_gain_could_decide(odds, is_tried_anew):
+    """Of effects that lack more than the three nats which the base has gained, none could be named beside it."""
+    selection, selector = judged({"coulomb": trial("coulomb", Known(odds + SINGLE))}), Selector.__new__(Selector)
+    new_base, bases = trial("", Known(3.0, gain=0.0)), []
+    selector._beside = lambda base_fit, cells: bases.append(base_fit) or selection
+    selector._without_effects = lambda *_: new_base
+    challenged = replace(selection, base=new_base, members=())
+    judge = SimpleNamespace(select=lambda base, *_: challenged if base is new_base else None)
+    selector.tries = lambda cells: SimpleNamespace(judge=judge)
+    found = selector.select(np.ones(3, bool), selection.base.fit)
+    assert [fit is new_base.fit for fit in bases] == [False, True][: 1 + is_tried_anew]
+    assert (found is challenged) != is_tried_anew
+
+
 class Bending(LinearFitter):
     """A model that bends away: its effect moves the angle by its column up to a small size, and no further."""
 
