@@ -34,8 +34,6 @@ from pipeline.sampling.errors import draw, draw_as_measured, usual_beside
 
 MESHED_SECTIONS = ("cycloid.", "disk.bore_radius_mm", "housing.")
 """Calibrated numbers that a fit leaves alone: each value would need its own mesh."""
-MEASURED_UM = 0.3
-"""Standard uncertainty of a measured dimension, its part common to all pins and its own part alike."""
 LOBE_PROFILES = ("disk_profile", "lobe_profile")
 """Dimensions that are one deviation of each lobe's flank."""
 POPULATION: Fineness = 192
@@ -102,7 +100,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     stateless, by_state = (Forward(some_courses, nmm, reach) for some_courses in (of_one_state, courses))
     ranges = _scale_ranges(study, keys, are_short=False)
     nominal = first_states([drives((1.0,) * ranges.shape[1], k) for k in range(len(stations.cranks))])
-    errors = _indistinguishable_errors(assembly.errors(population_errors), case)
+    errors = _indistinguishable_errors(assembly.errors(population_errors), case, unit.settings.measured_to_um)
     influences = _influences(measurement, [stateless.backbone(drive) for drive in nominal])
     components = PriorModes.from_population([drive.with_errors(errors).gap for drive in nominal], influences)
 
@@ -304,15 +302,16 @@ def _crank_motion(measurement: Measurement, stations: Stations, position: int) -
     )
 
 
-def _indistinguishable_errors(errors: Errors, case: Case | None) -> Errors:
+def _indistinguishable_errors(errors: Errors, case: Case | None, measured_to_um: float) -> Errors:
     """Units (POPULATION) that measuring the dimensions of a case cannot tell from these; without a case these.
 
-    A dimension that was not measured has its tolerance alone.
+    A measured dimension has this standard uncertainty in common to all of its elements, and as much at each of them.
+    One that was not measured has its tolerance alone.
     """
     if case is None:
         return errors
     rng = np.random.default_rng(POPULATION)
-    unit = MM_PER_UM * MEASURED_UM
+    unit = MM_PER_UM * measured_to_um
     measured_names = {*case.model_fields_set, *("lobe" for name in LOBE_PROFILES if name in case.model_fields_set)}
 
     def spread(values: Real) -> Real:

@@ -114,9 +114,10 @@ class UnitSettings(Section):
     """A file unit.toml: of a drive with a design, its study and dimensions, or of a ``generic`` one.
 
     `crank_angles` says whether `crank_deg` was measured from the drawing's zero; of "unknown" ones it tells positions
-    apart and no more, and without any each file is a position. Torque and angle are of one `side`; those of the input
-    are taken to the output by the ratio; a record's torque is then the mean of both senses. `torque_sign` is
-    "against_motion" where a brake loads a record, whose display has no sign. With neither end `locked`
+    apart and no more, and without any each file is a position. Dimensions `as_measured` have the standard uncertainty
+    `measured_to_um`, in common to all elements of a dimension, and as much at each of them. Torque and angle are of one
+    `side`; those of the input are taken to the output by the ratio; a record's torque is then the mean of both senses.
+    `torque_sign` is "against_motion" where a brake loads a record, whose display has no sign. With neither end `locked`
     the crank turns while a torque is held, and `angle` says whether the column is the error of the output against the
     ideal ratio, or the angle of the output itself.
     """
@@ -134,6 +135,7 @@ class UnitSettings(Section):
     crank_angles: Literal["measured", "unknown"] = "measured"
     crank: CrankSection = CrankSection()
     as_measured: Text | None = None
+    measured_to_um: Annotated[float, Field(ge=0)] = 0.3
     instrument: InstrumentSection = InstrumentSection()
     environment: Environment = Environment()
     state: StateSection = StateSection()
@@ -180,13 +182,15 @@ def table_problems(files: tuple[DataFile, ...], folder: Path) -> list[str]:
 
 def drive_problems(raw: Mapping[str, Any]) -> list[Mistake]:
     """A drive has a design with all that belongs to it, or is generic."""
-    keys = ("design", "study", "as_measured")
+    keys, of_dimensions = ("design", "study", "as_measured"), "measured_to_um"
     if "generic" in raw:
         return [
             Mistake(key, raw[key], "a drive with [generic] has none; leave out one of both")
-            for key in keys
+            for key in (*keys, of_dimensions)
             if key in raw
         ]
+    if raw.get("as_measured") == UNKNOWN_STATUS and of_dimensions in raw:
+        return [Mistake(of_dimensions, raw[of_dimensions], "requires as_measured, the file of what was measured")]
     advice = "add it, or [generic] with ratio and rated_torque_Nm for a drive without a design"
     return [Mistake(key, MISSING, advice) for key in keys if key not in raw]
 

@@ -98,11 +98,13 @@ def tolerances_sentence(identification: Identification) -> str:
     if unit.dimensions is None:
         return f"The tolerances were not measured: {modes} distributions differ."
     names = [name.replace("_", " ") for name in unmeasured_dimensions(unit.study, unit.dimensions)]
+    uncertainty = f"each with a standard uncertainty of {unit.settings.measured_to_um:g} um"
     if not names:
-        return "All tolerances are as measured."
+        return f"All tolerances are as measured, {uncertainty}."
     file = unit.settings.as_measured
     return (
-        f"Tolerances that {file} does not state were not measured ({listed_text(names)}): {modes} distributions differ."
+        f"Tolerances that {file} does not state were not measured ({listed_text(names)}): {modes} distributions "
+        f"differ. The others are as measured, {uncertainty}."
     )
 
 

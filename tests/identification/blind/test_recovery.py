@@ -80,6 +80,20 @@ def fit_of(name, values, bench, folder, condensed):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(("measured_to_um", "is_named"), [(0.02, True), (0.3, False)])
+def test_the_uncertainty_of_dimensions_decides_on_effects_of_their_size(tmp_path, condensed, measured_to_um, is_named):
+    """Pins that are all 0.6 um thicker: with 0.3 um at each of several dimensions that is no more than was measured."""
+    bench = replace(TWO, more=f"measured_to_um = {measured_to_um}")
+    folder = make_unit(tmp_path / "u", {"pin_radius_error": (0.6,)}, bench, condensed)
+    problem = problem_of(folder, condensed)
+    all_cells = np.ones(len(problem.data), bool)
+    selector = Selector(Fitter(problem), all_cells)
+    selector.testable = {name: selector.testable[name] for name in ("pin_radius_error", "coulomb")}
+    selection = selector.select(all_cells)
+    assert selection.members == (("pin_radius_error",) if is_named else ())
+
+
+@pytest.mark.long
 def test_a_second_effect_is_found_beside_the_best_one_where_no_pair_was_promised(tmp_path, condensed, monkeypatch):
     """A drift of the angle differs between cycles alone, which the limit of the form of the model does not count."""
     monkeypatch.setattr(model_selection, "promising_pairs", lambda *_: [])

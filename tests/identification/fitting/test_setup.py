@@ -111,8 +111,8 @@ def test_crank_angles_that_nobody_knows_predict_no_difference_between_positions(
 
 def test_what_was_measured_is_off_by_the_instrument_in_common_and_at_each_element():
     measured_names = SimpleNamespace(model_fields_set={"pin_radial", "eccentricity"})
-    units = build._indistinguishable_errors(errors_of(SMALL, reducer_at(SMALL, 0.4)), measured_names)
-    unit, pins = build.MEASURED_UM * MICROMETRE, units.pin_radial
+    units = build._indistinguishable_errors(errors_of(SMALL, reducer_at(SMALL, 0.4)), measured_names, 0.8)
+    unit, pins = 0.8 * MICROMETRE, units.pin_radial
     assert np.std(units.eccentricity) == pytest.approx(np.sqrt(units.eccentricity.ndim) * unit, rel=0.15)
     assert np.std(pins.mean(axis=1)) == pytest.approx(np.sqrt(1 + 1 / pins.shape[1]) * unit, rel=0.15)
     assert np.std(pins - pins.mean(axis=1, keepdims=True)) == pytest.approx(unit, rel=0.15)

@@ -75,6 +75,19 @@ def test_as_measured_dimensions_are_a_case_of_the_unit(tmp_path):
     assert any("did you mean 'disk_profile'" in line for line in problems(folder))
 
 
+def test_the_uncertainty_of_dimensions_requires_dimensions_and_is_not_negative(tmp_path):
+    text = 'measured_to_um = 0.5\n' + UNIT
+    (line,) = problems(write_unit(tmp_path / "u", text=text))
+    assert line.startswith("u/unit.toml: measured_to_um = 0.5; requires as_measured")
+    text = text.replace('as_measured = "unknown"', 'as_measured = "dims.toml"')
+    folder = write_unit(tmp_path / "v", text=text)
+    (folder / "dims.toml").write_text("disk_profile = 12.0\n")
+    assert load_measured_unit(folder, ROOT).settings.measured_to_um == 0.5
+    (folder / "unit.toml").write_text(text.replace("0.5", "-0.5"))
+    (line,) = problems(folder)
+    assert line.startswith("v/unit.toml: measured_to_um = -0.5; must be >= 0")
+
+
 def test_a_name_that_is_no_unit_gets_the_nearest(tmp_path):
     shutil.copytree(ROOT / "data/designs", tmp_path / "data/designs")
     write_unit(tmp_path / "data/measured/left_arm")
