@@ -377,6 +377,21 @@ def test_influence_of_a_shift_of_all_gaps_is_the_difference_of_readings(drive):
     assert np.median(np.abs(derivative - expected)) < 0.01 * np.abs(expected).max()
 
 
+def test_changes_at_other_torques_and_of_other_drives_are_their_own_whatever_was_asked_before(drive):
+    """Weights of nodes are kept for the torques and the drive of the latest question alone."""
+    other = drive.with_added_gap(np.full_like(drive.gap, 2e-3))
+    patterns = np.eye(drive.gap.shape[1])[:3]
+    course = course_of()
+    torque = NMM_PER_NM * course.cell_torques.mean(axis=1)
+    asked = [(one, scale * torque) for one in (drive, other) for scale in (1.0, 0.5)]
+    forward = Forward([course], drive.rated_torque)
+    answers = [forward.influence(one, 0, carried, patterns) for one, carried in [*asked, *asked[::-1]]]
+    fresh = [Forward([course], drive.rated_torque).influence(one, 0, carried, patterns) for one, carried in asked]
+    for answer, alone in zip(answers, [*fresh, *fresh[::-1]], strict=True):
+        np.testing.assert_array_equal(answer, alone)
+    assert np.max(np.abs(fresh[0] - fresh[1])) > 0.1 * np.max(np.abs(fresh[0]))
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_a_cycle_that_ends_on_the_way_between_two_turns_ends_there(drive, friction):
     """From 0 over both turns to 0 again, and on: cells of one leg belong to two cycles."""

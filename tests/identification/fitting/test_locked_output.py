@@ -23,6 +23,7 @@ from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.screening import Screening, start_from_declared
 from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.effects.creep import KelvinVoigt
+from pipeline.model.units import NMM_PER_NM
 from tests.validation.blind.catalogue import no_compliance
 
 RUNOUT = (60.0, -30.0)  # [um]
@@ -190,6 +191,22 @@ def test_derivatives_of_gaps_and_springs_are_those_of_readings(problem, name):
     assert np.std(change) > 0.05
     assert np.median(np.abs(derived - change)) < 0.05 * np.std(change)
     assert len(course.crank.cells) == len(change)
+
+
+def test_derivatives_count_that_the_crank_turns_on_with_the_drive_that_is_asked_for(problem):
+    """With a run-out the angle changes over the crank angle, so that a change of the curve turns the crank on."""
+    fitter, model = Fitter(problem), Model((candidates()["pin_circle_runout"],))
+    start, forward, courses = problem.nominal[: len(problem.stations[0])], problem.forward, problem.forward.courses
+    shares = shares_of_values(fitter.bounds(model), (100.0, -50.0))
+    drives = fitter.drives(model, fitter.start(model, shares), [0])[0][0]
+    softer = tuple(drive.with_elements(LinearSpring(1e-9)) for drive in drives)
+    reading, moved = (forward.read(given, 0, Instrument()) for given in (drives, softer))
+    without_run_out = forward.change(start, softer, 0, reading.carried_torque)
+    derived = forward.change(drives, softer, 0, reading.carried_torque)
+    np.testing.assert_allclose(derived, moved.angle - reading.angle, rtol=0.02, atol=1e-3)
+    fresh = Forward(courses, problem.rated_torque * NMM_PER_NM)
+    np.testing.assert_array_equal(fresh.change(drives, softer, 0, reading.carried_torque), derived)
+    assert np.median(np.abs(without_run_out / derived - 1)) > 0.05
 
 
 @pytest.fixture

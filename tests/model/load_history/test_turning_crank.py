@@ -1,5 +1,7 @@
 """The curve of a drive whose output is locked while its crank turns, against closed forms and the held crank."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drives import RATED, history, small_drive
@@ -161,6 +163,16 @@ def test_the_motor_of_a_preloaded_drive_feels_its_energy_over_the_crank_angle():
     assert locked.crank[node] == pytest.approx(0.4, abs=1e-9)
     assert locked.torque[node] == pytest.approx(case.torque[node] + 9.0 * work, rel=5e-4)
     assert abs(locked.torque[node] / case.torque[node] - 1) > 0.004
+
+
+def test_the_energy_without_torque_acts_on_its_own_side_of_the_play():
+    """What is stored above no torque alone moves the motor at positive torques alone."""
+    case = curves()
+    wave = np.column_stack([np.zeros(len(case.crank)), 2.0 * np.sin(case.crank)])  # [N mm]
+    plain, stored = case.locked_curve(0.5, RATIO), replace(case, elastic_energy=wave).locked_curve(0.5, RATIO)
+    np.testing.assert_array_equal(stored.angle, plain.angle)
+    expected = np.where(TORQUE > 0, -RATIO * 2.0 * np.cos(plain.crank), 0.0)
+    np.testing.assert_allclose(stored.torque - plain.torque, expected, atol=1e-3)
 
 
 def stored_with(curve, node):
