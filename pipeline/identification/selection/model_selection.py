@@ -85,12 +85,12 @@ class Selector:
         if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
             as_declared = replace(base.unknowns, scales=0 * base.unknowns.scales, modes=0 * base.unknowns.modes)
             bases.append(self.fitter.fit(base.model, cells, as_declared, 0))
-        effects = self._beside_effects_of(base)
+        effects = self._further_effects(base)
         offered = [effect for name, effect in effects.items() if not offered_names or name in offered_names]
         return screen_effects(self.fitter, cells, bases, offered)
 
-    def _beside_effects_of(self, fit: Fit) -> dict[str, Candidate]:
-        """Effects that the data can test, less those of a fit's model and what they become at a limit."""
+    def _further_effects(self, fit: Fit) -> dict[str, Candidate]:
+        """Effects that may be added to a fit: neither those of its model nor what these become at a limit."""
         names = with_limit_cases(effect.name for effect in fit.model.effects)
         return {name: effect for name, effect in self.testable.items() if name not in names}
 
@@ -107,8 +107,8 @@ class Selector:
     def select(self, cells: Truth, base_fit: Fit | None = None) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most.
 
-        A fit with an effect may lead to numbers that are more probable without it. If the name does not hold there, or
-        if effects lack no more odds than that gain, everything is tried anew: no effect must win by its start alone.
+        A fit with an effect may lead to numbers that are more probable without it. If a name does not hold beside them,
+        or if some effect lacks less than their gain to a name, everything is tried anew: its start must not decide.
         """
         base_fit, former = base_fit or self.recalibrate(cells), -np.inf
         while True:
@@ -325,7 +325,7 @@ class Selector:
 
         Of those whose secants promise the ``least`` fall of the sum of squares, in the noise.
         """
-        looked_at, effects = list(names), self._beside_effects_of(current.fit)
+        looked_at, effects = list(names), self._further_effects(current.fit)
         looked_at += promising_effects(self.fitter, tries.cells, current.fit, effects, least) if count else []
         promises = self.screen(tries.cells, current.fit, looked_at) if looked_at else {}
         best_names = sorted(promises, key=lambda name: promises[name].misfit)[:count]
