@@ -305,7 +305,7 @@ def _crank_motion(measurement: Measurement, stations: Stations, position: int) -
 def _indistinguishable_errors(errors: Errors, case: Case | None, measured_to_um: float) -> Errors:
     """Units (POPULATION) that measuring the dimensions of a case cannot tell from these; without a case these.
 
-    A measured dimension has this standard uncertainty in common to all of its elements, and as much at each of them.
+    A measured dimension has an error that all its elements share, and one of each element alone, each of this size.
     One that was not measured has its tolerance alone.
     """
     if case is None:

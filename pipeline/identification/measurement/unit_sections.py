@@ -115,8 +115,9 @@ class UnitSettings(Section):
 
     `crank_angles` says whether `crank_deg` was measured from the drawing's zero; of "unknown" ones it tells positions
     apart and no more, and without any each file is a position. Dimensions `as_measured` have the standard uncertainty
-    `measured_to_um`, in common to all elements of a dimension, and as much at each of them. Torque and angle are of one
-    `side`; those of the input are taken to the output by the ratio; a record's torque is then the mean of both senses.
+    `measured_to_um`: once for the error that all elements share, and once for that of each alone. Torque and angle are
+    of one `side`; those of the input are taken to the output by the ratio; a record's torque is then the mean of both
+    senses.
     `torque_sign` is "against_motion" where a brake loads a record, whose display has no sign. With neither end `locked`
     the crank turns while a torque is held, and `angle` says whether the column is the error of the output against the
     ideal ratio, or the angle of the output itself.
