@@ -1,19 +1,17 @@
 """The loop on one unit: read, judge the data, refit, try the effects, judge, report errors on held-out data."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from pipeline.arrays import Real, Truth
-from pipeline.config.studies.study import Study
-from pipeline.identification.fitting.build import build_problem
+from pipeline.identification.fitting.condensed_problem import Condensed, condensed_problem, error_between_cranks
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Problem, candidates
-from pipeline.identification.fitting.stations import stations_of
 from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import read_measurement
@@ -49,9 +47,6 @@ from pipeline.identification.selection.statements.verdict import (
 )
 from pipeline.model.compiled import Decorator
 
-Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]
-"""Compliances of a study's design at crank angles [deg]: each (n_contacts, n_contacts) [mm/N]."""
-
 SENSE = (
     "torque and angle are taken with the other sign, which is more probable by {gain:.0f} (natural logarithm of the "
     "odds); check which sense the bench counts as positive and, at a locked output, the sign of the ratio; then "
@@ -82,10 +77,8 @@ class Identification:
     folds : predictions of held-out cells.
     errors : of these, by stage: declared, recalibrated, after.
     baselines : errors on the same cells of predictions that ask no reducer, by title.
-    carried_error : error of the most probable model with the systematic part of its training residual; None where
-        nothing structured is left.
-    between_cranks : where the crank turns within the loops, what leaving out every second of the crank angles that the
-        model was condensed at changes the angle by [arcmin]; None where it is held.
+    between_cranks : where the crank turns within the loops, the largest error of the angle in the middle between two
+        crank angles that the model was condensed at [arcmin]; None where it is held.
     could_hide : where nothing is named, the sizes of each effect that would be noticed, and named.
     remainder : what the most probable model leaves on these cells.
     discrepancy : structure in what the most probable model leaves of the cells fitted; None where nothing is left.
@@ -102,7 +95,6 @@ class Identification:
     baselines: Mapping[str, AngleError]
     remainder: Remainder
     discrepancy: Discrepancy | None
-    carried_error: AngleError | None
     could_hide: tuple[DetectionLimit, ...]
     between_cranks: float | None
 
@@ -138,10 +130,9 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
     verdict = replace(verdict, findings=(*verdict.findings, *(note.message for note in measurement.notes)))
     recalibration_error = angle_error(data, cranks, *folds.curves(False)["recalibrated"], folds.cells)
     best_error = angle_error(data, cranks, folds.best_curve, folds.open_best, folds.cells)
-    turns = isinstance(data, TurningData)
+    turns, answer = isinstance(data, TurningData), selection.answer.fit
     has_names = bool(verdict.named_effects)
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in folds.curves(has_names).items()}
-    carried_error = angle_error(data, cranks, folds.carried_curve, folds.open_carried, folds.cells)
     structure_left = remainder(data, folds.best_curve, folds.cells, best_error.to_noise, recalibration_error.to_noise)
     has_limits = not has_names and not folds.in_sample
     in_sample = ("turn" if turns else "loop") if folds.in_sample else ""
@@ -162,12 +153,11 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
         errors=errors,
         baselines={title: angle_error(data, cranks, *curve, folds.cells) for title, curve in known_curves.items()},
         remainder=structure_left,
-        discrepancy=discrepancy_of(fitter, selection.answer.fit, measurement.cells.direction, is_training)
+        discrepancy=discrepancy_of(fitter, answer, measurement.cells.direction, is_training)
         if verdict.verdict == UNEXPLAINED and not turns
         else None,
-        carried_error=carried_error if np.any(np.isfinite(folds.carried_curve)) and not folds.in_sample else None,
         could_hide=detection_limits(fitter, selection.base, selector.testable) if has_limits else (),
-        between_cranks=_between_cranks(fitter, selection),
+        between_cranks=error_between_cranks(measurement, condense, fitter, answer.model, answer.unknowns),
     )
 
 
@@ -175,8 +165,7 @@ def _problem_of(measurement: Measurement, condense: Condensed) -> tuple[Truth, P
     """Cells (n_cells,) that a fit may see, and the problem of a measurement."""
     has_training = bool(measurement.unit.settings.held_out.train)
     is_training = measurement.training_cells if has_training else np.ones(len(measurement.cells), bool)
-    compliances = condense(measurement.unit.study, stations_of(measurement).cranks.tolist())
-    return is_training, build_problem(measurement, compliances, is_training)
+    return is_training, condensed_problem(measurement, condense, is_training)
 
 
 def _selected(measurement: Measurement, condense: Condensed) -> tuple[Measurement, Truth, Selector, Selection]:
@@ -261,28 +250,19 @@ def _is_held_by_range(problem: Problem, fit: Fit) -> bool:
     return float(deviations @ deviations) > ODDS
 
 
-def _between_cranks(fitter: Fitter, selection: Selection) -> float | None:
-    """What leaving out every second crank angle changes the angle by [arcmin], with what is named."""
-    fit, forward = selection.answer.fit, fitter.forward(selection.answer.fit.model)
-    drives, _ = fitter.drives(fit.model, fit.unknowns)
-    moving = [number for number in drives if forward.courses[number].crank]
-    return max((forward.interpolation_error(drives[number], number) for number in moving), default=None)
-
-
 def _tested_on_unused_data(
     selector: Selector, selection: Selection, is_training: Truth, baseline_curves: Mapping[str, Real]
 ) -> tuple[Selection, Verdict, Folds]:
     """Verdict and folds of a selection; names and ``adequate`` are withdrawn where unused data are missed."""
-    data, turns = selector.problem.data, isinstance(selector.problem.data, TurningData)
     verdict = judge(selector.fitter, selection, is_training)
-    folds = predicted_folds(selector, selection, is_training, verdict.verdict == UNEXPLAINED and not turns)
+    folds = predicted_folds(selector, selection, is_training)
     if not (verdict.named_effects or verdict.verdict == ADEQUATE):
         return selection, verdict, folds
-    reason = failed_test(data, folds, baseline_curves, selection.limit)
+    reason = failed_test(selector.problem.data, folds, baseline_curves, selection.limit)
     if reason and verdict.named_effects:
         selection = without_names(selection, reason)
         verdict = judge(selector.fitter, selection, is_training)
-        folds = predicted_folds(selector, selection, is_training, not turns)
+        folds = predicted_folds(selector, selection, is_training)
     elif reason:
         verdict = verdict_without_test(verdict, reason, testable=not folds.in_sample)
     return selection, verdict, folds

@@ -86,16 +86,6 @@ class ElasticOverCrank(Elastic):
         return change
 
 
-def interpolation_error(drives: Sequence[Drive], course: Course, curves: Sequence[Backbone]) -> float:
-    """Largest error [rad] at left-out stations, in any state of the course, where every second one is left out.
-
-    Parameters
-    ----------
-    drives, curves : at the stations of the course, ``stations.FEWEST_STATIONS`` or more.
-    """
-    return max(curve.error for curve in ElasticOverCrank(drives, course, curves).by_state.values())
-
-
 def locked_path(elastic: ElasticOverCrank, torques: Torques) -> tuple[LoadPath, Real, float, bool]:
     """The way with the output locked.
 

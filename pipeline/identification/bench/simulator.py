@@ -24,12 +24,13 @@ from pipeline.identification.bench.load_path import (
     read_with_ripple,
     with_springs,
 )
-from pipeline.identification.bench.locked_output import ElasticOverCrank, interpolation_error, locked_path
+from pipeline.identification.bench.locked_output import ElasticOverCrank, locked_path
 from pipeline.model.elements import Spring, same
 from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
 from pipeline.model.load_history.cell_means import mean_torque
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.model.load_history.turning_crank import CurvesOverCrank
 from pipeline.model.units import NMM_PER_NM
 
 LEVELS: Fineness = 44
@@ -173,10 +174,16 @@ class Forward:
 
         return way
 
-    def interpolation_error(self, drives: Drives, position: int) -> float:
-        """Error [arcmin] of the angle between the crank angles of a position, as ``CurvesOverCrank.error`` has it."""
+    def interpolation_error(self, drives: Drives, position: int, cranks: Real) -> float:
+        """Error [arcmin] of the angle where every second of the drives of a position is left out, in any state.
+
+        Parameters
+        ----------
+        drives : at crank angles ``cranks`` (n_cranks,) [rad], ``turning_crank.FEWEST_CRANKS`` or more.
+        """
         curves = [self.backbone(drive) for drive in drives]
-        return ARCMIN * interpolation_error(drives, self.courses[position], curves)
+        states = {0, *self.courses[position].states}
+        return ARCMIN * max(CurvesOverCrank.from_drives(drives, curves, cranks, state).error for state in states)
 
     def influence(
         self, drives: Drive | Drives, position: int, carried_torque: Real, modes: Real | tuple[Real, ...]

@@ -70,7 +70,9 @@ def one_unit(study: Study, dimensions: Case) -> Study:
     return study.model_copy(update={"samples": samples, "cases": (dimensions,)})
 
 
-def build_problem(measurement: Measurement, compliances: Sequence[Real], visible: Truth | None = None) -> Problem:
+def build_problem(
+    measurement: Measurement, compliances: Sequence[Real], visible: Truth | None = None, halvings: int = 0
+) -> Problem:
     """The problem of a measured unit.
 
     Parameters
@@ -78,6 +80,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     compliances : per station (``stations_of``) (n_contacts, n_contacts) [mm/N].
     visible : (n_cells,) training cells, all by default: of the others nothing enters noise, bounds, modes and what is
         tested.
+    halvings : of the distance between the stations.
     """
     unit, study = measurement.unit, measurement.unit.study
     moves = unit.settings.crank.moves != "fixed"
@@ -85,7 +88,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
         _refuse_paths(unit, STILL_ALONE if moves else WAYS)
     states, conditions = _states(measurement)
     visible_cells = np.ones(len(measurement.cells), bool) if visible is None else visible
-    stations = stations_of(measurement)
+    stations = stations_of(measurement, halvings)
     positions = range(len(measurement.rows.cranks))
     courses = [_course(measurement, states, stations, position, visible_cells) for position in positions]
     at_stations = [conditions[p] for p, numbers in enumerate(stations.of_position) for _ in numbers]
@@ -115,6 +118,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
             forward=stateless,
             forward_by_state=by_state,
             stations=stations.of_position,
+            halvings=halvings,
             drives=drives,
             calibrated_keys=keys,
             scale_range=ranges,

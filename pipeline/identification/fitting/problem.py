@@ -47,6 +47,7 @@ class Problem:
     forward_by_state : predictions with every cycle in its own state.
     stations : per position, the numbers of its drives: one, or where the crank turns within the loop those of the crank
         angles that it goes through.
+    halvings : of the distance between the stations (``stations_of``).
     drives : of the declared unit at scale factors (n_scales,) and the number of a station.
     calibrated_keys : keys of the design's calibrated numbers, whose scales come first.
     scale_range : (2, n_scales) logarithms of the factors between which each scale is plausible; scales after those of
@@ -68,6 +69,7 @@ class Problem:
     forward: Forward
     forward_by_state: Forward
     stations: tuple[range, ...]
+    halvings: int
     drives: Callable[[tuple[float, ...], int], Drive]
     calibrated_keys: tuple[str, ...]
     scale_range: Real

@@ -10,11 +10,11 @@ from pipeline.errors import InputError
 from pipeline.identification.fitting.measured_loops import crank_loops
 from pipeline.identification.measurement.measurement import Measurement
 
-STATIONS_A_PITCH: Fineness = 5
+STATIONS_A_PITCH: Fineness = 3
 """Stations while the crank turns from one pin to the next, after which an ideal drive repeats."""
-FEWEST_STATIONS: Fineness = 6
-"""Stations of a position at least: a cubic and its error take as many."""
-MARGIN = 0.4
+FEWEST_STATIONS: Fineness = 3
+"""Stations of a position at least, before the distance between them is halved."""
+MARGIN = 0.2
 """Share of the turn of the crank that stations reach beyond what was measured, on either side."""
 FOLLOWS = 0.05
 """Share of the turn of the crank by which a column of it may differ from what the angle that is read says."""
@@ -36,8 +36,8 @@ class Stations:
     measured_crank: Real
 
 
-def stations_of(measurement: Measurement) -> Stations:
-    """The stations of a measurement.
+def stations_of(measurement: Measurement, halvings: int = 0) -> Stations:
+    """The stations of a measurement, the distance between them halved as often as ``halvings`` says.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def stations_of(measurement: Measurement) -> Stations:
         crank_deg = np.degrees(crank[positions == number])
         reach = MARGIN * np.ptp(crank_deg)
         first_deg, last_deg = np.min(crank_deg) - reach, np.max(crank_deg) + reach
-        count = max(FEWEST_STATIONS, int(np.ceil((last_deg - first_deg) / step)) + 1)
+        count = (max(FEWEST_STATIONS, int(np.ceil((last_deg - first_deg) / step)) + 1) - 1) * 2**halvings + 1
         start = sum(map(len, parts))
         parts.append(np.linspace(first_deg, last_deg, count))
         ranges.append(range(start, start + count))

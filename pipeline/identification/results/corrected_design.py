@@ -89,10 +89,10 @@ def written_study(identification: Identification, path: Path, fit: Fit) -> Writt
     bench = Instrument()
     for effect, values in fit.model.split(fit.values.tolist()):
         bench = effect.apply(bench, values) if isinstance(effect, InstrumentEffect) else bench
-    cranks = stations_of(identification.measurement).cranks
+    cranks = stations_of(identification.measurement, problem.halvings).cranks.tolist()
     for position, stations in enumerate(problem.stations):
         drives = tuple(
-            drive_of(study, float(cranks[k]), factor * problem.compliances[k], assembly.errors(sample), clearance)
+            drive_of(study, cranks[k], factor * problem.compliances[k], assembly.errors(sample), clearance)
             for k in stations
         )
         angle[problem.data.position == position] = problem.forward.read(drives, position, bench).angle

@@ -152,7 +152,6 @@ def _keys_without_fit() -> dict[str, Any]:
         "noise": None,
         "remainder": None,
         "discrepancy": None,
-        "carried": None,
         "written": None,
         "could_hide": [],
         "in_sample": False,
@@ -178,7 +177,6 @@ def _keys_of_fit(findings_of_unit: Findings) -> dict[str, Any]:
             "torque_noise_Nm": noise.torque_noise_Nm,
         },
         "held_out_errors": {stage: asdict(error) for stage, error in identification.errors.items()},
-        "carried": _carried_error(identification),
         "could_hide": [asdict(limit) for limit in identification.could_hide],
         "baselines": {title: asdict(error) for title, error in identification.baselines.items()},
         "in_sample": identification.folds.in_sample,
@@ -198,13 +196,6 @@ def _keys_of_fit(findings_of_unit: Findings) -> dict[str, Any]:
         },
         "not_testable": dict(identification.why_not),
     }
-
-
-def _carried_error(identification: Identification) -> dict[str, Any] | None:
-    """Error of the most probable model with what is expected to come again, and the common share of its misses."""
-    if identification.carried_error is None:
-        return None
-    return asdict(identification.carried_error) | {"common_share": identification.folds.common_share}
 
 
 def _calibrated_factors(identification: Identification) -> dict[str, float]:

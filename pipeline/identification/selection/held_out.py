@@ -17,7 +17,6 @@ from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, shares_of_values
 from pipeline.identification.fitting.problem import Model
-from pipeline.identification.selection.carried_over import expected_misfit
 from pipeline.identification.selection.covariance import parts_of
 from pipeline.identification.selection.criteria import ODDS, Judge, Selection
 from pipeline.identification.selection.model_selection import Selector
@@ -59,18 +58,14 @@ class Folds:
     cells : (n_cells,) those that judge.
     declared_curve, recalibrated_curve : of the model as declared, and with its calibrated numbers refitted.
     best_curve : with the effects that were chosen, claimed or not.
-    carried_curve : the same, with what of its training residual is expected to come again (``carried_over``); NaN where
-        that is not asked for.
-    open_recalibrated, open_best, open_carried : standard deviations that the training cells leave open, and by which
-        they scatter from position to position.
+    open_recalibrated, open_best : standard deviations that the training cells leave open, and by which they scatter
+        from position to position.
     models : name of the model that was chosen in each fold; "" for none.
     tested_curve : of the model that is tested, which is the same in all folds: the one that is named, else the one
         without effects.
     added_squares : sum of squares, in noise, that the cells left out add to its fits (``_added_squares``).
     open_square : mean square, in noise, of what the training cells leave open of it at the cells left out, without the
         scatter between positions.
-    common_share : of the variance of what the best model misses, taken to be common to all positions; mean over folds;
-        NaN where it is not asked for.
     in_sample : whether the fits have seen the cells, since nothing could be held out.
     """
 
@@ -78,15 +73,12 @@ class Folds:
     declared_curve: Real
     recalibrated_curve: Real
     best_curve: Real
-    carried_curve: Real
     open_recalibrated: Real
     open_best: Real
-    open_carried: Real
     models: tuple[str, ...]
     tested_curve: Real
     added_squares: float
     open_square: float
-    common_share: float
     in_sample: bool = False
 
     def curves(self, is_claimed: bool) -> dict[str, tuple[Real, Real]]:
@@ -99,7 +91,7 @@ class Folds:
         }
 
 
-def predicted_folds(selector: Selector, selection: Selection, visible: Truth, carry_over: bool) -> Folds:
+def predicted_folds(selector: Selector, selection: Selection, visible: Truth) -> Folds:
     """Predictions of held-out cells.
 
     Parameters
@@ -107,15 +99,14 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
     selection : on the cells ``visible`` (n_cells,); where these are not all, the others are held out. Else whole
         positions are left out, or whole cycles of a single position (``splits_of``). One loop alone is predicted in
         sample.
-    carry_over : ask what of the misfit is expected to come again.
     """
     fitter = selector.fitter
     data = selector.problem.data
     declared_angle = fitter.predict(Model(), fitter.start(Model())).angle
     declared_curve = np.full(len(data), np.nan)
-    predicted_curves, left_open = np.full((2, 3, len(data)), np.nan)
+    predicted_curves, left_open = np.full((2, 2, len(data)), np.nan)
     tested_curve = np.full(len(data), np.nan)
-    models, shares, added_squares, open_squares = [], [], [], []
+    models, added_squares, open_squares = [], [], []
     splits = splits_of(data, visible)
     for training, judged_cells in splits:
         if len(splits) == 1:
@@ -134,26 +125,22 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ca
         tested_curve[judged_cells] = tested.predicted_angle[judged_cells]
         added_squares.append(_added_squares(fold, selection, tested, training | judged_cells))
         open_squares.append((open_of_fit[id(tested)] / fitter.problem.data.sigma)[judged_cells] ** 2)
-        curves, common_share = _predictions(fitter, judged_fits, training, open_of_fit, carry_over)
-        shares.append(common_share)
-        for number, (angle, deviation) in enumerate(curves):
-            predicted_curves[number, judged_cells] = angle[judged_cells]
+        for number, fit in enumerate(judged_fits):
+            deviation = _prediction_deviation(fitter.problem.data, fit, training, open_of_fit[id(fit)])
+            predicted_curves[number, judged_cells] = fit.predicted_angle[judged_cells]
             left_open[number, judged_cells] = deviation[judged_cells]
-    cells = np.isfinite(declared_curve + predicted_curves[:2].sum(axis=0))  # errors are compared over the same cells
+    cells = np.isfinite(declared_curve + predicted_curves.sum(axis=0))  # errors are compared over the same cells
     return Folds(
         cells=cells,
         declared_curve=declared_curve,
         recalibrated_curve=predicted_curves[0],
         best_curve=predicted_curves[1],
-        carried_curve=predicted_curves[2],
         open_recalibrated=left_open[0],
         open_best=left_open[1],
-        open_carried=left_open[2],
         models=tuple(models),
         tested_curve=tested_curve,
         added_squares=float(np.sum(added_squares)),
         open_square=float(np.mean(np.concatenate(open_squares))),
-        common_share=float(np.mean(shares)),
         in_sample=splits[0][0] is splits[0][1],
     )
 
@@ -162,23 +149,6 @@ def _in_phase(fitter: Fitter, fits: Sequence[Fit], training: Truth) -> list[Fit]
     """Fits with the phases of ripples fitted at the positions left out; a fit that occurs twice is one object again."""
     with_phases = {id(fit): OwnPhases(fitter, fit, training).fitted() for fit in fits}
     return [with_phases[id(fit)] for fit in fits]
-
-
-def _predictions(
-    fitter: Fitter, fits: Sequence[Fit], training: Truth, open_of_fit: Mapping[int, Real], carry_over: bool
-) -> tuple[list[tuple[Real, Real]], float]:
-    """Prediction of each fit and its open standard deviation (n_cells,) [arcmin]; and the common share.
-
-    After them, where that is asked for, the last fit with what of its misfit is expected to come again.
-    """
-    data = fitter.problem.data
-    curves = [
-        (fit.predicted_angle, _prediction_deviation(data, fit, training, open_of_fit[id(fit)])) for fit in fits
-    ]
-    if not carry_over:
-        return curves, np.nan
-    angle, deviation, common_share = _angle_with_systematic_part(fitter, fits[-1], training)
-    return [*curves, (angle, np.hypot(open_of_fit[id(fits[-1])], deviation))], common_share
 
 
 def splits_of(data: Data, visible: Truth) -> list[tuple[Truth, Truth]]:
@@ -247,19 +217,6 @@ def _prediction_deviation(data: Data, fit: Fit, training: Truth, left_open: Real
     scatter = position_scatter(data, fit.predicted_angle, training)
     unseen = ~np.isin(data.position, data.position[training])
     return np.hypot(left_open, np.where(unseen, scatter.significant_size if scatter else 0.0, 0.0))
-
-
-def _angle_with_systematic_part(fitter: Fitter, fit: Fit, training: Truth) -> tuple[Real, Real, float]:
-    """A fit with the misfit that is expected to come again at other cells, and the common share of its variance.
-
-    Prediction and standard deviation [arcmin] (n_cells,) of that misfit, what positions scatter by included.
-    """
-    data = fitter.problem.data
-    residual = data.angle - fit.predicted_angle
-    expected_part = expected_misfit(data.torque, data.senses, data.position, residual, data.sigma, training)
-    angle = fit.predicted_angle + expected_part.mean
-    angle += fitter.offsets(angle, training, data.sigma)
-    return angle, expected_part.deviation, expected_part.common_share
 
 
 def _tested(selector: Selector, selection: Selection, training: Truth, fits: tuple[Fit, Fit]) -> Fit:

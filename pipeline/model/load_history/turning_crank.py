@@ -31,8 +31,8 @@ from pipeline.model.load_history.drive import Drive
 
 STEPS, CLOSE = 50, 1e-13
 """Newton steps to a root at most, and change of the angle [rad] that ends them."""
-FEWEST_CRANKS = 6
-"""Crank angles below which every second one does not tell the error of interpolation."""
+FEWEST_CRANKS = 5
+"""Crank angles below which every second one does not tell the error of interpolation: a parabola takes three."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,6 @@ class CurvesOverCrank:
     @property
     def error(self) -> float:
         """Largest error of the angle [rad] at left-out crank angles, where every second one is interpolated over.
-
-        It bounds the error of all of them: a cubic's falls sixteenfold with twice as many angles.
 
         Raises
         ------

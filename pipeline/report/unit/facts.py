@@ -9,7 +9,6 @@ from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.measurement.enough import UNLOADED_SHARE
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
-from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.discrepancy import Discrepancy
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.statement import title_of
@@ -19,8 +18,6 @@ from pipeline.sampling.errors import unmeasured_dimensions
 
 LEAST_STRUCTURE = 0.005
 """Share of the mean square of what is left below which its shape is not shown."""
-HALVED = 16
-"""Fall of the error of cubic splines with half the distance: fourth order, de Boor, A Practical Guide to Splines."""
 
 
 def discrepancy_facts(
@@ -66,29 +63,20 @@ def interpolation_sentence(identification: Identification) -> str:
     return (
         f"The model is condensed at {listed_text(sorted({str(count) for count in counts}))} crank angles for "
         "each position "
-        f"and interpolated between them by cubic splines. Without every second of them the angle moves by at most "
-        f"{digits(identification.between_cranks)} arcmin, {digits(identification.between_cranks / HALVED)} arcmin "
-        "is expected of all: the error of a cubic falls sixteenfold with half the distance."
+        "and interpolated between them by a cubic spline, by a parabola where there are three. In the middle between "
+        f"two of them the angle is off by at most {digits(identification.between_cranks)} arcmin."
     )
 
 
 def comparison_sentence(identification: Identification) -> str:
-    """Whether the model beats the best of the baselines, by itself and with what is expected to come again."""
+    """Whether the model beats the best of the baselines."""
     if not identification.baselines:
         return "Every baseline interpolates the data here, so no comparison is made."
     title, best_error = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
-    comparison, ratio = _rank_beside(identification.errors["after"], best_error)
-    sentence = f"The model is {comparison} the best of them, {title}, by a factor of {ratio} in multiples of the noise"
-    if identification.carried_error is None:
-        return f"{sentence}."
-    comparison, ratio = _rank_beside(identification.carried_error, best_error)
-    return f"{sentence}; the most probable model with the predicted systematic residual is {comparison} it by {ratio}."
-
-
-def _rank_beside(error: AngleError, best_error: AngleError) -> tuple[str, str]:
-    """Ahead or behind, and by which factor."""
-    ratio = error.to_noise / best_error.to_noise
-    return ("behind", digits(ratio)) if ratio > 1 else ("ahead of", digits(1 / ratio))
+    ratio = identification.errors["after"].to_noise / best_error.to_noise
+    comparison, factor = ("behind", ratio) if ratio > 1 else ("ahead of", 1 / ratio)
+    in_noise = f"by a factor of {digits(factor)} in multiples of the noise"
+    return f"The model is {comparison} the best of them, {title}, {in_noise}."
 
 
 def tolerances_sentence(identification: Identification) -> str:
@@ -207,16 +195,3 @@ def _scatter(remainder: Remainder) -> str:
     """What the best model leaves of the scatter between positions."""
     words = scatter_words(remainder)
     return words if remainder.scatter is None else f"{digits(remainder.scatter.size)} arcmin: {words}"
-
-
-def other_errors(identification: Identification) -> dict[str, AngleError]:
-    """Errors that stand beside the model's.
-
-    Of the most probable model with what is expected to come again, and of the baselines.
-    """
-    errors = {}
-    if identification.carried_error:
-        share = digits(100 * identification.folds.common_share, 2)
-        title = "most probable model with the predicted systematic residual"
-        errors[f"{title} ({share} % of its variance common to all positions)"] = identification.carried_error
-    return {**errors, **identification.baselines}

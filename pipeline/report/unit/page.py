@@ -164,7 +164,7 @@ def _fit_values(
         "angle_errors": [
             error_row(titles[stage], error, by_crank=not turns) for stage, error in identification.errors.items()
         ],
-        "baselines": [baseline_row(title, error) for title, error in facts.other_errors(identification).items()],
+        "baselines": [baseline_row(title, error) for title, error in identification.baselines.items()],
         "left": facts.structure_facts(identification),
         "could_hide": [limit_row(limit) for limit in identification.could_hide],
         "compared": facts.comparison_sentence(identification),

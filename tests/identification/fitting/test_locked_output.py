@@ -13,7 +13,9 @@ from pipeline.errors import InputError
 from pipeline.identification.bench import locked_output
 from pipeline.identification.bench.load_path import Instrument, Ripple
 from pipeline.identification.bench.simulator import Forward
+from pipeline.identification.fitting import stations
 from pipeline.identification.fitting.build import build_problem
+from pipeline.identification.fitting.condensed_problem import MOST_HALVINGS, condensed_problem
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Model, candidates
@@ -33,7 +35,7 @@ TWO_CRANKS = (15.0, 2475.0)
 def problem_of(folder: Path):
     unit = load_measured_unit(folder, ROOT)
     measurement = Measurement.read(unit)
-    return build_problem(measurement, no_compliance(unit.study, stations_of(measurement).cranks.tolist()))
+    return condensed_problem(measurement, no_compliance)
 
 
 @pytest.fixture(scope="module")
@@ -57,9 +59,9 @@ def test_where_nothing_depends_on_the_crank_the_reading_is_that_of_the_crank_tha
     moving, held = Forward([course], problem.rated_torque * 1e3), Forward([replace(course, crank=None)], 1.0)
     held.shares = moving.shares * problem.rated_torque * 1e3 / drive.rated_torque
     moving.shares = held.shares
-    stations = (drive,) * len(course.crank.stations)
+    drives = (drive,) * len(course.crank.stations)
     turning, reference = (
-        forward.read(given, 0, instrument) for forward, given in ((moving, stations), (held, drive))
+        forward.read(given, 0, instrument) for forward, given in ((moving, drives), (held, drive))
     )
     assert turning.sound
     assert np.any(turning.response != 1) == bool(instrument.ripple.amplitude)
@@ -130,18 +132,36 @@ def test_no_position_may_be_beyond_the_crank_angles_measured(problem, monkeypatc
 
 
 def test_the_error_between_the_crank_angles_is_stated_of_every_position(problem):
-    """None where nothing depends on the crank, and what every second station misses where pins pass."""
-    stations = problem.stations[0]
-    assert problem.forward.interpolation_error((problem.nominal[0],) * len(stations), 0) < 1e-9
-    drives = tuple(problem.nominal[station] for station in stations)
-    assert 1e-3 < problem.forward.interpolation_error(drives, 0) < 1.0
+    """None where nothing depends on the crank, and what every second crank angle misses where pins pass."""
+    numbers, motion = problem.stations[0], problem.forward.courses[0].crank
+    count = len(numbers) + (len(numbers) + 1) % 2
+    cranks = motion.stations[0] + np.linspace(0.0, 1.0, max(count, 5)) * np.ptp(motion.stations)
+    assert problem.forward.interpolation_error((problem.nominal[0],) * len(cranks), 0, cranks) < 1e-9
+    drives = tuple(problem.nominal[station] for station in numbers)
+    assert 1e-3 < problem.forward.interpolation_error(drives, 0, motion.stations) < 1.0
+
+
+def test_more_crank_angles_change_the_prediction_by_less_than_the_noise(problem, folder, monkeypatch):
+    """Twice as many, over a wider range; the printed drive with few pins takes the most that are allowed."""
+    assert problem.halvings == MOST_HALVINGS
+    measurement = Measurement.read(load_measured_unit(folder, ROOT))
+    monkeypatch.setattr(stations, "MARGIN", 2 * stations.MARGIN)
+    cranks = stations_of(measurement, problem.halvings + 1).cranks
+    compliances = no_compliance(measurement.unit.study, cranks.tolist())
+    denser = exactly_known(build_problem(measurement, compliances, None, problem.halvings + 1))
+    unknowns = Fitter(problem).start(Model())
+    angles = [Fitter(case).predict(Model(), unknowns).angle for case in (problem, denser)]
+    difference = angles[1] - angles[0]
+    for group in problem.data.spans:
+        difference[group] -= difference[group].mean()
+    assert np.sqrt(np.mean((difference / problem.data.sigma) ** 2)) < 0.3
 
 
 def test_a_whole_turn_of_the_output_changes_nothing(problem, folder):
     unit = load_measured_unit(folder, ROOT)
     turned = Measurement.read(unit)
     turned.rows.cranks[:] = turned.rows.cranks + 360.0 * unit.study.design.cycloid.lobes
-    again = exactly_known(build_problem(turned, no_compliance(unit.study, stations_of(turned).cranks.tolist())))
+    again = exactly_known(condensed_problem(turned, no_compliance))
     angles = [Fitter(p).predict(Model(), Fitter(p).start(Model())).angle for p in (problem, again)]
     np.testing.assert_allclose(angles[1], angles[0], atol=1e-6)
 

@@ -48,7 +48,7 @@ def test_of_two_solutions_that_a_fold_does_not_tell_apart_that_of_all_cells_is_t
     selection = selector.select(everything)
     assert selection.members == ("crank_compliance_2",)
     assert selection.trials["crank_compliance_2"].is_refined
-    folds = predicted_folds(selector, selection, everything, carry_over=False)
+    folds = predicted_folds(selector, selection, everything)
     assert failed_test(problem.data, folds, {}, selection.limit) == ""
 
 
@@ -62,7 +62,7 @@ def test_positions_that_are_left_out_are_predicted_with_their_own_phase_of_a_rip
     selector.testable = {"motor_cogging": selector.testable["motor_cogging"]}
     selection = selector.select(everything)
     assert selection.members == ("motor_cogging",)
-    folds = predicted_folds(selector, selection, everything, carry_over=False)
+    folds = predicted_folds(selector, selection, everything)
     error = (problem.data.angle - folds.tested_curve) / problem.data.sigma
     is_beside_play = np.abs(problem.data.torque) < 0.3  # the ripple, of 0.11 N m, decides on which side of it a row is
     assert np.sqrt(np.mean(error[folds.cells & ~is_beside_play] ** 2)) < 1.2
