@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.arrays import Real, Truth
 from pipeline.config.studies.study import Study
-from pipeline.constant_kinds import Fineness
+from pipeline.constant_kinds import Fineness, Rounding
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Vector, values_at_shares
@@ -18,7 +18,7 @@ from pipeline.identification.measurement.measurement import Measurement
 Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]
 """Compliances of a study's design at crank angles [deg]: each (n_contacts, n_contacts) [mm/N]."""
 
-LARGEST_ERROR: Fineness = 0.5
+LARGEST_ERROR: Rounding = 0.5
 """Error of the angle between two stations, in noise of a cell, beyond which the distance between them is halved."""
 MOST_HALVINGS: Fineness = 2
 """Halvings at most: twelve stations while the crank turns from one pin to the next."""
