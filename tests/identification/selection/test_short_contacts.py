@@ -63,7 +63,10 @@ def selected_with_softer_contacts(factor, folder, condensed):
     return problem, *_best_selection(Selector(Fitter(with_angles(problem, angle + noise)), cells), cells)
 
 
-@pytest.mark.parametrize(("factor", "are_short"), [(1.3, False), (2.8, True), (4.5, True)])
+@pytest.mark.parametrize(
+    ("factor", "are_short"),
+    [(1.3, False), *(pytest.param(factor, True, marks=pytest.mark.long) for factor in (2.8, 4.5))],
+)
 def test_contacts_on_a_part_of_the_width_are_tried_where_they_explain_more(factor, are_short, tmp_path, condensed):
     """Contacts that give way 2.8 or 4.5 times as far, where another law of line contacts allows 1.65 times.
 
@@ -75,6 +78,7 @@ def test_contacts_on_a_part_of_the_width_are_tried_where_they_explain_more(facto
     assert selection.members == ()
 
 
+@pytest.mark.long
 def test_they_are_tried_before_a_name_even_if_no_range_holds_the_fit(tmp_path, condensed, monkeypatch):
     """Beside a compliance that is named the laws may be as declared: it takes the place of their softness."""
     monkeypatch.setattr(identify, "_is_held_by_range", lambda *_: False)
