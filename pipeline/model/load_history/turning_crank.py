@@ -19,11 +19,11 @@ rise over the crank angle: at no torque of the output its own is -dV0/dphi.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
 from pipeline.arrays import Real
 from pipeline.model.load_history.backbone import Backbone
@@ -31,6 +31,8 @@ from pipeline.model.load_history.drive import Drive
 
 STEPS, CLOSE = 50, 1e-13
 """Newton steps to a root at most, and change of the angle [rad] that ends them."""
+KEPT_SPLINES = 64
+"""Sets of crank angles for which unit splines are kept."""
 FEWEST_CRANKS = 5
 """Crank angles below which every second one does not tell the error of interpolation: a parabola takes three."""
 
@@ -70,7 +72,7 @@ class CurvesOverCrank:
         return cls(np.asarray(crank, float), torque, angles, elastic_energy, extended=extended)
 
     @cached_property
-    def spline(self) -> CubicSpline:
+    def spline(self) -> PPoly:
         """Angles (n_nodes,) over the crank angle."""
         return self._spline(slice(None))
 
@@ -139,10 +141,11 @@ class CurvesOverCrank:
             energy[:, outwards] = cumulative_trapezoid(angle, torque, initial=0.0) + to_first_node - stored[number]
         return replace(self, angle=energy)
 
-    def _spline(self, nodes: slice) -> CubicSpline:
+    def _spline(self, nodes: slice) -> PPoly:
         crank, angle = self.crank[nodes], self.angle[nodes]
         if not self.period:
-            return CubicSpline(crank, angle)
+            basis = _spline_basis(crank.tobytes())
+            return PPoly.construct_fast(np.tensordot(basis.c, angle, axes=1), basis.x)
         return CubicSpline(np.append(crank, crank[0] + self.period), np.vstack([angle, angle[:1]]), bc_type="periodic")
 
     def crank_in_range(self, crank: Real) -> Real:
@@ -161,6 +164,13 @@ class CurvesOverCrank:
             range_deg = np.degrees([np.min(crank), np.max(crank), self.crank[0], self.crank[-1]])
             raise ValueError("the crank turns from {:.1f} to {:.1f} deg; known is {:.1f} to {:.1f}".format(*range_deg))
         return crank
+
+
+@lru_cache(maxsize=KEPT_SPLINES)
+def _spline_basis(crank: bytes) -> CubicSpline:
+    """Cubic splines over crank angles (n,) of unit values at one of them each: others are their linear combination."""
+    angles = np.frombuffer(crank)
+    return CubicSpline(angles, np.eye(len(angles)))
 
 
 def stored_energy(drive: Drive, curve: Backbone, state: int) -> Real:

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.arrays import Index, Real, Truth
-from pipeline.model.compiled import entry
+from pipeline.arrays import Index, Real, Truth, Whole
+from pipeline.model.compiled import entry, part
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.reducer import Reducer, of_each_disk
 from pipeline.model.geometry.rigid_play.disc_program import cut_program
@@ -62,6 +62,21 @@ class RigidPlay:
         return self.overlap > 0
 
 
+@part
+def _ends_of_sample(
+    gap: Real, widening: float, contact: Index, arm: Real, arms_below: int, arms_up_to: int
+) -> tuple[float, float, bool]:
+    """As ``_rotation_ends``, of one sample with gaps (n_contacts,) that are all widened alike."""
+    plus, minus, interferes = np.inf, -np.inf, False
+    for k in range(arms_below):
+        plus = min(plus, -(gap[contact[k]] + widening) / arm[k])
+    for k in range(arms_up_to, len(arm)):
+        minus = max(minus, -(gap[contact[k]] + widening) / arm[k])
+    for k in range(arms_below, arms_up_to):
+        interferes |= gap[contact[k]] + widening < 0.0
+    return plus, minus, interferes or plus < minus
+
+
 @entry
 def _rotation_ends(gap: Real, contact: Index, arm: Real, arms_below: int, arms_up_to: int) -> tuple[Real, Real, Truth]:
     """Ends plus, minus (n,) of the rotation that keeps gap[:, contact] + arm phi >= 0, and whether there is none.
@@ -71,18 +86,15 @@ def _rotation_ends(gap: Real, contact: Index, arm: Real, arms_below: int, arms_u
     n = gap.shape[0]
     ends_plus, ends_minus, tight = np.empty(n), np.empty(n), np.empty(n, np.bool_)
     for s in range(n):
-        plus, minus, interferes = np.inf, -np.inf, False
-        for k in range(arms_below):
-            plus = min(plus, -gap[s, contact[k]] / arm[k])
-        for k in range(arms_up_to, len(arm)):
-            minus = max(minus, -gap[s, contact[k]] / arm[k])
-        for k in range(arms_below, arms_up_to):
-            interferes |= gap[s, contact[k]] < 0.0
-        ends_plus[s], ends_minus[s], tight[s] = plus, minus, interferes or plus < minus
+        ends_plus[s], ends_minus[s], tight[s] = _ends_of_sample(gap[s], 0.0, contact, arm, arms_below, arms_up_to)
     return ends_plus, ends_minus, tight
 
 
-def _by_arm(contact: Index, arm: Real) -> tuple[Index, Real, int, int]:
+_ByArm = tuple[Index, Real, int, int]
+"""Contacts and their arms in the order of the arms, and how many arms are below zero, and up to it."""
+
+
+def _by_arm(contact: Index, arm: Real) -> _ByArm:
     """Contacts and arms in the order of the arms, of which those that carry no moment are 0; how many are < 0, <= 0."""
     size = np.abs(arm)
     arm = np.where(size > ARM_FLOOR * size.max(), arm, 0.0)
@@ -210,25 +222,46 @@ def _meeting(reducer: Reducer, gap: Real) -> tuple[Real, Real]:
 
     All gaps are widened alike until the disks share one rotation, by bisection: their intervals grow with it.
     """
-    low, high = np.zeros(len(gap)), np.max(np.abs(gap), axis=1)
-    pairs = _disk_contacts(reducer)
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        plus, minus = _shared_ends(reducer, gap + middle[:, None], pairs)
-        low, high = np.where(plus < minus, middle, low), np.where(plus < minus, high, middle)
-    plus, minus = _shared_ends(reducer, gap + high[:, None], pairs)
-    return 0.5 * (plus + minus), high
+    arm = reducer.contacts.arm
+    groups = [_by_arm(rows, arm[rows]) for pair in _disk_contacts(reducer) for rows in pair]
+    contacts, arms = (np.concatenate([group[k] for group in groups]) for k in (0, 1))
+    lasts = np.cumsum([len(group[0]) for group in groups])
+    ranges = np.array([(last - len(group[0]), last, *group[2:]) for last, group in zip(lasts, groups, strict=True)])
+    return _bisected_meeting(np.ascontiguousarray(gap), contacts, arms, ranges)
 
 
-def _shared_ends(reducer: Reducer, gap: Real, pairs: list[tuple[Index, Index]]) -> tuple[Real, Real]:
-    """Ends plus, minus (n,) of the output's rotation that all disks leave; plus is -inf where some part leaves none."""
-    plus, minus, gap = np.full(len(gap), np.inf), np.full(len(gap), -np.inf), np.ascontiguousarray(gap)
-    for pair in pairs:
-        ends = [_rotation_ends(gap, *_by_arm(rows, reducer.contacts.arm[rows])) for rows in pair]
-        tight = ends[0][2] | ends[1][2]
-        plus = np.minimum(plus, np.where(tight, -np.inf, ends[0][0] + ends[1][0]))
-        minus = np.maximum(minus, ends[0][1] + ends[1][1])
-    return plus, minus
+@entry
+def _bisected_meeting(gap: Real, contacts: Index, arms: Real, ranges: Whole) -> tuple[Real, Real]:
+    """See ``_meeting``.
+
+    ``ranges`` (2 n_disks, 4) has the first and last contact of each disk with the pins, and with the output, and how
+    many arms of these are below zero, and up to it.
+    """
+    n = gap.shape[0]
+    rotation, penetration = np.empty(n), np.empty(n)
+    for s in range(n):
+        low, high, widening = 0.0, np.max(np.abs(gap[s])), 0.0
+        for step in range(BISECTIONS + 1):
+            widening = 0.5 * (low + high) if step < BISECTIONS else high
+            plus, minus = np.inf, -np.inf
+            for disk in range(len(ranges) // 2):
+                plus_of_disk, minus_of_disk, is_tight = 0.0, 0.0, False
+                for k in range(2 * disk, 2 * disk + 2):
+                    first, last, arms_below, arms_up_to = ranges[k, 0], ranges[k, 1], ranges[k, 2], ranges[k, 3]
+                    contact, arm = contacts[first:last], arms[first:last]
+                    end_plus, end_minus, tight = _ends_of_sample(gap[s], widening, contact, arm, arms_below, arms_up_to)
+                    plus_of_disk += end_plus
+                    minus_of_disk += end_minus
+                    is_tight |= tight
+                if is_tight:
+                    plus_of_disk = -np.inf
+                plus, minus = min(plus, plus_of_disk), max(minus, minus_of_disk)
+            if step < BISECTIONS and plus < minus:
+                low = widening
+            elif step < BISECTIONS:
+                high = widening
+        rotation[s], penetration[s] = 0.5 * (plus + minus), widening
+    return rotation, penetration
 
 
 def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
@@ -254,10 +287,10 @@ def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
         floats = any(f"{b}_x" in motions for b in (body, contacts.body_a[rows[0]]) if b != "disk")
         if floats:
             gaps_of_disk, side = gap[:, rows], np.where(np.real(np.conj(normal[0]) * normal) > 0, 1, -1)
-            plus, minus, part = _floating_play(gaps_of_disk, side, arm)
+            plus, minus, part_overlap = _floating_play(gaps_of_disk, side, arm)
         else:
-            plus, minus, part = rotation_play(gap, rows, arm)
-        overlap = np.maximum(overlap, part)
+            plus, minus, part_overlap = rotation_play(gap, rows, arm)
+        overlap = np.maximum(overlap, part_overlap)
         for end, phi in (("plus", plus), ("minus", minus)):
             ends[end] = ends[end] + phi
             poses[end][:, motions.index(f"{body}_phi")] = ends[end]
@@ -348,10 +381,10 @@ def rigid_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidPla
     if not np.any(loose):
         return play
     coupled = coupled_play(reducer, gap[loose], bearing_clearance[loose])
-    for full, part in (
+    for values, of_loose in (
         (play.pose_plus, coupled.pose_plus),
         (play.pose_minus, coupled.pose_minus),
         (play.overlap, coupled.overlap),
     ):
-        full[loose] = part
+        values[loose] = of_loose
     return play
