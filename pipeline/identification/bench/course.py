@@ -29,9 +29,21 @@ class CrankMotion:
 
     @cached_property
     def shares(self) -> Real:
-        """Weights (n_cells, n_stations) of a line between the two stations next to each cell's crank angle."""
-        steps = np.eye(len(self.stations))
-        return np.column_stack([np.interp(self.cells, self.stations, row) for row in steps])
+        """Weights (n_cells, n_stations) of the cubic through the four stations next to each cell's crank angle.
+
+        Of the parabola where there are three stations. Beyond the first and the last one their own values count.
+        """
+        count, stations = min(4, len(self.stations)), self.stations
+        cells = np.clip(self.cells, stations[0], stations[-1])
+        first = np.clip(np.searchsorted(stations, cells) - count // 2, 0, len(stations) - count)
+        places = first[:, None] + np.arange(count)
+        distance = cells[:, None] - stations[places]
+        weights = np.zeros((len(cells), len(stations)))
+        for k in range(count):
+            others = np.arange(count) != k
+            apart = stations[places[:, [k]]] - stations[places[:, others]]
+            weights[np.arange(len(cells)), places[:, k]] = np.prod(distance[:, others] / apart, axis=1)
+        return weights
 
 
 @dataclass(frozen=True)

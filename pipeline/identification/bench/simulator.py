@@ -273,7 +273,7 @@ class Forward:
     def _at_cells(self, stations: Drives, position: int, carried_torque: Real, values: Sequence[Real]) -> Real:
         """Values of each station's backbone (n, n_nodes, k) [rad] at ``carried_torque`` (n_cells,), as the angle reads.
 
-        Where the crank turns they lie on a line between two stations, and the locked output lets the crank follow.
+        Where the crank turns they lie on a cubic between four stations, and the locked output lets the crank follow.
 
         Returns
         -------
@@ -291,14 +291,13 @@ class Forward:
         if known and all(map(is_, known[0], stations)) and np.array_equal(known[1], carried_torque):
             return known[2]
         motion, curves = self.courses[position].crank, [self.backbone(drive) for drive in stations]
-        of_stations = [self._weights_at_torques(drive, position, carried_torque) for drive in stations]
-        weights = ARCMIN * of_stations[0]
+        at_torques = self._weights_at_torques(stations[0], position, carried_torque)  # the same at all stations
+        weights = ARCMIN * at_torques
         if motion is not None:
-            held = [of_station @ curve.angle.ravel() for of_station, curve in zip(of_stations, curves, strict=True)]
-            slope = np.sum(motion.shares * np.gradient(np.column_stack(held), motion.stations, axis=1), axis=1)
+            held = np.column_stack([at_torques @ curve.angle.ravel() for curve in curves])
+            slope = np.sum(motion.shares * np.gradient(held, motion.stations, axis=1), axis=1)
             shares = ARCMIN * motion.shares.T / (1 + motion.ratio * slope)
-            of_cells = [share[:, None] * weight for share, weight in zip(shares, of_stations, strict=True)]
-            weights = hstack(of_cells, format="csr")
+            weights = hstack([share[:, None] * at_torques for share in shares], format="csr")
         self._latest_weights[position] = stations, carried_torque, weights
         return weights
 

@@ -11,6 +11,7 @@ from synthetic_unit import exactly_known
 
 from pipeline.errors import InputError
 from pipeline.identification.bench import locked_output
+from pipeline.identification.bench.course import CrankMotion
 from pipeline.identification.bench.load_path import Instrument, Ripple
 from pipeline.identification.bench.simulator import Forward
 from pipeline.identification.fitting import stations
@@ -78,6 +79,17 @@ def test_between_two_states_that_are_alike_creep_turns_the_crank_as_in_one(probl
     first, between = (forward.read(stations, number, Instrument()) for number in range(2))
     assert between.sound
     np.testing.assert_allclose(between.angle, first.angle, atol=1e-9)
+
+
+@pytest.mark.parametrize(("count", "degree"), [(3, 2), (4, 3), (9, 3)])
+def test_values_between_stations_are_those_of_a_cubic(count, degree):
+    """Of a parabola where there are three; those of the end beyond it, and of a station at it."""
+    crank = np.linspace(1.0, 2.0, count)
+    cells = np.array([0.5, 1.0, 1.07, 1.5, 1.81, 2.0, 2.3])
+    shares = CrankMotion(stations=crank, ratio=13.0, cells=cells, at_input=False).shares
+    values = np.polynomial.Polynomial(np.arange(1.0, degree + 2))
+    np.testing.assert_allclose(shares @ values(crank), values(np.clip(cells, 1.0, 2.0)), rtol=1e-12)
+    assert np.max(np.count_nonzero(np.abs(shares) > 1e-12, axis=1)) <= degree + 1
 
 
 @pytest.mark.parametrize("sense", [1, -1])
