@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.arrays import Truth
 from pipeline.constant_kinds import Shortcut, ShortcutCount
-from pipeline.identification.fitting.fitter import FALL_OF_PASS, FIRST_ITERATIONS, ITERATIONS, Fitter
+from pipeline.identification.fitting.fitter import FALL_OF_PASS, FIRST_ITERATIONS, ITERATIONS, WELL_FITTED, Fitter
 from pipeline.identification.fitting.least_squares import TRIES
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Candidate, Model, candidates, twins, with_limit_cases
@@ -27,6 +27,7 @@ from pipeline.identification.selection.criteria import (
 )
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.pairs import promising_pairs
+from pipeline.identification.selection.ripples import refined_ripple
 from pipeline.identification.selection.screening import (
     RIVAL,
     Promise,
@@ -47,8 +48,6 @@ RESTARTS: ShortcutCount = 6
 """Fits of the model without effects from unknowns drawn from its posterior, where a name is close."""
 CLOSE_ODDS: Shortcut = 25.0
 """Odds up to which a name is close, and gain that a rival's steps may bring: fits of one model differ by as much."""
-WELL_FITTED: Shortcut = 1.1
-"""Mean square of a cell, in noise, below which the model without effects is refined from one start alone."""
 LARGEST_GAIN: Shortcut = 200.0
 """Gain of the logarithm of the evidence that other starts or steps may bring; models that lack more are left."""
 LEAST_GAIN: Shortcut = 1.0
@@ -241,6 +240,7 @@ class Selector:
         for name in [name for name in selection.odds if name in leaders and name in promises]:
             model, base = trials[name].fit.model, selection.base
             fits = [self.fitter.fit(model, tries.cells, start, base_fit=base.fit) for start in promises[name].starts]
+            fits = [refined_ripple(self.fitter, fit, tries.cells) for fit in fits]
             start = start_from_declared(self.fitter, model, tries.cells, base.fit.unknowns)
             fits.append(self.fitter.fit(model, tries.cells, start))
             solutions = [self.trial(fit, tries.cells, tries.covariance, base) for fit in fits if fit.sound]

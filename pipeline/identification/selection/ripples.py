@@ -16,7 +16,7 @@ from scipy.special import chdtrc, chdtri
 from pipeline.arrays import Real, Truth
 from pipeline.constant_kinds import Fineness, Shortcut, ShortcutCount
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
-from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.fitter import WELL_FITTED, Fitter
 from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Fit, Vector, values_at_shares
 from pipeline.identification.fitting.problem import Candidate, Model
@@ -136,6 +136,17 @@ def ripple_starts(screening: "Screening", effect: Candidate) -> list[tuple[float
             descent.run(steps)
     unknowns = [descent.unknowns for descent in descents if descent.prediction.sound]
     return [(screening.misfit_at(search.model, one), one) for one in unknowns]
+
+
+def refined_ripple(fitter: Fitter, fit: Fit, cells: Truth) -> Fit:
+    """The fit refined if its model has a ripple and it misses more than noise; else the fit itself.
+
+    Plain fits end at kinks, where another number of waves may be ahead of the right one. Each is therefore followed to
+    its end before one of them is taken.
+    """
+    has_ripple = any(isinstance(effect, InstrumentEffect) and effect.own_phases for effect in fit.model.effects)
+    is_well_fitted = fit.cost < WELL_FITTED * np.count_nonzero(cells)
+    return fitter.refine(fit, cells, fit.unknowns) if has_ripple and not is_well_fitted else fit
 
 
 class _Search:

@@ -14,9 +14,10 @@ from pipeline.identification.bench import locked_output
 from pipeline.identification.bench.course import CrankMotion
 from pipeline.identification.bench.load_path import Instrument, Ripple
 from pipeline.identification.bench.simulator import Forward
+from pipeline.identification.fitting import condensed_problem as condensed_problem_module
 from pipeline.identification.fitting import stations
 from pipeline.identification.fitting.build import build_problem
-from pipeline.identification.fitting.condensed_problem import MOST_HALVINGS, condensed_problem
+from pipeline.identification.fitting.condensed_problem import MOST_HALVINGS, condensed_problem, error_between_cranks
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Model, candidates
@@ -26,6 +27,7 @@ from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.screening import Screening, start_from_declared
 from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.effects.creep import KelvinVoigt
+from pipeline.model.load_history.turning_crank import CurvesOverCrank
 from pipeline.model.units import NMM_PER_NM
 from tests.validation.blind.catalogue import no_compliance
 
@@ -90,6 +92,8 @@ def test_values_between_stations_are_those_of_a_cubic(count, degree):
     values = np.polynomial.Polynomial(np.arange(1.0, degree + 2))
     np.testing.assert_allclose(shares @ values(crank), values(np.clip(cells, 1.0, 2.0)), rtol=1e-12)
     assert np.max(np.count_nonzero(np.abs(shares) > 1e-12, axis=1)) <= degree + 1
+    nearest = set(range(np.searchsorted(crank, 1.81) - 2, np.searchsorted(crank, 1.81) + 2)) & set(range(count))
+    assert nearest <= set(np.flatnonzero(shares[4]))
 
 
 @pytest.mark.parametrize("sense", [1, -1])
@@ -151,6 +155,45 @@ def test_the_error_between_the_crank_angles_is_stated_of_every_position(problem)
     assert problem.forward.interpolation_error((problem.nominal[0],) * len(cranks), 0, cranks) < 1e-9
     drives = tuple(problem.nominal[station] for station in numbers)
     assert 1e-3 < problem.forward.interpolation_error(drives, 0, motion.stations) < 1.0
+
+
+def test_the_distance_between_stations_is_halved_only_where_the_noise_is_small(problem, folder, monkeypatch):
+    measurement = Measurement.read(load_measured_unit(folder, ROOT))
+    coarse, fine = (stations_of(measurement, halvings) for halvings in (0, 1))
+    for few, many in zip(coarse.of_position, fine.of_position, strict=True):
+        np.testing.assert_allclose(coarse.cranks[few], fine.cranks[many][::2], atol=1e-9)
+        assert len(many) == 2 * len(few) - 1
+    monkeypatch.setattr(condensed_problem_module, "LARGEST_ERROR", 1e6)
+    assert condensed_problem(measurement, no_compliance).halvings == 0 < problem.halvings
+
+
+def test_the_error_between_crank_angles_is_that_of_the_numbers_and_tolerances_fitted(folder):
+    """By drives made at twice as many crank angles, of other scales and tolerances, over both positions."""
+    unit = load_measured_unit(folder, ROOT)
+    measurement = Measurement.read(unit)
+    problem, finer = (
+        build_problem(measurement, no_compliance(unit.study, stations_of(measurement, h).cranks.tolist()), None, h)
+        for h in (0, 1)
+    )
+    fitter, rng = Fitter(problem), np.random.default_rng(1)
+    start = fitter.start(Model())
+    unknowns = replace(start, scales=0.5 * start.reach[1], modes=rng.normal(size=problem.n_modes))
+    deviations = vars(problem.modes_of_errors(unknowns.modes))
+    scales, cranks = tuple(np.exp(unknowns.scales)), np.radians(stations_of(measurement, 1).cranks)
+    errors = []
+    for position, numbers in enumerate(finer.stations):
+        drives = [finer.drives(scales, k).first_state.with_added_errors(**deviations) for k in numbers]
+        curves = [problem.forward.backbone(drive) for drive in drives]
+        at_cranks = cranks[list(numbers)]
+        every = CurvesOverCrank.from_drives(drives, curves, at_cranks)
+        second = CurvesOverCrank.from_drives(drives[::2], curves[::2], at_cranks[::2])
+        between = np.abs(second.spline(at_cranks[1::2]) - every.angle[1::2])
+        errors.append(np.degrees(between.max()) * 60)
+        assert problem.forward.interpolation_error(tuple(drives), position, at_cranks) == pytest.approx(errors[-1])
+    assert abs(errors[0] - errors[1]) > 0.01 * errors[0]
+    stated = error_between_cranks(measurement, no_compliance, fitter, Model(), unknowns)
+    assert stated == pytest.approx(max(errors))
+    assert stated != pytest.approx(error_between_cranks(measurement, no_compliance, fitter, Model(), start), rel=0.01)
 
 
 def test_more_crank_angles_change_the_prediction_by_less_than_the_noise(problem, folder, monkeypatch):

@@ -304,3 +304,14 @@ def test_an_effect_and_the_simpler_one_that_it_becomes_are_one_as_far_as_they_ar
         assert {name, simpler} <= with_limit_cases([name])
         assert {name, simpler} <= with_limit_cases([simpler])
     assert with_limit_cases([]) == set()
+
+
+@pytest.mark.parametrize(
+    ("name", "share", "is_refined"),
+    [("motor_cogging", 2.0, True), ("motor_cogging", 1.05, False), ("coulomb", 2.0, False)],
+)
+def test_a_ripple_that_misses_more_than_noise_is_refined_from_each_of_its_starts(name, share, is_refined):
+    cells = np.ones(50, bool)
+    fit = SimpleNamespace(model=Model((candidates()[name],)), cost=50 * share, unknowns="where it ends")
+    fitter = SimpleNamespace(refine=lambda fit, cells, start: ("refined", start))
+    assert ripples.refined_ripple(fitter, fit, cells) == (("refined", "where it ends") if is_refined else fit)

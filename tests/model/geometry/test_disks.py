@@ -145,6 +145,11 @@ def test_separated_play_is_the_general_programs(profile, disks, crank):
     np.testing.assert_allclose(separated.overlap, general.overlap, rtol=1e-8, atol=1e-13)
     for pose in (separated.pose_plus, separated.pose_minus):
         np.testing.assert_allclose((pose @ reducer.contact_jacobian.T - gap).max(axis=1), separated.overlap, atol=1e-11)
+    # and one of them too large among its pins
+    gap[:, (reducer.disk_of_contact == 0) & (reducer.contacts.kind == PIN)] -= 20e-3
+    separated, general = separated_play(reducer, gap), general_play(reducer, gap, tight)
+    assert np.all(separated.preloaded)
+    np.testing.assert_allclose(separated.overlap, general.overlap, rtol=1e-8, atol=1e-13)
 
 
 @pytest.mark.parametrize("disks", [2, 3])
