@@ -46,6 +46,7 @@ OFF = (
     (model_selection, "CLOSE_ODDS", 200.0),
     (model_selection, "RESTARTS", 24),
     (model_selection, "WELL_FITTED", 0.0),
+    (fitter, "WELL_FITTED", 0.0),
     (ripples, "WELL_FITTED", 0.0),
     (fitter, "PASSES", 10),
     (model_selection, "MOST_REFINED", 10**6),
