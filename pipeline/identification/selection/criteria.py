@@ -279,6 +279,8 @@ class Rule(ABC, Generic[T]):
         gain = self.predictive(trial) - self.predictive(base)
         if len(gain) < 2 or np.sum(gain) <= 0:
             yield "data that were left out are not predicted better with it"
+        elif np.min(gain) < -NAMED_ODDS:  # of a right model as rare as these odds say (Markov's inequality)
+            yield "a part of the data that was left out is predicted worse with it by odds of 999 to 1"
         for effect in names:
             without = tried.get("+".join(name for name in names if name != effect))
             if not self.distance(trial, effect, without) > 1:

@@ -103,6 +103,7 @@ def test_all_that_was_tried_counts_together():
     ("options", "reason"),
     [
         ({"gain": -0.1}, "not predicted better"),
+        ({"gain": [30.0, 20.0, -NAMED_ODDS - 0.1]}, "predicted worse with it by odds of 999 to 1"),
         ({"distance": 0.9}, "reaches zero"),
         ({"limited": SINGLE + NAMED_ODDS - 0.1}, "a discrepancy of no known form"),
         ({"limited": 40.0 - ODDS - 0.1}, "larger than the form of the model leaves"),
@@ -114,6 +115,11 @@ def test_each_clause_withholds_a_name_and_says_why(options, reason):
     assert selection.best_model == "torque_gain"
     assert selection.members == ()
     assert reason in selection.reasons["torque_gain"]
+
+
+def test_a_part_may_be_predicted_worse_by_less_than_the_odds_of_a_name():
+    trials = {"torque_gain": trial("torque_gain", Known(value=40.0, gain=[30.0, 20.0, -NAMED_ODDS + 0.1]))}
+    assert judged(trials).members == ("torque_gain",)
 
 
 def test_a_shape_near_its_bound_vetoes_nothing_and_a_size_there_does():
@@ -357,7 +363,7 @@ def test_what_leads_with_no_more_beside_it_than_the_form_leaves_is_fitted_from_a
     known = {"coulomb": Known(90.0, limited=-50.0), "presliding": Known(70.0), "preload": Known(10.0)}
     trials = {name: trial(name, evidence) for name, evidence in known.items()}
     selection, fitted, selector = judged(trials), [], Selector.__new__(Selector)
-    unsound = SimpleNamespace(sound=False)
+    unsound = SimpleNamespace(sound=False, model=Model(), cost=np.inf)
     selector.fitter = SimpleNamespace(fit=lambda model, *_, **__: fitted.append(model.name) or unsound)
     monkeypatch.setattr(model_selection, "start_from_declared", lambda *_: None)
     cells = np.ones(24, bool)
