@@ -157,6 +157,20 @@ def test_the_error_between_the_crank_angles_is_stated_of_every_position(problem)
     assert 1e-3 < problem.forward.interpolation_error(drives, 0, motion.stations) < 1.0
 
 
+def test_the_error_between_crank_angles_is_that_of_every_state_of_the_course(problem):
+    """A second state whose gaps vary over the crank angle, while those of the first do not."""
+    course = problem.forward_by_state.courses[0]
+    course = replace(course, state=np.ones(len(course.leg)))
+    forward = Forward([course], problem.rated_torque * NMM_PER_NM)
+    cranks = np.linspace(course.crank.stations[0], course.crank.stations[-1], 5)
+    drive = problem.nominal[0].some(np.array([0, 0]))
+    growth = np.stack([np.zeros(drive.gap.shape[1]), np.ones(drive.gap.shape[1])])
+    drives = tuple(drive.with_added_gap(0.01 * (1 + np.sin(7 * crank)) * growth) for crank in cranks)
+    assert forward.interpolation_error(drives, 0, cranks) > 1e-3
+    firsts = tuple(one.some(np.array([0, 0])) for one in drives)
+    assert forward.interpolation_error(firsts, 0, cranks) < 1e-9
+
+
 def test_the_distance_between_stations_is_halved_only_where_the_noise_is_small(problem, folder, monkeypatch):
     measurement = Measurement.read(load_measured_unit(folder, ROOT))
     coarse, fine = (stations_of(measurement, halvings) for halvings in (0, 1))
