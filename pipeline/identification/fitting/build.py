@@ -23,7 +23,6 @@ from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.enough import SURE
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
-from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.effect import LOOPS, RATE, STILL
 from pipeline.model.geometry.clearance import Errors
@@ -78,19 +77,15 @@ def build_problem(
     Parameters
     ----------
     compliances : per station (``stations_of``) (n_contacts, n_contacts) [mm/N].
-    visible : (n_cells,) training cells, all by default: of the others nothing enters noise, bounds, modes and what is
-        tested.
+    visible : (n_cells,) training cells, all by default; nothing of the others enters noise, bounds, modes and tests.
     halvings : of the distance between the stations.
     """
     unit, study = measurement.unit, measurement.unit.study
-    moves = unit.settings.crank.moves != "fixed"
-    if isinstance(measurement, TurningMeasurement) or moves:
-        _refuse_paths(unit, STILL_ALONE if moves else WAYS)
+    _refuse_paths(measurement)
     states, conditions = _states(measurement)
     visible_cells = np.ones(len(measurement.cells), bool) if visible is None else visible
     stations = stations_of(measurement, halvings)
-    positions = range(len(measurement.rows.cranks))
-    courses = [_course(measurement, states, stations, position, visible_cells) for position in positions]
+    courses = [_course(measurement, states, stations, p, visible_cells) for p in range(len(measurement.rows.cranks))]
     at_stations = [conditions[p] for p, numbers in enumerate(stations.of_position) for _ in numbers]
     keys = refittable_keys(study.design)
     case, population_errors = unit.dimensions, _population(study, unit.dimensions)
@@ -99,8 +94,8 @@ def build_problem(
     drives = drives_of(study, keys, sampled_errors, stations.cranks, compliances, at_stations)
     nmm = NMM_PER_NM * study.design.cycloid.rated_torque_Nm
     reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))
-    of_one_state = [course.without_states() for course in courses]
-    stateless, by_state = (Forward(some_courses, nmm, reach) for some_courses in (of_one_state, courses))
+    by_state = Forward(courses, nmm, reach)
+    stateless = Forward([course.without_states() for course in courses], nmm, reach)
     ranges = _scale_ranges(study, keys, are_short=False)
     nominal = first_states([drives((1.0,) * ranges.shape[1], k) for k in range(len(stations.cranks))])
     errors = _indistinguishable_errors(assembly.errors(population_errors), case, unit.settings.measured_to_um)
@@ -161,8 +156,10 @@ def _combined_errors(population: Errors, amounts: Real) -> Errors:
     return Errors(**{name: np.tensordot(amounts, v - v.mean(axis=0), axes=1) for name, v in vars(population).items()})
 
 
-def _refuse_paths(unit: UnitFile, paths: frozenset[str]) -> None:
+def _refuse_paths(measurement: Measurement) -> None:
     """Refuse a drive whose declared effects need a way of the torque that its crank does not leave."""
+    unit, paths = measurement.unit, WAYS if isinstance(measurement, TurningMeasurement) else frozenset()
+    paths = STILL_ALONE if unit.settings.crank.moves != "fixed" else paths
     names = [name for name in unit.study.design.effects if library()[name].needs & paths]
     if names:
         raise InputError(

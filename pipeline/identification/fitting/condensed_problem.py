@@ -25,7 +25,9 @@ MOST_HALVINGS: Fineness = 2
 
 
 def condensed_problem(measurement: Measurement, condense: Condensed, visible: Truth | None = None) -> Problem:
-    """The problem of a measured unit; its stations are so close that the declared drive is known between them.
+    """The problem of a measured unit, with stations so close that the declared drive is known between them.
+
+    The distance is halved ``MOST_HALVINGS`` times at most. ``error_between_cranks`` says what is then left.
 
     Parameters
     ----------
@@ -45,7 +47,7 @@ def condensed_problem(measurement: Measurement, condense: Condensed, visible: Tr
 def error_between_cranks(
     measurement: Measurement, condense: Condensed, fitter: Fitter, model: Model, unknowns: Vector
 ) -> float | None:
-    """Largest error [arcmin] of a model between the stations, by drives in the middle between them.
+    """Largest error [arcmin] of a model halfway between two stations, by drives made there.
 
     None where the crank is held.
     """

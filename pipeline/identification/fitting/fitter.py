@@ -29,8 +29,8 @@ PASSES: ShortcutCount = 4
 FALL_OF_PASS: Shortcut = 2.0
 """Fall of the sum of squares, that of one nat, from which a further pass is tried."""
 WELL_FITTED: Shortcut = 1.1
-"""Mean square of a cell, in noise, below which the model without effects is refined from one start alone, and no ripple
-from each of its starts."""
+"""Mean square of a cell, in noise, below which further starts are not refined: one start of the model without effects
+is then enough, and so is a plain fit of a ripple."""
 ITERATIONS: ShortcutCount = 15
 """Least-squares steps of a fit unless the caller asks for others."""
 LOADS: ShortcutGrid = (0.6, 0.4, 0.2, 0.1)

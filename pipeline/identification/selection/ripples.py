@@ -139,10 +139,10 @@ def ripple_starts(screening: "Screening", effect: Candidate) -> list[tuple[float
 
 
 def refined_ripple(fitter: Fitter, fit: Fit, cells: Truth) -> Fit:
-    """The fit refined if its model has a ripple and it misses more than noise; else the fit itself.
+    """The fit, refined if its model has a ripple and misses more than the noise.
 
-    Plain fits end at kinks, where another number of waves may be ahead of the right one. Each is therefore followed to
-    its end before one of them is taken.
+    Plain fits end at kinks, and there a wrong number of waves may fit better than the right one. The fit from each
+    start is therefore refined before the best of them is taken.
     """
     has_ripple = any(isinstance(effect, InstrumentEffect) and effect.own_phases for effect in fit.model.effects)
     is_well_fitted = fit.cost < WELL_FITTED * np.count_nonzero(cells)

@@ -61,10 +61,9 @@ def interpolation_sentence(identification: Identification) -> str:
         return ""
     counts = [len(stations) for stations in identification.problem.stations]
     return (
-        f"The model is condensed at {listed_text(sorted({str(count) for count in counts}))} crank angles for "
-        "each position "
-        "and interpolated between them by a cubic spline, by a parabola where there are three. In the middle between "
-        f"two of them the angle is off by at most {digits(identification.between_cranks)} arcmin."
+        f"The model is condensed at {listed_text(sorted({str(count) for count in counts}))} crank angles for each "
+        "position. Between them the angle is interpolated by a cubic spline, or by a parabola if there are three. "
+        f"Halfway between two of them it is off by at most {digits(identification.between_cranks)} arcmin."
     )
 
 

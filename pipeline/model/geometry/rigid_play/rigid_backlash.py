@@ -90,11 +90,7 @@ def _rotation_ends(gap: Real, contact: Index, arm: Real, arms_below: int, arms_u
     return ends_plus, ends_minus, tight
 
 
-_ByArm = tuple[Index, Real, int, int]
-"""Contacts and their arms in the order of the arms, and how many arms are below zero, and up to it."""
-
-
-def _by_arm(contact: Index, arm: Real) -> _ByArm:
+def _by_arm(contact: Index, arm: Real) -> tuple[Index, Real, int, int]:
     """Contacts and arms in the order of the arms, of which those that carry no moment are 0; how many are < 0, <= 0."""
     size = np.abs(arm)
     arm = np.where(size > ARM_FLOOR * size.max(), arm, 0.0)
@@ -234,8 +230,8 @@ def _meeting(reducer: Reducer, gap: Real) -> tuple[Real, Real]:
 def _bisected_meeting(gap: Real, contacts: Index, arms: Real, ranges: Whole) -> tuple[Real, Real]:
     """See ``_meeting``.
 
-    ``ranges`` (2 n_disks, 4) has the first and last contact of each disk with the pins, and with the output, and how
-    many arms of these are below zero, and up to it.
+    Of the contacts of each disk with the pins, then of those with the output, ``ranges`` (2 n_disks, 4) has where they
+    begin and end in ``contacts``, and how many of their arms are below zero, and up to it.
     """
     n = gap.shape[0]
     rotation, penetration = np.empty(n), np.empty(n)
