@@ -1,5 +1,6 @@
 """From files to the problem: what the data offer, and how its cells are weighted."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -13,15 +14,18 @@ from pipeline import assembly
 from pipeline.assembly import contact_laws
 from pipeline.config import load_study
 from pipeline.config.studies.study import LAW_FACTORS
+from pipeline.errors import InputError
 from pipeline.identification.fitting import build
-from pipeline.identification.fitting.build import build_problem
+from pipeline.identification.fitting.build import _refuse_paths, build_problem
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.offered import rate_changes
 from pipeline.identification.fitting.parameters import values_at_shares
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TIME
+from pipeline.model.effects import library
+from pipeline.model.effects.effect import CRANKS, CYCLES, LOOPS, RATE, STILL, TIME
 
 
 @pytest.mark.parametrize("locked", ["input", "output"])
@@ -185,3 +189,22 @@ def test_a_bearing_is_refitted_unless_somebody_states_its_stiffness(status, is_r
     provenance = design.provenance[build.BEARING_STIFFNESS].model_copy(update={"status": status})
     design = design.model_copy(update={"provenance": {**design.provenance, build.BEARING_STIFFNESS: provenance}})
     assert (build.BEARING_STIFFNESS in build.refittable_keys(design)) == is_refitted
+
+
+@pytest.mark.parametrize(
+    ("moves", "turns", "need", "is_refused"),
+    [
+        ("fixed", False, STILL, False),
+        ("follows_angle", False, STILL, True),
+        ("follows_angle", False, LOOPS, False),
+        ("fixed", True, LOOPS, True),
+    ],
+)
+def test_a_design_may_not_declare_effects_that_a_crank_which_turns_does_not_allow(moves, turns, need, is_refused):
+    name = next(name for name, effect in library().items() if need in effect.needs)
+    design = SimpleNamespace(effects={name: None})
+    settings = SimpleNamespace(crank=SimpleNamespace(moves=moves))
+    measurement = TurningMeasurement.__new__(TurningMeasurement) if turns else SimpleNamespace()
+    vars(measurement)["unit"] = SimpleNamespace(name="u", settings=settings, study=SimpleNamespace(design=design))
+    with pytest.raises(InputError, match=name) if is_refused else nullcontext():
+        _refuse_paths(measurement)
