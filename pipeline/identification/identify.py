@@ -18,7 +18,15 @@ from pipeline.identification.measurement.turning.turning_measurement import read
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.measurement.unit_sections import NEITHER
 from pipeline.identification.selection.baselines import METHODS, TURN_METHODS, Cycles, baselines
-from pipeline.identification.selection.criteria import NAMED_ODDS, NO_EFFECT_LEFT, ODDS, Selection, Trial, without_names
+from pipeline.identification.selection.criteria import (
+    NAMED_ODDS,
+    NO_EFFECT_LEFT,
+    ODDS,
+    Selection,
+    Trial,
+    prior_log_odds,
+    without_names,
+)
 from pipeline.identification.selection.held_out import (
     AngleError,
     Folds,
@@ -171,56 +179,70 @@ def _problem_of(measurement: Measurement, condense: Condensed) -> tuple[Truth, P
 def _selected(measurement: Measurement, condense: Condensed) -> tuple[Measurement, Truth, Selector, Selection]:
     """The measurement with the more probable sign of torque and angle, and the selection on it.
 
-    Between them the cells (n_cells,) to which models are fitted, and the selector that made the selection.
+    Between them the cells (n_cells,) to which models are fitted, and the selector that made the selection. The signs
+    are compared after the selection: an effect may be more probable with the declared sign than none with the other.
     """
-    while True:
-        cells, problem = _problem_of(measurement, condense)
-        selector = Selector(Fitter(problem), cells)
-        base_fit = selector.recalibrate(cells)
-        base = selector.trial(base_fit, cells, selector.tries(cells).covariance)
-        sense = _other_sense(measurement, condense, base)
-        if not sense:
-            selector, selection = _best_selection(selector, cells, base_fit)
-            sense = _other_sense(measurement, condense, selection.answer) if selection.odds else None
-        if not sense:
-            return measurement, cells, selector, selection
-        measurement = measurement.in_other_sense(sense)
+    cells, problem = _problem_of(measurement, condense)
+    selector, selection = _best_selection(Selector(Fitter(problem), cells), cells)
+    sense = _other_sense(measurement, condense, selection)
+    if sense:
+        return _selected(measurement.in_other_sense(sense), condense)
+    return measurement, cells, selector, selection
 
 
-def _other_sense(measurement: Measurement, condense: Condensed, trial: Trial) -> Fault | None:
-    """A note that torque and angle have the other sign, if the model of a trial says so; else None.
+def _other_sense(measurement: Measurement, condense: Condensed, selection: Selection) -> Fault | None:
+    """A note that torque and angle have the other sign, if the models of a selection say so; else None.
 
-    The two signs can be distinguished if the dimensions were measured, or if the crank turns within the loops, because
-    errors of the parts act on one side of a flank. Like a name, the other sign takes odds of 999 to 1, and the model
-    may then leave no more than its form: if neither sign fits, the errors of the model would decide.
+    The most probable model and that without effects are fitted with the other sign. The two signs can be distinguished
+    if the dimensions were measured, or if the crank turns within the loops, because errors of the parts act on one side
+    of a flank. Like a name, the other sign takes odds of 999 to 1, and the model may then leave no more than its form:
+    if neither sign fits, the errors of the model would decide.
     """
     settings = measurement.unit.settings
     differ = measurement.unit.dimensions is not None or settings.crank.moves != "fixed"
     if settings.locked == NEITHER or measurement.notes or not differ:
         return None
     cells, problem = _problem_of(measurement.in_other_sense(), condense)
-    other, model, known = Selector(Fitter(problem), cells), trial.fit.model, trial.fit.unknowns
-    zero = other.fitter.centre(model, known)[len(known.scales) :][: len(known.shares)]
-    starts = [
-        replace(other.fitter.start(model, np.clip(zero + sign * (known.shares - zero), 0, 1)), scales=known.scales)
-        for sign in ((1, -1) if model.effects else (1,))
-    ]
-    fit = other.fitter.fit_from_best(model, cells, starts)
-    if not fit.sound:
+    other = Selector(Fitter(problem), cells)
+    models = {trial.fit.model.name: trial.fit for trial in (selection.base, selection.answer)}
+    fits = [fit for fit in (_fit_from(known, other.fitter, cells) for known in models.values()) if fit.sound]
+    there = [_at_fit(other.trial(fit, cells, other.tries(cells).covariance)) for fit in fits]
+    if not there:
         return None
-    there = other.trial(fit, cells, other.tries(cells).covariance).evidence.without_promise()
-    gain = there.value - trial.evidence.value
-    is_explained = there.structure.size <= NO_EFFECT_LEFT
+    best = max(there, key=lambda trial: _log_posterior(trial, other))
+    gain = _log_posterior(best, other) - _log_posterior(selection.answer, other)
+    is_explained = best.evidence.structure.size <= NO_EFFECT_LEFT
     return Fault("sense", SENSE.format(gain=gain), "note") if is_explained and gain > NAMED_ODDS else None
 
 
-def _best_selection(selector: Selector, cells: Truth, base_fit: Fit | None = None) -> tuple[Selector, Selection]:
-    """The selection on cells (n_cells,) from a fit without effects, and the selector that made it.
+def _fit_from(known: Fit, fitter: Fitter, cells: Truth) -> Fit:
+    """The model of a fit to torque and angle of the other sign, fitted from the same numbers."""
+    model, unknowns = known.model, known.unknowns
+    zero = fitter.centre(model, unknowns)[len(unknowns.scales) :][: len(unknowns.shares)]
+    starts = [
+        replace(fitter.start(model, np.clip(zero + sign * (unknowns.shares - zero), 0, 1)), scales=unknowns.scales)
+        for sign in ((1, -1) if model.effects else (1,))
+    ]
+    return fitter.fit_from_best(model, cells, starts)
+
+
+def _at_fit(trial: Trial) -> Trial:
+    """The trial with its evidence at the fit."""
+    return replace(trial, evidence=trial.evidence.without_promise())
+
+
+def _log_posterior(trial: Trial, selector: Selector) -> float:
+    """Logarithm of the probability of a trial's model beside those of other numbers of effects, up to a constant."""
+    return trial.evidence.value + prior_log_odds(trial.fit.model.n_effects, len(selector.testable))
+
+
+def _best_selection(selector: Selector, cells: Truth) -> tuple[Selector, Selection]:
+    """The selection on cells (n_cells,), and the selector that made it.
 
     Where contacts on a part of the width make the answer, or the model without effects, more probable, everything is
     tried again with their ranges, so that no compliance is named in their place.
     """
-    selection, problem = selector.select(cells, base_fit), selector.problem
+    selection, problem = selector.select(cells), selector.problem
     base, answer = selection.base, selection.answer
     is_close = bool(selection.members) and selection.odds[selection.claimed_model] <= LARGEST_GAIN
     if not is_close and not any(_is_held_by_range(problem, trial.fit) for trial in (base, answer)):

@@ -14,17 +14,32 @@ from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.identify import _other_sense, _problem_of
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.selection.criteria import Selection
 from pipeline.identification.selection.model_selection import Selector
 
 FRICTION, ZERO = {"coulomb": [0.4]}, {"torque_zero": [0.5]}
 
 
-def noted(measurement: Measurement, condensed: Condensed, effects: tuple[str, ...] = ()):
-    """The note on the sense of a measurement by a model with effects, fitted beside numbers as declared."""
+def noted(measurement: Measurement, condensed: Condensed, effects: tuple[str, ...] = (), gain: float = 0.0):
+    """The note on the sense of a measurement by a model with effects, and none, fitted beside numbers as declared.
+
+    The model with effects is taken as more probable than it is by ``gain``.
+    """
     cells, problem = _problem_of(measurement, condensed)
-    selector, model = Selector(Fitter(problem), cells), Model(tuple(candidates()[name] for name in effects))
-    fit = selector.fitter.fit(model, cells, selector.fitter.start(model))
-    return _other_sense(measurement, condensed, selector.trial(fit, cells, selector.tries(cells).covariance))
+    selector, models = Selector(Fitter(problem), cells), (Model(), Model(tuple(candidates()[n] for n in effects)))
+    fits = [selector.fitter.fit(model, cells, selector.fitter.start(model)) for model in models]
+    base, answer = (selector.trial(fit, cells, selector.tries(cells).covariance) for fit in fits)
+    answer.evidence.value += gain
+    name = answer.fit.model.name
+    return _other_sense(measurement, condensed, Selection(base, {name: answer}, best_model=name if effects else ""))
+
+
+def test_an_effect_with_the_declared_sign_can_be_more_probable_than_the_other_sign(tmp_path, condensed):
+    """An effect that acts on one side of a flank looks like the other sign to the model without effects."""
+    folder = make_unit(tmp_path / "u", {}, Bench(cranks=CRANKS[:2], rows=24), condensed)
+    measurement = Measurement.read(load_measured_unit(folder, ROOT)).in_other_sense()
+    assert noted(measurement, condensed, tuple(FRICTION)) is not None
+    assert noted(measurement, condensed, tuple(FRICTION), gain=1e4) is None
 
 
 @pytest.mark.long

@@ -103,13 +103,13 @@ class Selector:
         evidence = Evidence(covariance, self.fitter, fit, base.evidence.structure if base else None)
         return Trial(fit, evidence, covariance.rms(fit.predicted_angle))
 
-    def select(self, cells: Truth, base_fit: Fit | None = None) -> Selection:
+    def select(self, cells: Truth) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most.
 
         A fit with an effect may lead to numbers that are more probable without it. If a name does not hold beside them,
         or if some effect lacks less than their gain to a name, everything is tried anew: its start must not decide.
         """
-        base_fit, former = base_fit or self.recalibrate(cells), -np.inf
+        base_fit, former = self.recalibrate(cells), -np.inf
         while True:
             selection = self._beside(base_fit, cells)
             base, value = self._without_effects(selection, cells), selection.base.evidence.value

@@ -480,7 +480,8 @@ def test_everything_is_tried_anew_beside_a_new_base_only_where_its_gain_could_de
     challenged = replace(selection, base=new_base, members=())
     judge = SimpleNamespace(select=lambda base, *_: challenged if base is new_base else None)
     selector.tries = lambda cells: SimpleNamespace(judge=judge)
-    found = selector.select(np.ones(3, bool), selection.base.fit)
+    selector.recalibrate = lambda cells: selection.base.fit
+    found = selector.select(np.ones(3, bool))
     assert [fit is new_base.fit for fit in bases] == [False, True][: 1 + is_tried_anew]
     assert (found is challenged) != is_tried_anew
 
