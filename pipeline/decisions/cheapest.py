@@ -16,8 +16,8 @@ import scipy  # its functions are slow to import: they are when they are called
 from pipeline.arrays import Real
 from pipeline.config.studies.costs import Cost
 from pipeline.config.studies.study import Study
+from pipeline.decisions.fresh_units import refuse_limits_of_turn
 from pipeline.errors import InputError
-from pipeline.model.metrics import library
 
 CostOfScale = Callable[[Real], Real]
 """Scales of one tolerance (any shape) to its cost."""
@@ -218,13 +218,7 @@ def priced_tolerances(study: Study) -> tuple[tuple[Priced, ...], dict[str, str]]
         raise InputError(f"study {study.name}: listed cases have no yield; an allocation needs random samples")
     if not study.limits.of_metrics:
         raise InputError(f"study {study.name}: [limits] names no metric; set one, as lost_motion_arcmin")
-    of_turn = [name for name in study.limits.of_metrics if name not in library()]
-    if of_turn:
-        raise InputError(
-            f"study {study.name}: limits.{name}: an allocation uses metrics of a loop, {name} is one of the turn; "
-            "take it out of a copy of the study"
-            for name in of_turn
-        )
+    refuse_limits_of_turn(study, "an allocation")
     costs, priced_dimensions, unmoved_reasons = study.costs.of_dimensions, [], {}
     for name, tolerance in study.tolerances:
         low, high = tolerance.limits_um

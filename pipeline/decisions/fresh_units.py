@@ -8,6 +8,8 @@ from joblib import delayed
 from pipeline.arrays import Real
 from pipeline.config.studies.study import Study
 from pipeline.engine.parallel import worker_results
+from pipeline.errors import InputError
+from pipeline.model.metrics import library
 from pipeline.sampling.errors import Errors, draw
 from pipeline.statistics.intervals import Estimate, pass_share
 
@@ -19,6 +21,23 @@ PRELOADED = "preloaded"
 """Name, beside the metrics over the turn, of whether the gaps of a unit interfere at some crank angle."""
 BATCH = 500
 """Units that are solved together."""
+
+
+def refuse_limits_of_turn(study: Study, question: str) -> None:
+    """Refuse a study with limits that a decision by metrics of a loop, named ``question``, would leave out.
+
+    Raises
+    ------
+    InputError
+        If a limit is on a metric of the turn, as the transmission error.
+    """
+    of_turn = [name for name in study.limits.of_metrics if name not in library()]
+    if of_turn:
+        raise InputError(
+            f"study {study.name}: limits.{name}: {question} uses metrics of a loop, {name} is one of the turn; "
+            "take it out of a copy of the study"
+            for name in of_turn
+        )
 
 
 def fresh_study(study: Study, count: int) -> Study:

@@ -21,6 +21,7 @@ from pipeline.decisions.certificate import (
     write_certificate,
 )
 from pipeline.decisions.certificate import certificate as certificate_of
+from pipeline.decisions.fresh_units import refuse_limits_of_turn
 from pipeline.decisions.lots import results
 from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot, with_separate_ovalities
 from pipeline.decisions.selective_assembly import Assembly, best_assembly, write_pairs
@@ -70,6 +71,7 @@ def lots(
     if len(files) > MOST_LOTS:
         raise InputError(f"--csv given {len(files)} times; at most {MOST_LOTS} lots are compared")
     study = study_of(study)
+    refuse_limits_of_turn(study, "a lot")
     measured_lots = [_read_lot(Path(path), study) for path in files]
     for lot in measured_lots:
         results.lot_fits(study, lot)  # says what is missing before anything is condensed
@@ -110,6 +112,7 @@ def assemble(
         If a file or a number is wrong.
     """
     study = study_of(study)
+    refuse_limits_of_turn(study, "an assembly")
     if mounting_force is not None and not mounting_force > 0:
         raise InputError(f"--mounting-force = {mounting_force:g}; must be above 0 N")
     first_lot, second_lot = (_read_lot(Path(path), study) for path in (first, second))
@@ -148,6 +151,7 @@ def certificate(
         If a file or a number is wrong.
     """
     study = study_of(study)
+    refuse_limits_of_turn(study, "a certificate")
     case = load_case(Path(dimensions), study)
     measurement = None if unit is None else Measurement.read(load_measured_unit(unit, settings.ROOT))
     if measurement is not None and measurement.fatal:

@@ -10,7 +10,7 @@ import pytest
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.reading import load_case
-from pipeline.decisions.certificate import certificate, compensation, measured_values
+from pipeline.decisions.certificate import certificate, compensation, limit_sentence, measured_values
 from pipeline.decisions.play_bounds import ATTAINED_BOUND, LEAST_FOUND
 from pipeline.errors import InputError
 from pipeline.library.decisions import loaded_units
@@ -109,7 +109,9 @@ def test_a_unit_that_probably_fails_is_not_sent_to_the_controller(certified):
     )
     assert "it probably fails, first on lost motion (met with a probability of 0.5 %)" in unit_next_step(failing)
     assert "compensation.csv" not in unit_next_step(failing)
-    assert unit_next_step(passing) == unit_next_step(unlimited) == "Load compensation.csv into the controller."
+    assert unit_next_step(passing) == unit_next_step(unlimited)
+    assert unit_next_step(passing).startswith("Load compensation.csv into the controller, for the crank angles")
+    assert "at the 3 crank angles that were solved" in limit_sentence(passing)
 
 
 def load_case_of(study, text: str):

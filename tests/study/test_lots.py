@@ -23,7 +23,7 @@ from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot, with
 from pipeline.decisions.lots.results import fit_rows, lot_findings, lot_fits, study_text, write
 from pipeline.decisions.selective_assembly import best_assembly
 from pipeline.errors import InputError
-from pipeline.library.lots import lots
+from pipeline.library.lots import assemble, certificate, lots
 from pipeline.model.metrics import library as metrics
 from pipeline.report.decisions.certificate import assembly_sentences, pairs_next_step
 from pipeline.sampling.designs import correlated_numbers
@@ -320,3 +320,17 @@ def test_a_file_whose_name_cannot_name_results_is_refused_before_anything_is_com
     path.write_text("part,disk_profile_um\n1,1.0\n")
     with pytest.raises(InputError, match="its name without the ending names results and must be letters"):
         lots([path], STUDY)
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        lambda study: lots(["parts.csv"], study),
+        lambda study: assemble("rings.csv", "disks.csv", study),
+        lambda study: certificate("unit.toml", study),
+    ],
+)
+def test_a_limit_of_the_turn_is_refused_where_loops_alone_would_leave_it_out(question):
+    study = STUDY.with_section("limits", transmission_error_arcsec=60.0)
+    with pytest.raises(InputError, match=r"limits\.transmission_error_arcsec: .* uses metrics of a loop"):
+        question(study)

@@ -33,7 +33,10 @@ def compensation_sentence(unit: Certificate, loop: Compensated | None) -> str:
 def unit_next_step(unit: Certificate) -> str:
     """What to do with the unit: use it where it probably meets its limits, else change what fails first."""
     if unit.meets_all is None or unit.meets_all.value >= PROBABLE:
-        return "Load compensation.csv into the controller."
+        return (
+            "Load compensation.csv into the controller, for the crank angles of the table: "
+            "in other turns of the crank other lobes meet the pins."
+        )
     chances = unit.metrics.dropna(subset=["probability"]).set_index("metric")["probability"]
     worst = {**METRICS, **turn_library()}[str(chances.idxmin())].inline
     return (
