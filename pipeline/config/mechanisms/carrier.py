@@ -131,7 +131,7 @@ class Carrier(OutputMechanism):
                 "move the cranks outwards or take smaller bearings or a smaller bore",
             )
         if cycloid and cycloid.fixed != "housing":
-            requirement = 'must be "housing" with a carrier, whose sun is held to the housing'
+            requirement = 'must be "housing" with a carrier, whose sun is the input, locked to the housing'
             yield Mistake("cycloid.fixed", cycloid.fixed, requirement)
         if self.stiffness_of_cranks and len(self.stiffness_of_cranks) != self.cranks:
             requirement = f"must be {self.cranks} factors, one of each crank"

@@ -30,7 +30,7 @@ class ModelForms(Section):
 
 
 class Tails(Section):
-    """Yields of parts per million and 99.73 % quantiles.
+    """Shares of units beyond each limit, in parts per million, and 99.73 % quantiles.
 
     A rough model looks at `units`; about `solve` of them, most near a limit, are load-solved beside a pilot.
     """

@@ -97,7 +97,7 @@ class EffectDescription:
 
     Attributes
     ----------
-    name : of its file.
+    name : as under ``[effects]`` of a design.
     title : for people.
     physics, source : what it is, and where the formula stands.
     parameters : one to three.

@@ -10,7 +10,7 @@ from pipeline.model.units import NMM_PER_NM
 
 
 def _level(torque: Real, target: float, steps: np.ndarray) -> int:
-    """Step among ``steps`` at the torque ``wanted``.
+    """Step among ``steps`` at the torque ``target``.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def curve_readings(
     angle : (n, n_steps) [arcmin]
     limits : (n, 2) angle without friction in the limits T -> 0- and T -> 0+ [arcmin].
     peak_pressure : (n,) [MPa]
-    at : torques of the definitions.
+    definitions : torques at which the metrics are read.
 
     Notes
     -----

@@ -89,7 +89,7 @@ def invalid_metrics(drive: Drive, response: CycleResponse, definitions: Definiti
     Parameters
     ----------
     response : of the drive to a cycle that has the torques of the metrics.
-    at : torques of the definitions.
+    definitions : torques at which the metrics are read.
 
     Notes
     -----

@@ -111,7 +111,7 @@ def winkler_readings(drive: Drive, compliance: Real, definitions: Definitions) -
     Parameters
     ----------
     compliance : of the springs (n_contacts,) [mm/N], as ``secant_compliance`` finds them; the drive's own is not used.
-    at : torques of the definitions.
+    definitions : torques at which the metrics are read.
     """
     play = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
     levels = NMM_PER_NM * np.array([definitions.lost_motion, definitions.rigidity_low, definitions.rigidity_high])
