@@ -14,7 +14,7 @@ from pipeline.figures.labels import LIMITED_METRICS
 from pipeline.figures.yields import failures_figure
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
-from pipeline.report.frames import Drawing, Frames
+from pipeline.report.frames import OK, Drawing, Frames
 from pipeline.report.layout import count_text, interval, percent, percent_interval
 from pipeline.report.results import Cell, Results, preload_warning
 from pipeline.report.sections.drivers import main_contributor, share_note
@@ -75,12 +75,34 @@ class Verdict:
         return next(filter(None, (share_note(self.frames, card.name) for card in self.cards)), "")
 
     @cached_property
-    def breaks(self) -> Mapping[str, Truth]:
-        """Whether each unit (n,) breaks each limit, of the units for which every limited metric holds."""
+    def limited_values(self) -> pd.DataFrame:
+        """(n,) metrics with a limit, by sample, of the units for which all of them hold."""
         turn = self.frames.units.set_index("sample")[list(turn_library())]
         values: pd.DataFrame = self.frames.over_turn.join(turn)[list(self.frames.limits)].dropna()
-        pass_flags = self.frames.study.limits.pass_flags({name: values[name].to_numpy(float) for name in values})
-        return {name: ~np.asarray(passes) for name, passes in pass_flags.items()}
+        return values
+
+    @cached_property
+    def breaks(self) -> Mapping[str, Truth]:
+        """Whether each unit (n,) breaks each limit, of the units for which every limited metric holds."""
+        values = {name: column.to_numpy(float) for name, column in self.limited_values.items()}
+        return {name: ~np.asarray(passes) for name, passes in self.frames.study.limits.pass_flags(values).items()}
+
+    @property
+    def not_counted(self) -> str:
+        """How many units have no value of a metric with a limit, why, and the yield if all of them failed."""
+        nominal = [0] if self.frames.study.samples.nominal_first else []
+        samples = self.frames.units["sample"][~self.frames.units["sample"].isin(nominal)]
+        missing = samples[~samples.isin(self.limited_values.index)]
+        if not len(missing) or ALL_LIMITS not in self.breaks:
+            return ""
+        rows = self.frames.metrics[self.frames.metrics["sample"].isin(missing)]
+        reasons = rows["status"].astype(str)[rows["status"] != OK].mode()
+        reason = f" (most often: {reasons.iloc[0]})" if len(reasons) else ""
+        least = float(np.sum(~self.breaks[ALL_LIMITS])) / len(samples)
+        return (
+            f"This leaves out {len(missing):,} of {count_text(len(samples), 'unit')} without a value of a metric that "
+            f"has a limit{reason}. If all of them failed, the yield would be {percent(least)}."
+        )
 
     @property
     def failures(self) -> str:

@@ -79,6 +79,29 @@ def test_one_sentence_names_the_limit_that_fails_and_its_driver(frames):
     ) in page
 
 
+def test_units_without_a_value_are_counted_in_the_first_screen(frames):
+    """Units whose play is beyond the model's range are the worst ones: without them the yield is too good."""
+    failing = failing_on_pressure(frames)
+    assert Verdict(failing, Results(failing)).not_counted == ""
+    lost = failing.over_turn.index[:3]
+    is_lost = failing.units["sample"].isin(lost)
+    units = failing.units.assign(
+        lost_motion_arcmin_worst=failing.units["lost_motion_arcmin_worst"].mask(is_lost),
+    )
+    status = failing.metrics["status"].astype(object)
+    is_of_lost = failing.metrics["sample"].isin(lost)
+    metrics = failing.metrics.assign(status=status.mask(is_of_lost, "clearance too large"))
+    part = replace(failing, units=units, metrics=metrics)
+    verdict = Verdict(part, Results(part))
+    passes = int(np.sum(~verdict.breaks[ALL_LIMITS]))
+    assert len(verdict.breaks[ALL_LIMITS]) == 9
+    assert verdict.not_counted == (
+        "This leaves out 3 of 12 units without a value of a metric that has a limit (most often: clearance too large). "
+        f"If all of them failed, the yield would be {percent(passes / 12)}."
+    )
+    assert "If all of them failed" in written(part)
+
+
 def test_the_next_step_names_limits_that_an_allocation_refuses(frames):
     failing = failing_on_pressure(frames)
     assert "an allocation uses metrics of a loop" not in written(failing)
