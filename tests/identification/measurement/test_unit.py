@@ -95,5 +95,15 @@ def test_a_name_that_is_no_unit_gets_the_nearest(tmp_path):
         load_measured_unit("left_arn", tmp_path)
 
 
+def test_rows_are_those_of_the_folder_named_where_its_unit_file_is_a_link(tmp_path):
+    """A copy for a trial often links the settings and has other rows."""
+    original, other = write_unit(tmp_path / "original"), tmp_path / "other"
+    shutil.copytree(original, other)
+    (other / "unit.toml").unlink()
+    (other / "unit.toml").symlink_to(original / "unit.toml")
+    unit = load_measured_unit(other, ROOT)
+    assert (unit.name, unit.folder) == ("other", other)
+
+
 def test_a_unit_without_data(tmp_path):
     assert any("no data" in line for line in problems(write_unit(tmp_path / "u", {})))

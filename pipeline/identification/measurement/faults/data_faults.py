@@ -165,7 +165,7 @@ def _duplicates(rows: Rows) -> Iterator[Fault]:
 
 
 def _turning_crank(rows: Rows, good: Truth) -> Iterator[Fault]:
-    if len(rows.cranks) > TURNING_SHARE * good.sum() and len(rows.cranks) > 1:
+    if good.any() and len(rows.cranks) > TURNING_SHARE * good.sum() and len(rows.cranks) > 1:
         yield Fault(
             "turning crank",
             f"crank_deg takes {len(rows.cranks)} values in {good.sum()} rows: the crank turns within a cycle. A "
