@@ -57,7 +57,11 @@ def write_workbook(folder: Path, file: Path) -> tuple[list[str], list[str]]:
     left_out: list[str] = []
     with pd.ExcelWriter(sink, engine="xlsxwriter") as book:
         for name, path in tables.items():
-            dataset = ds.dataset(path, format="parquet")
+            try:
+                dataset = ds.dataset(path, format="parquet")
+            except pa.ArrowInvalid:
+                left_out.append(f"{name}: {path.name} is no Parquet file")
+                continue
             rows = dataset.count_rows()
             if rows > MOST_ROWS:
                 left_out.append(
@@ -121,6 +125,8 @@ def write_spreadsheet(options: argparse.Namespace) -> None:
     if not folder.is_dir():
         raise InputError(f"{options.folder}: no folder of results; run a study or a command first")
     file = options.out or folder / f"{folder.name}.xlsx"
+    if file.suffix.lower() != ".xlsx" or file.is_dir():
+        raise InputError(f"--out = {file}; must be a file that ends in .xlsx")
     written_tables, left_out = write_workbook(folder, file)
     print(f"{settings.shown(file)}: {', '.join(written_tables)}")
     for sentence in left_out:

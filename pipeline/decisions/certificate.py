@@ -190,13 +190,13 @@ def _metrics(study: Study, values: Mapping[str, Real]) -> pd.DataFrame:
 
 
 def _bounds(study: Study, known_values: Mapping[str, Real], loops: Loops) -> tuple[Bound, ...]:
-    """Of the rigid play at the first crank angle; none where everything was measured."""
+    """Of the rigid play at the first crank angle; none where everything was measured or the parts jam."""
+    rigid = [name for name, metric in library().items() if metric.turn_of_rigid_bodies]
     try:
         box = Box.from_study(study, known_values)
-    except InputError:
+        return tuple(bound for name in rigid for bound in play_bounds(box, float(loops.crank_deg[0]), name))
+    except (InputError, ArithmeticError):
         return ()
-    rigid = [name for name, metric in library().items() if metric.turn_of_rigid_bodies]
-    return tuple(bound for name in rigid for bound in play_bounds(box, float(loops.crank_deg[0]), name))
 
 
 @dataclass(frozen=True)

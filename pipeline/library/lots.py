@@ -152,6 +152,8 @@ def certificate(
     """
     study = study_of(study)
     refuse_limits_of_turn(study, "a certificate")
+    if draws < 1:
+        raise InputError(f"--draws = {draws}; must be at least 1")
     case = load_case(Path(dimensions), study)
     measurement = None if unit is None else Measurement.read(load_measured_unit(unit, settings.ROOT))
     if measurement is not None and measurement.fatal:

@@ -177,6 +177,8 @@ def test_a_study_asks_for_its_tails_and_the_page_tells_them(study, outputs, runs
     capsys.readouterr()
     assert cli.main(["tails", "--study", "quick", "--units", "100", "--solve", "1000"]) == 2
     assert "--solve = 1000; must be from 1 to --units = 100" in capsys.readouterr().err
+    assert cli.main(["tails", "--study", "quick", "--units", "100", "--solve", "0"]) == 2
+    assert "--solve = 0; must be from 1 to --units = 100" in capsys.readouterr().err
 
 
 def test_what_has_no_tail_is_refused(study):

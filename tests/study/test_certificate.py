@@ -10,10 +10,12 @@ import pytest
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.reading import load_case
+from pipeline.decisions import certificate as certificates
 from pipeline.decisions.certificate import certificate, compensation, limit_sentence, measured_values
 from pipeline.decisions.play_bounds import ATTAINED_BOUND, LEAST_FOUND
 from pipeline.errors import InputError
 from pipeline.library.decisions import loaded_units
+from pipeline.library.lots import certificate as certified_unit
 from pipeline.library.lots import whole_loops
 from pipeline.report.decisions.certificate import unit_next_step
 from pipeline.sampling.errors import draw_with_parts
@@ -110,6 +112,7 @@ def test_a_unit_that_probably_fails_is_not_sent_to_the_controller(certified):
     assert "it probably fails, first on lost motion (met with a probability of 0.5 %)" in unit_next_step(failing)
     assert "compensation.csv" not in unit_next_step(failing)
     assert unit_next_step(passing) == unit_next_step(unlimited)
+    assert "no draw is within the model's range" in unit_next_step(replace(failing, metrics=chances[:0]))
     assert unit_next_step(passing).startswith("Load compensation.csv into the controller, for the crank angles")
     assert "at the 3 crank angles that were solved" in limit_sentence(passing)
 
@@ -166,3 +169,14 @@ def test_a_fault_in_the_dimensions_names_file_and_key():
         load_case_of(rigid_study(), "disk_profil = 3.0\n")
     with pytest.raises(InputError, match="pin_radius"):
         load_case_of(rigid_study(), "pin_radius = [1.0, 2.0]\n")
+
+
+def test_without_draws_there_is_no_certificate():
+    with pytest.raises(InputError, match="--draws = 0; must be at least 1"):
+        certified_unit("unit.toml", rigid_study(), draws=0)
+
+
+def test_parts_that_jam_have_no_bounds(certified):
+    study = rigid_study()
+    known = dict.fromkeys(["disk_profile"], np.array([-300.0]))
+    assert certificates._bounds(study, known, certified.loops) == ()

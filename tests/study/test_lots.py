@@ -198,6 +198,13 @@ def test_repeated_rows_are_the_elements_of_a_part():
     assert values[1, 0] == 80
 
 
+def test_parts_with_numbers_for_names_keep_them():
+    assert measured_lot("lot", table({"part": ["102", "7"], "disk_profile": ["1", "2"]}), STUDY.design).parts == (
+        "102",
+        "7",
+    )
+
+
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
@@ -207,6 +214,8 @@ def test_repeated_rows_are_the_elements_of_a_part():
         ({"part": ["a", "a", "b"], "pin_radius": ["1", "2", "3"]}, "a part has 80"),
         ({"hole_diameter": ["1"]}, "acts on nothing"),
         ({"disk_profile": ["65000000"]}, "must be a deviation in um"),
+        ({"disk_profile": []}, "no part; give a row for each"),
+        ({"disk_profile": ["1", "", "2"]}, "lot.csv:3: no value"),
     ],
 )
 def test_faults_of_a_table_of_parts_are_named(columns, words):

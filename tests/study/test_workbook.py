@@ -1,5 +1,7 @@
 """The workbook holds the tables of a folder with their units."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,18 @@ def test_a_table_too_long_for_a_sheet_is_left_out_with_a_reason(tmp_path, monkey
     written, left_out = write_workbook(tmp_path, tmp_path / "book.xlsx")
     assert written == []
     assert left_out[0].startswith("play: 5 rows")
+
+
+def test_a_file_that_is_no_table_is_left_out_and_no_other_kind_of_file_is_overwritten(tmp_path):
+    folder_with(tmp_path, 3)
+    (tmp_path / "broken.parquet").write_bytes(b"no table" * 100)
+    assert write_workbook(tmp_path, tmp_path / "book.xlsx") == (["play"], ["broken: broken.parquet is no Parquet file"])
+    measured = tmp_path / "measured.csv"
+    measured.write_text("kept")
+    for file in (measured, tmp_path):
+        with pytest.raises(InputError, match="must be a file that ends in .xlsx"):
+            handover.write_spreadsheet(SimpleNamespace(folder=tmp_path, out=file))
+    assert measured.read_text() == "kept"
 
 
 def test_a_folder_without_tables_is_refused(tmp_path):

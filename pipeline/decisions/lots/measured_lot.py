@@ -84,7 +84,12 @@ def measured_lot(name: str, table: TableFile, design: Design) -> MeasuredLot:
     if problems:
         raise InputError(shortened_list(problems, table.name))
     n_rows = len(table.cells)
-    labels = table.cells[PART].astype(str).tolist() if PART in table.cells else None
+    if n_rows == 0:
+        raise InputError(f"{table.name}: no part; give a row for each")
+    if np.any(np.diff(table.cells.index) != 1):
+        line = table.cells.index[int(np.argmax(np.diff(table.cells.index) != 1))] + 1
+        raise InputError(f"{table.name}:{line}: no value; remove the line, or give its part a value")
+    labels = table.texts(PART) if PART in table.cells else None
     starts = _starts(labels, n_rows)
     values_of = {
         key: _by_part(table.name, dimension_library()[key], design, parts, starts, n_rows)

@@ -32,7 +32,7 @@ LARGEST_CLEARANCE = 0.1
 of the lobes. Up to it small angles err by 0.3 % of the rigid play with 80 pins and by 2 % with 12 (the error is of the
 second order: 1.6 % at 100 um and 16 % at 350 um with the paper's 350 um of eccentricity)."""
 ROTATION = "rotation beyond a tenth of a lobe pitch"
-CLEARANCE = "clearance beyond a tenth of the eccentricity"
+CLEARANCE = "clearance or interference beyond a tenth of the eccentricity"
 STUCK = "friction holds the output at the torque of its definition"
 SHORT_OF_PLAY = "friction holds the output within its play at no torque"
 

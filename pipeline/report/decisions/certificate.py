@@ -38,6 +38,8 @@ def unit_next_step(unit: Certificate) -> str:
             "in other turns of the crank other lobes meet the pins."
         )
     chances = unit.metrics.dropna(subset=["probability"]).set_index("metric")["probability"]
+    if not len(chances):
+        return "Do not use the unit as it is: no draw is within the model's range of validity. Check the dimensions."
     worst = {**METRICS, **turn_library()}[str(chances.idxmin())].inline
     return (
         f"Do not use the unit as it is: it probably fails, first on {worst} (met with a probability of "
