@@ -275,20 +275,20 @@ class Selector:
 
         They are fitted from the numbers and tolerances of the best one: an effect must not be named because similar
         effects lacked its start. In a pair, the effects that explain most beside the other member are tried, too, once
-        for each such member. This is repeated while the best model is one that was not best before.
+        for each such member. This is repeated while the best model changes.
         """
-        former_names, extended = {""}, list[set[str]]()
-        while (name := selection.best_model) not in former_names:
-            former_names.add(name)
+        former, name, extended = "", selection.best_model, list[set[str]]()
+        while name not in ("", former):
             best = selection.trials[name].fit
             for effect in best.model.effects:
                 others = {other.name for other in best.model.effects} - {effect.name}
-                names = [other for other in twins(effect.name) if other in self.testable and other not in others]
+                names = [name for name in twins(effect.name) if name in self.testable and name not in others]
                 if others or names:
                     left = self.trial(self._without(best, effect.name, tries.cells), tries.cells, tries.covariance)
                     count = ADDITIONS if others and others not in extended else 0
                     selection = self._extended(selection, left, tries, names, count)
                     extended.append(others)
+            former, name = name, selection.best_model
         return selection
 
     def _without(self, fit: Fit, effect: str, cells: Truth) -> Fit:

@@ -486,21 +486,6 @@ def test_everything_is_tried_anew_beside_a_new_base_only_where_its_gain_could_de
     assert (found is challenged) != is_tried_anew
 
 
-def test_exchanges_of_similar_effects_end_where_two_models_lead_by_turns():
-    """Each was the most probable after the other had been fitted again, and the search went on for ever."""
-    trials = {name: trial(name, Known(20.0)) for name in ("coulomb", "presliding")}
-    by_turns = {name: replace(judged(trials), best_model=name) for name in trials}
-    selector, calls = Selector.__new__(Selector), []
-    selector.testable, selector._without, selector.trial = dict(trials), lambda *_: None, lambda *_: None
-    other = {"coulomb": "presliding", "presliding": "coulomb"}
-    selector._extended = lambda selection, *_: (
-        calls.append(selection.best_model) or by_turns[other[selection.best_model]]
-    )
-    tries = SimpleNamespace(cells=None, covariance=None)
-    assert selector._with_twins(by_turns["coulomb"], tries).best_model == "coulomb"
-    assert calls == ["coulomb", "presliding"]
-
-
 class Bending(LinearFitter):
     """A model that bends away: its effect moves the angle by its column up to a small size, and no further."""
 
