@@ -12,10 +12,13 @@ from pipeline.arrays import Real
 from pipeline.config import Study
 from pipeline.config.dimensions import dimension_library
 from pipeline.errors import InputError
+from pipeline.model.metrics import measurable_metrics
 from pipeline.populations.comparison import MetricComparison, metrics_at
 
 ALPHA = 0.05
 """Level at which what a shift leaves is called a difference."""
+SPARE_SAMPLES = 10
+"""Samples beyond the number of slopes and metrics: with fewer the scatter about the slopes is not known."""
 ITERATIONS = 10
 """Of the shift and its weights, which depend on each other weakly."""
 
@@ -100,7 +103,7 @@ def read_population_run(run: Path, study: Study) -> StudyPopulation:
 
     Raises
     ------
-    InputError : the run has not got them.
+    InputError : the run has not got them, or too few samples.
     """
     stages = {
         "metrics": "aggregate",
@@ -117,7 +120,14 @@ def read_population_run(run: Path, study: Study) -> StudyPopulation:
     tables = {name: pd.read_parquet(path) for name, path in paths.items()}
     if study.samples.nominal_first:
         tables = {name: table[table["sample"] > 0] for name, table in tables.items()}
-    return StudyPopulation(study, tables["metrics"], mean_deviations(tables))
+    deviations = mean_deviations(tables)
+    least = deviations.shape[1] + len(measurable_metrics()) + SPARE_SAMPLES
+    if len(deviations) < least:
+        raise InputError(
+            f"study {study.name}: {len(deviations)} samples; a comparison with units takes {least} for "
+            f"{deviations.shape[1]} tolerances; raise samples.count and run it again"
+        )
+    return StudyPopulation(study, tables["metrics"], deviations)
 
 
 def mean_deviations(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:

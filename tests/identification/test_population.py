@@ -271,7 +271,7 @@ def test_problems_of_units_csv_come_at_once(tmp_path):
 
 def test_a_run_on_disk_is_read_without_its_nominal_reducer(tmp_path, study, population):
     run = tmp_path / "runs/paper"
-    tables = columns_of_errors(draw(study, 0, 21), 0, interfaces=2)
+    tables = columns_of_errors(draw(study, 0, 41), 0, interfaces=2)
     for stage in ("sample", "aggregate"):
         (run / stage).mkdir(parents=True)
     for name, columns in tables.items():
@@ -282,7 +282,19 @@ def test_a_run_on_disk_is_read_without_its_nominal_reducer(tmp_path, study, popu
     metrics.to_parquet(run / "aggregate/metrics.parquet")
     result = read_population_run(run, study)
     assert result.metrics["sample"].min() == 1
-    pd.testing.assert_frame_equal(result.deviations, population.deviations.loc[1:20], check_index_type=False)
+    pd.testing.assert_frame_equal(result.deviations, population.deviations.loc[1:40], check_index_type=False)
+
+
+def test_a_run_of_too_few_samples_is_refused_since_its_slopes_would_explain_anything(tmp_path, study):
+    run = tmp_path / "runs/paper"
+    tables = {name: pd.DataFrame(columns) for name, columns in columns_of_errors(draw(study, 0, 21), 0, 2).items()}
+    for stage in ("sample", "aggregate"):
+        (run / stage).mkdir(parents=True)
+    for name, table in tables.items():
+        table.to_parquet(run / f"sample/{name}.parquet")
+    metrics_of(mean_deviations(tables)).to_parquet(run / "aggregate/metrics.parquet")
+    with pytest.raises(InputError, match=r"20 samples; a comparison with units takes 35 for 22 tolerances"):
+        read_population_run(run, study)
 
 
 def test_the_answer_says_how_much_of_a_shift_the_limits_allow():
