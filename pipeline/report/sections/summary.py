@@ -97,7 +97,7 @@ class Verdict:
             return ""
         rows = self.frames.metrics[self.frames.metrics["sample"].isin(missing)]
         reasons = rows["status"].astype(str)[rows["status"] != OK].mode()
-        reason = f" (most often: {reasons.iloc[0]})" if len(reasons) else ""
+        reason = f" (most often: {reasons.iloc[0].partition(' (')[0]})" if len(reasons) else ""
         least = float(np.sum(~self.breaks[ALL_LIMITS])) / len(samples)
         return (
             f"This leaves out {len(missing):,} of {count_text(len(samples), 'unit')} without a value of a metric that "
