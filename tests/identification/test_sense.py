@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -40,6 +41,31 @@ def test_an_effect_with_the_declared_sign_can_be_more_probable_than_the_other_si
     measurement = Measurement.read(load_measured_unit(folder, ROOT)).in_other_sense()
     assert noted(measurement, condensed, tuple(FRICTION)) is not None
     assert noted(measurement, condensed, tuple(FRICTION), gain=1e4) is None
+
+
+def test_both_the_answer_and_the_model_without_effects_are_tried_with_the_other_sign(tmp_path, condensed, monkeypatch):
+    folder = make_unit(tmp_path / "u", {}, Bench(cranks=CRANKS[:2], rows=24), condensed)
+    measurement = Measurement.read(load_measured_unit(folder, ROOT)).in_other_sense()
+    fit_from, tried = identify._fit_from, []
+
+    def recorded(known, *rest):
+        tried.append(known.model.name)
+        return fit_from(known, *rest)
+
+    monkeypatch.setattr(identify, "_fit_from", recorded)
+    assert noted(measurement, condensed, tuple(FRICTION)) is not None
+    assert tried == ["", "coulomb"]
+
+
+def test_an_effect_is_one_of_many_before_the_data():
+    """The other sign without effects is not compared with one effect as if no other had been tried."""
+    selector = SimpleNamespace(testable=range(20))
+    trials = [
+        SimpleNamespace(fit=SimpleNamespace(model=SimpleNamespace(n_effects=n)), evidence=SimpleNamespace(value=3.0))
+        for n in (0, 1, 2)
+    ]
+    values = [identify._log_posterior(trial, selector) for trial in trials]
+    np.testing.assert_allclose(values, 3.0 - np.log([1, 20, 190]))
 
 
 @pytest.mark.long

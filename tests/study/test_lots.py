@@ -198,11 +198,9 @@ def test_repeated_rows_are_the_elements_of_a_part():
     assert values[1, 0] == 80
 
 
-def test_parts_with_numbers_for_names_keep_them():
-    assert measured_lot("lot", table({"part": ["102", "7"], "disk_profile": ["1", "2"]}), STUDY.design).parts == (
-        "102",
-        "7",
-    )
+def test_parts_with_numbers_for_names_keep_them_beside_an_empty_line():
+    columns = {"part": ["102", "", "7"], "disk_profile": ["1", "", "2"]}
+    assert measured_lot("lot", table(columns), STUDY.design).parts == ("102", "7")
 
 
 @pytest.mark.parametrize(

@@ -86,10 +86,11 @@ def measured_lot(name: str, table: TableFile, design: Design) -> MeasuredLot:
     n_rows = len(table.cells)
     if n_rows == 0:
         raise InputError(f"{table.name}: no part; give a row for each")
-    if np.any(np.diff(table.cells.index) != 1):
-        line = table.cells.index[int(np.argmax(np.diff(table.cells.index) != 1))] + 1
-        raise InputError(f"{table.name}:{line}: no value; remove the line, or give its part a value")
     labels = table.texts(PART) if PART in table.cells else None
+    gaps = np.flatnonzero(np.diff(table.cells.index) != 1)
+    if labels is None and len(gaps):  # parts are numbered by their rows
+        line = table.cells.index[gaps[0]] + 1
+        raise InputError(f"{table.name}:{line}: no value; remove the line, or give its part a value")
     starts = _starts(labels, n_rows)
     values_of = {
         key: _by_part(table.name, dimension_library()[key], design, parts, starts, n_rows)

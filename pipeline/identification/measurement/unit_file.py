@@ -166,7 +166,7 @@ def _unit_path(typed_path: Path, root: Path) -> Path:
     for candidate in (typed_path, root / typed_path, home / typed_path):
         path = candidate if candidate.name == UNIT_FILE else candidate / UNIT_FILE
         if path.is_file():
-            return path.parent.resolve() / UNIT_FILE  # the folder that was named, wherever its unit.toml is a link to
+            return path.parent.resolve() / UNIT_FILE  # not of the folder that a linked unit.toml is in
     names = [path.parent.name for path in home.glob(f"*/{UNIT_FILE}")]
     advice = nearest_name(typed_path.name, names) if names else "data/measured has none"
     raise InputError(f"unit = {str(typed_path)!r}; no such folder with a {UNIT_FILE}; {advice}")

@@ -1,5 +1,7 @@
 """Each fault of the data is found, with its rows; sound data have none."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,6 +9,7 @@ from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
 from pipeline.errors import InputError
 from pipeline.identification.bench.instrument_effects import instrument_effects
+from pipeline.identification.measurement.faults.data_faults import _turning_crank
 from pipeline.identification.measurement.faults.fault import linear_algebra_faults
 from pipeline.identification.measurement.faults.shape_faults import DELAYED_SHARE, gains_energy
 from pipeline.identification.measurement.measurement import Measurement
@@ -427,3 +430,9 @@ def test_a_record_that_ends_at_another_load_is_judged_by_its_closed_loops():
     angle = 5.0 * np.tanh((torque - 0.3 * sense) / 3.0)
     assert not gains(torque, angle)
     assert gains(torque[::-1], angle[::-1])
+
+
+def test_a_table_without_a_good_row_says_nothing_of_a_turning_crank():
+    rows = SimpleNamespace(cranks=np.array([0.0, 90.0, 180.0]))
+    assert list(_turning_crank(rows, np.zeros(9, bool))) == []
+    assert [fault.kind for fault in _turning_crank(rows, np.ones(3, bool))] == ["turning crank"]
