@@ -1,6 +1,7 @@
 """What can be typed: commands and their options. Nothing heavy is imported before a command is known."""
 
 import argparse
+import contextlib
 import math
 from pathlib import Path
 from typing import NoReturn, Protocol
@@ -202,6 +203,13 @@ def _add_measured_unit(command: Commands) -> None:
         default="mean",
         help="value of each sample over the study's crank angles, for units without crank_deg; default: mean",
     )
+    comparing.add_argument(
+        "--noise",
+        type=_finite,
+        metavar="PERCENT",
+        help="repeatability of the bench, the standard deviation of a value in percent of it; "
+        "fewer than five units, and single units, are tested with it alone",
+    )
     _study(comparing)
     _where(comparing)
 
@@ -242,7 +250,7 @@ def _where(sub: argparse.ArgumentParser) -> None:
 
 
 def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text} is no finite number")
-    return value
+    with contextlib.suppress(ValueError):
+        if math.isfinite(value := float(text)):
+            return value
+    raise argparse.ArgumentTypeError(f"{text} is no finite number")

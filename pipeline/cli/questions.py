@@ -91,4 +91,4 @@ def compare_states(options: argparse.Namespace) -> None:
 
 def compare_population(options: argparse.Namespace) -> None:
     """Compare measured units with the distributions of a study."""
-    print_answer(population(options.units, options.study, options.over, workers(options)))
+    print_answer(population(options.units, options.study, options.over, workers(options), options.noise))

@@ -37,6 +37,9 @@ from pipeline.report.unit.record import write_record_page
 from pipeline.report.unit.series import write_change_page, write_series_page
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
+LARGEST_NOISE = 20.0
+"""Repeatability of a bench [%] beyond which a number is in another unit."""
+
 
 @dataclass(frozen=True)
 class UnitAnswer(
@@ -237,7 +240,11 @@ def shared_by_states(measurements: Sequence[Measurement], folder: str | Path, ov
 
 
 def population(
-    units: str | Path, study: Study | str | Path, over: str = "mean", jobs: int | Workers | None = None
+    units: str | Path,
+    study: Study | str | Path,
+    over: str = "mean",
+    jobs: int | Workers | None = None,
+    noise_percent: float | None = None,
 ) -> Answer[list[MetricComparison]]:
     """Many measured units against the distributions of a study.
 
@@ -247,13 +254,18 @@ def population(
     study : or the name or file of one.
     over : "mean" or "worst" over the study's crank angles, for units without ``crank_deg``.
     jobs : processes; the study's own number if not given.
+    noise_percent : repeatability of the bench, the standard deviation of a value in percent of it. Without it fewer
+        units than metrics and two are not tested, and no unit by itself.
 
     Raises
     ------
     InputError
-        If the file or the study is wrong.
+        If the file, the study or the noise is wrong.
     """
     units = Path(units)
+    if noise_percent is not None and not 0 <= noise_percent <= LARGEST_NOISE:
+        raise InputError(f"--noise {noise_percent:g}: must be 0 to {LARGEST_NOISE:g} percent of a value")
+    noise = None if noise_percent is None else noise_percent / 100
     measured_population = load_population(units)
     study = up_to_date(study_of(study), ["aggregate"], jobs).study
     samples = read_population_run(settings.RUNS / study.name, study)
@@ -261,11 +273,11 @@ def population(
     comparisons = metric_comparisons(measured_population, samples.metrics, confidence, turn_statistic=over)
     with linear_algebra_faults(units.name):
         closings = {
-            crank: closing([entry for entry in comparisons if entry.crank_deg == crank], samples, confidence)
+            crank: closing([entry for entry in comparisons if entry.crank_deg == crank], samples, confidence, noise)
             for crank in dict.fromkeys(entry.crank_deg for entry in comparisons)
         }
     folder = settings.RUNS / "population" / study.name
-    single = single_units(measured_population, samples.metrics, over)
+    single = single_units(measured_population, samples.metrics, over, noise)
     frames = population_results.write(comparisons, closings, single, folder)
     write_population_page(study, units.name, over, comparisons, closings, single, folder)
     every_angle = f"{over} over {len(study.cycle.crank_deg)} crank angles"

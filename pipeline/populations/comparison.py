@@ -61,6 +61,7 @@ class MetricComparison:
     metric : column, with its unit.
     crank_deg : where it was measured; None where the units name no crank angle.
     turn_statistic : "angle", or "mean" or "worst" over the crank angles of the study, which the samples are then of.
+    labels : (n_units,) which units have a value.
     units, samples : (n_units,), (n_samples,) values.
     bias : mean of the units less mean of the samples, in the metric's unit, Welch's interval.
     spread_ratio : standard deviation of the units over that of the samples.
@@ -71,6 +72,7 @@ class MetricComparison:
     metric: str
     crank_deg: float | None
     turn_statistic: str
+    labels: tuple[str, ...]
     units: Real
     samples: Real
     bias: Estimate
@@ -183,7 +185,7 @@ def metric_comparisons(
             continue
         samples = metrics_at(metrics, crank, turn_statistic)
         for metric in [name for name in measurable_metrics() if name in population]:
-            units = population.loc[of_crank, metric].dropna().to_numpy(float)
+            units = population.loc[of_crank].set_index("unit")[metric].dropna()
             if units.size:
                 pairs.append((metric, crank, units, samples[metric].to_numpy()))
     medians = {metric: (float(np.median(units)), float(np.nanmedian(samples))) for metric, _, units, samples in pairs}
@@ -292,11 +294,12 @@ def _comparison(
     metric: str,
     crank: float | None,
     turn_statistic: str,
-    units: Real,
+    unit_values: pd.Series,
     samples: Real,
     confidence: float,
     rng: np.random.Generator,
 ) -> MetricComparison:
+    units = unit_values.to_numpy(float)
     comparable = units.size >= FEWEST_UNITS and samples.size >= FEWEST_UNITS
     probability = np.arange(1, QUANTILE_POINTS + 1) / (QUANTILE_POINTS + 1)
     quantiles = [np.quantile(values, probability, method="median_unbiased") for values in (samples, units)]
@@ -304,6 +307,7 @@ def _comparison(
         metric=metric,
         crank_deg=crank,
         turn_statistic=turn_statistic,
+        labels=tuple(map(str, unit_values.index)),
         units=units,
         samples=samples,
         bias=_bias(units, samples, confidence),

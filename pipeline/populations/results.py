@@ -1,6 +1,7 @@
 """Tables of measured units against a study: the comparison of each metric, and which tolerance would close it."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -41,12 +42,13 @@ def comparison_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
 
 def candidate_frame(closings: Mapping[float | None, Closing]) -> pd.DataFrame:
     """One row a crank angle and tolerance: the shift of its mean that comes closest, and whether it closes."""
+    columns = ["crank_deg", *(field.name for field in fields(Candidate)), "closes"]
     rows = [
         {"crank_deg": np.nan if crank is None else crank, **vars(candidate), "closes": candidate.closes}
         for crank, closing in closings.items()
         for candidate in closing.candidates
     ]
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=columns)
 
 
 def quantile_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
@@ -68,6 +70,8 @@ def quantile_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
 
 def sentence(closing: Closing) -> str:
     """What the comparison says in one sentence."""
+    if closing.why_not:
+        return f"Whether the units' means differ from the study's is not tested: {closing.why_not}."
     if not closing.has_bias:
         return f"The units' means do not differ from the study's (p = {closing.p_value:.2g})."
     closers = [candidate for candidate in closing.candidates if candidate.closes]

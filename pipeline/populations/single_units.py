@@ -28,6 +28,7 @@ class SingleUnits:
     p_value : (n_units,) of each unit against the study moved by the shift of the other units.
     fewest_samples : of the study with which one unit could be named.
     samples : of the study.
+    has_noise : whether the repeatability of the bench is known.
     """
 
     crank_deg: float | None
@@ -35,6 +36,7 @@ class SingleUnits:
     p_value: Real
     fewest_samples: int
     samples: int
+    has_noise: bool
 
     @property
     def outlying(self) -> tuple[str, ...]:
@@ -52,6 +54,11 @@ class SingleUnits:
         """Which units differ by themselves."""
         if len(self.units) < FEWEST_UNITS:
             return f"Fewer than {FEWEST_UNITS} units have all metrics, too few to distinguish one unit from the rest."
+        if not self.has_noise:
+            return (
+                f"Whether a single unit differs from the {len(self.units)} units is not tested: that requires the "
+                "bench's repeatability (--noise), which would otherwise count as a difference."
+            )
         if self.samples < self.fewest_samples:
             return (
                 f"Whether a single unit differs from the {len(self.units)} units is not tested: that requires "
@@ -67,19 +74,23 @@ class SingleUnits:
         )
 
 
-def single_units(population: pd.DataFrame, metrics: pd.DataFrame, turn_statistic: str) -> list[SingleUnits]:
+def single_units(
+    population: pd.DataFrame, metrics: pd.DataFrame, turn_statistic: str, noise: float | None
+) -> list[SingleUnits]:
     """Each unit against the study, at each crank angle that the units name.
 
     Parameters
     ----------
     population, metrics, turn_statistic : as for ``metric_comparisons``.
+    noise : standard deviation of a value of the bench over the value; None if it is not known: then no unit is tested.
 
     Notes
     -----
     The distance of a unit is Mahalanobis' in the covariance of the study's samples, from their mean moved by the
-    median shift of all other units; p is the share of samples that lie as far from their mean. The shift's own
-    scatter is allowed for.
+    median shift of all other units; p is the share of samples that lie as far from their mean. Each sample is given
+    the noise of a bench, and the shift's own scatter is allowed for.
     """
+    rng = np.random.default_rng(0)
     names = [name for name in measurable_metrics() if name in population and population[name].notna().any()]
     cranks = population["crank_deg"].to_numpy() if "crank_deg" in population else np.full(len(population), np.nan)
     groups = []
@@ -87,16 +98,21 @@ def single_units(population: pd.DataFrame, metrics: pd.DataFrame, turn_statistic
         units_at_crank = population[np.isnan(cranks) if crank is None else cranks == crank]
         units_at_crank = units_at_crank.dropna(subset=names)
         samples = metrics_at(metrics, None if crank is None else float(crank), turn_statistic)[names].dropna()
+        if noise:
+            samples = samples * (1 + noise * rng.standard_normal(samples.shape))
         number = None if crank is None else float(crank)
-        groups.append(_at_crank(number, units_at_crank["unit"].astype(str).tolist(), units_at_crank[names], samples))
+        labels = units_at_crank["unit"].astype(str).tolist()
+        groups.append(_at_crank(number, labels, units_at_crank[names], samples, noise is not None))
     return groups
 
 
-def _at_crank(crank: float | None, labels: list[str], units: pd.DataFrame, samples: pd.DataFrame) -> SingleUnits:
+def _at_crank(
+    crank: float | None, labels: list[str], units: pd.DataFrame, samples: pd.DataFrame, has_noise: bool
+) -> SingleUnits:
     values, reference = units.to_numpy(float), samples.to_numpy(float)
     fewest = int(np.ceil(len(labels) / LEVEL)) - 1
-    if len(labels) < FEWEST_UNITS or len(reference) < fewest:
-        return SingleUnits(crank, tuple(labels), np.ones(len(labels)), fewest, len(reference))
+    if not has_noise or len(labels) < FEWEST_UNITS or len(reference) < fewest:
+        return SingleUnits(crank, tuple(labels), np.ones(len(labels)), fewest, len(reference), has_noise)
     mean = reference.mean(axis=0)
     inverse = np.linalg.pinv(np.atleast_2d(np.cov(reference, rowvar=False)))
     shrink = 1 + MEDIAN_VARIANCE / (len(values) - 1)
@@ -106,4 +122,4 @@ def _at_crank(crank: float | None, labels: list[str], units: pd.DataFrame, sampl
         shift = np.median(np.delete(values, k, axis=0), axis=0) - np.median(reference, axis=0)
         step = value - mean - shift
         p_values[k] = (1 + np.count_nonzero(spread >= step @ inverse @ step / shrink)) / (1 + len(reference))
-    return SingleUnits(crank, tuple(labels), p_values, fewest, len(reference))
+    return SingleUnits(crank, tuple(labels), p_values, fewest, len(reference), has_noise)

@@ -83,14 +83,19 @@ class Closing:
 
     Attributes
     ----------
-    has_bias : whether the biases differ from zero, all metrics together, at the level of 5 %.
-    p_value : of no bias at all.
+    p_value : of no bias at all; nan where `why_not` says why it is not tested.
     candidates : every tolerance that varies in the study; those that close come first, then by what they leave.
+    why_not : empty where the biases are tested.
     """
 
-    has_bias: bool
     p_value: float
     candidates: tuple[Candidate, ...]
+    why_not: str = ""
+
+    @property
+    def has_bias(self) -> bool:
+        """Whether the biases differ from zero, all metrics together, at the level of 5 %."""
+        return self.p_value < ALPHA
 
     @property
     def takes_an_effect(self) -> bool:
@@ -140,13 +145,19 @@ def mean_deviations(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def closing(comparisons: Sequence[MetricComparison], population: StudyPopulation, confidence: float = 0.95) -> Closing:
+def closing(
+    comparisons: Sequence[MetricComparison],
+    population: StudyPopulation,
+    confidence: float = 0.95,
+    noise: float | None = None,
+) -> Closing:
     """Rank the tolerances by how well a shift of their mean closes the biases.
 
     Parameters
     ----------
     comparisons : of one crank angle, or of the worst over the crank angles.
     population : the study's samples.
+    noise : standard deviation of a value of the bench over the value; None if it is not known.
 
     Raises
     ------
@@ -156,11 +167,16 @@ def closing(comparisons: Sequence[MetricComparison], population: StudyPopulation
     Notes
     -----
     Linear regression of the metrics on the mean deviations of the study's own samples gives the slopes B (metric by
-    tolerance). With the covariance C of the biases b, from the correlation of the metrics in the study and the spread
-    of units and samples, a shift d of tolerance t leaves (b - B_t d)' C^-1 (b - B_t d), which is least at
-    d = B_t' C^-1 b / B_t' C^-1 B_t, and is Hotelling's with one degree of freedom less than metrics. The error of the
-    slopes times d is part of C: the mean of eighty pins varies little and its slope is poorly known. A shift beyond the
-    samples' range extrapolates the line.
+    tolerance). With the covariance C of the biases b a shift d of tolerance t leaves r = (b - B_t d)' C^-1 (b - B_t d),
+    which is least at d = B_t' C^-1 b / B_t' C^-1 B_t. b' C^-1 b is Hotelling's with as many degrees of freedom as
+    metrics, r with one less, and d has Student's distribution with the variance (1 + r / f) / B_t' C^-1 B_t, f the
+    degrees of freedom of C. The error of the slopes times d is part of C: the mean of eighty pins varies little and its
+    slope is poorly known. A shift beyond the samples' range extrapolates the line.
+
+    Source
+    ------
+    Hotelling, The generalization of Student's ratio, Ann. Math. Stat. 2 (1931) 360; Rao, Some problems involving linear
+    hypotheses in multivariate analysis, Biometrika 46 (1959) 49.
     """
     if len({comparison.crank_deg for comparison in comparisons}) != 1:
         raise ValueError("comparisons of one crank angle are asked for")
@@ -169,49 +185,65 @@ def closing(comparisons: Sequence[MetricComparison], population: StudyPopulation
     deviations = population.deviations.loc[metrics.index]
     deviations = deviations.loc[:, deviations.std() > 1e-9 * (1e-3 + deviations.abs().max())]
     bias = np.array([comparison.bias.value for comparison in comparisons])
-    covariance = _covariance(comparisons, metrics.to_numpy())
+    scatter = _bias_scatter(comparisons, metrics, noise)
+    if scatter is None:
+        return Closing(
+            np.nan, (), f"that takes {bias.size + 2} units with every metric, or the bench's repeatability (--noise)"
+        )
+    covariance, freedom = scatter
     distance = float(bias @ np.linalg.solve(covariance, bias))
-    units = min(comparison.units.size for comparison in comparisons)
-    p_value = _tail(distance, bias.size, units)
+    p_value = _tail(distance, bias.size, freedom)
     slopes, uncertainty = _slopes(deviations.to_numpy(), metrics.to_numpy())
-    z = float(scipy.stats.norm.ppf((1 + confidence) / 2))
+    quantile = float(scipy.stats.t.ppf((1 + confidence) / 2, freedom - bias.size + 1))
     candidates = []
     for name, slope, error in zip(deviations, slopes, uncertainty, strict=True):
         shift, deviation, remaining = _closest_shift(bias, slope, covariance, error)
+        reach = quantile * deviation * np.sqrt(1 + remaining / freedom)
         room = _room(population.study, name, float(deviations[name].mean()), shift)
         candidates.append(
             Candidate(
                 tolerance=name,
                 shift_um=shift,
-                shift_low_um=shift - z * deviation,
-                shift_high_um=shift + z * deviation,
+                shift_low_um=shift - reach,
+                shift_high_um=shift + reach,
                 room_um=room,
-                within_limits=abs(shift) - z * deviation <= room,
+                within_limits=abs(shift) - reach <= room,
                 explained=1 - remaining / distance if distance > 0 else 0.0,
-                p_value=_tail(remaining, bias.size - 1, units) if bias.size > 1 else np.nan,
+                p_value=_tail(remaining, bias.size - 1, freedom) if bias.size > 1 else np.nan,
             )
         )
     candidates.sort(key=lambda candidate: (not candidate.closes, -candidate.explained, abs(candidate.shift_um)))
-    return Closing(p_value < ALPHA, p_value, tuple(candidates))
+    return Closing(p_value, tuple(candidates))
 
 
-def _covariance(comparisons: Sequence[MetricComparison], samples: Real) -> Real:
-    """Covariance of the biases: spread of the units over their number, correlated as in the study, plus the study's."""
-    correlation = np.atleast_2d(np.corrcoef(samples, rowvar=False))
-    scatter = samples.std(axis=0, ddof=1)
-    # One or two units do not show their spread; the study's stands for it.
-    spread = np.array(
-        [c.units.std(ddof=1) if c.units.size > 2 else s for c, s in zip(comparisons, scatter, strict=True)]
-    )
-    error = spread / np.sqrt([comparison.units.size for comparison in comparisons])
-    return np.asarray(correlation * (np.outer(error, error) + np.outer(scatter, scatter) / len(samples)), float)
+def _bias_scatter(
+    comparisons: Sequence[MetricComparison], samples: pd.DataFrame, noise: float | None
+) -> tuple[Real, int] | None:
+    """Covariance (n_metrics, n_metrics) of the biases and its degrees of freedom; None where the units do not show it.
+
+    Notes
+    -----
+    Units that are more than metrics by two show their own covariance, the noise of the bench in it; its degrees of
+    freedom are those of the units alone, which is never too many (Yao, Biometrika 52 (1965) 139). The covariance of
+    fewer units is that of the study with the declared noise added: metrics that are correlated in the study are not
+    so in the noise.
+    """
+    units = pd.DataFrame({c.metric: pd.Series(c.units, c.labels) for c in comparisons}).dropna()
+    study_scatter = np.atleast_2d(np.cov(samples.to_numpy(), rowvar=False))
+    if len(units) >= len(comparisons) + 2:
+        own_scatter = np.atleast_2d(np.cov(units.to_numpy(), rowvar=False))
+        return own_scatter / len(units) + study_scatter / len(samples), len(units) - 1
+    if noise is None:
+        return None
+    fewest = min(comparison.units.size for comparison in comparisons)
+    scatter = study_scatter + np.diag((noise * samples.mean().to_numpy()) ** 2)
+    return scatter / fewest + study_scatter / len(samples), len(samples) - 1
 
 
-def _tail(value: float, freedom: int, units: int) -> float:
-    """Probability of Hotelling's statistic above `value`; chi-square where so few units show no spread of their own."""
-    if units <= max(freedom, 2):
-        return float(scipy.stats.chi2.sf(value, freedom))
-    return float(scipy.stats.f.sf(value * (units - freedom) / (freedom * (units - 1)), freedom, units - freedom))
+def _tail(value: float, n_metrics: int, freedom: int) -> float:
+    """Probability of Hotelling's statistic of so many metrics above `value`."""
+    rest = freedom - n_metrics + 1
+    return float(scipy.stats.f.sf(value * rest / (n_metrics * freedom), n_metrics, rest))
 
 
 def _closest_shift(bias: Real, slope: Real, covariance: Real, slope_covariance: Real) -> tuple[float, float, float]:
