@@ -69,6 +69,19 @@ def test_pins_in_holes_leave_no_choice_of_the_reading_of_their_diameter(study_da
     assert problem.startswith('s.toml: clearance.roller_reading = "diameter"; must be "half_diameter"')
 
 
+def test_a_limit_on_a_metric_that_the_design_leaves_without_a_value_is_refused(study_data):
+    limits = {"limits.efficiency_percent": 90.0, "limits.pressure_speed_MPa_m_per_s": 5.0}
+    data = study_data
+    for key, limit in limits.items():
+        data = changed(data, key, limit)
+    problems = sorted(study_problems(data))
+    assert len(problems) == 2
+    assert problems[0].startswith("s.toml: limits.efficiency_percent = 90.0; has no value without the speed of the")
+    assert "[operation.friction] of the design" in problems[0]
+    of_stated = parse_study(changed(data, "design", "two_disks_39"), "s", "s.toml", read_design)  # speed and friction
+    assert of_stated.limits.efficiency_percent == 90.0
+
+
 def test_a_case_lists_one_diameter_for_each_output_pin():
     data = {
         "design": "printed_drive",

@@ -20,6 +20,8 @@ from pipeline.config.studies.study import (
     Reduce,
     Samples,
 )
+from pipeline.model.metrics.turn import turn_library
+from pipeline.model.metrics.turn.turn_metric import FRICTION, NEEDS, RATING, SPEED
 
 LARGEST_HYPERCUBE = 100_000
 """A Latin hypercube is held as a whole by every worker, some 3 kB a sample."""
@@ -68,6 +70,8 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Mis
         problems += _until(samples, parts.get("limits"))
     if samples and design:
         problems += _size(samples, design)
+    if design and parts.get("limits"):
+        problems += _limits(parts["limits"], design)
     if samples and parts.get("drivers"):
         problems += _drivers(parts["drivers"], samples)
     if samples and design and parts.get("limits") and parts.get("tails"):
@@ -119,6 +123,21 @@ def provenance_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> Ite
                     list(provenance.plausible),
                     f"must be [lower, upper] about the number itself, {value:g}",
                 )
+
+
+def _limits(limits: Limits, design: Design) -> Iterator[Mistake]:
+    """Limits on metrics that have no value, since the design does not state what they need."""
+    operation = design.operation
+    is_stated = {
+        SPEED: operation is not None,
+        RATING: operation is not None and operation.rating is not None,
+        FRICTION: operation is not None and operation.friction is not None,
+    }
+    for name, limit in limits.of_metrics.items():
+        needs = turn_library()[name].needs if name in turn_library() else ()
+        if missing := [NEEDS[need] for need in needs if not is_stated.get(need, True)]:
+            requirement = f"has no value without {' and '.join(missing)}; add that, or delete the limit"
+            yield Mistake(f"limits.{name}", limit, requirement)
 
 
 def _samples(samples: Samples, raw: Mapping[str, Any]) -> Iterator[Mistake]:
