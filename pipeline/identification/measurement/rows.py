@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -22,6 +23,15 @@ CRANK_DIGITS = 6
 """Decimals of a crank angle [deg] by which positions are told apart."""
 
 
+class MissingColumn(NamedTuple):
+    """A column that a file should have: its file and name, the quantity read from it, and the file's columns."""
+
+    file: str
+    name: str
+    quantity: str
+    present: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class Rows:
     """Measured rows; by position, and in each as they stand in the files, which is the order of time.
@@ -36,7 +46,7 @@ class Rows:
     time, temperature, command : (n,) [s], [deg C], [N m]; None without such a column in any file.
     file, line : (n,) index into `files`, and line in that file (the header is line 1).
     files : names.
-    missing : (file, column name, quantity) of columns that a file should have and does not have.
+    missing : columns that a file should have and does not have.
     extra : (n,) rows of all other columns, as they were read.
     """
 
@@ -52,7 +62,7 @@ class Rows:
     file: Whole
     line: Whole
     files: tuple[str, ...]
-    missing: tuple[tuple[str, str, str], ...]
+    missing: tuple[MissingColumn, ...]
     extra: pd.DataFrame
 
     def __len__(self) -> int:
@@ -91,7 +101,7 @@ class Recorded:
 
     table: pd.DataFrame
     source: Whole
-    missing: tuple[tuple[str, str, str], ...]
+    missing: tuple[MissingColumn, ...]
     extra: pd.DataFrame
 
     def quantity(self, name: str) -> Real:
@@ -135,7 +145,7 @@ def recorded_rows(unit: UnitFile) -> Recorded:
             problems += error.problems
     if problems:
         raise InputError(shortened_list(problems, unit.name))
-    missing: list[tuple[str, str, str]] = []
+    missing: list[MissingColumn] = []
     parts = [_standard(table, number, unit, missing) for number, table in enumerate(tables)]
     source = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     mapped_columns = {_column(unit, name).name for name in (*REQUIRED_QUANTITIES, *OPTIONAL, *ENCODERS)}
@@ -205,7 +215,7 @@ def _column(unit: UnitFile, quantity: str) -> FileColumn:
     return column
 
 
-def _standard(table: TableFile, number: int, unit: UnitFile, missing: list[tuple[str, str, str]]) -> pd.DataFrame:
+def _standard(table: TableFile, number: int, unit: UnitFile, missing: list[MissingColumn]) -> pd.DataFrame:
     """The quantities of file ``number`` in standard units at the output; what it lacks is added to `missing`."""
     file = unit.files[number]
     crank = float(number) if unit.has_anonymous_positions else file.crank_deg
@@ -228,7 +238,7 @@ def _standard(table: TableFile, number: int, unit: UnitFile, missing: list[tuple
         elif constants.get(quantity) is not None:
             values[quantity] = np.full(len(table.cells), to_output.get(quantity, 1.0) * constants[quantity], float)
         elif quantity in REQUIRED_QUANTITIES or quantity in mapped_columns:
-            missing.append((file.path, column.name, quantity))
+            missing.append(MissingColumn(file.path, column.name, quantity, tuple(table.cells)))
     return pd.DataFrame({"line": table.cells.index, **values})
 
 

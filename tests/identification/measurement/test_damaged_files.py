@@ -173,3 +173,11 @@ def test_many_rows_are_read_and_judged_within_a_stated_memory(tmp_path: Path, ro
     print(f"{len(table)} rows: {memory_before:.0f} MiB before, {memory_after:.0f} MiB at most")
     assert message == f"{len(table)} rows"
     assert memory_after < limit
+
+
+def test_a_missing_column_is_told_with_the_header_that_was_found(tmp_path: Path) -> None:
+    table = measured().drop(columns="torque_Nm").assign(**{f"extra_{k}": 0.0 for k in range(15)})
+    folder = write_unit(tmp_path / "u", {"rows.csv": table})
+    (message,) = [fault.message for fault in read(folder).fatal if fault.kind == "missing column"]
+    assert "has no column 'torque_Nm', its header is: cycle, crank_deg, angle_arcmin, extra_0," in message
+    assert "extra_8, ...; name the column of torque_Nm in [columns.torque_Nm]" in message

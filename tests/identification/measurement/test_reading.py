@@ -116,7 +116,7 @@ def test_settings_that_the_files_contradict_are_reported_together(tmp_path):
 
 def test_a_missing_column_is_kept_for_the_faults(tmp_path):
     _, rows = rows_of(write_unit(tmp_path / "u", {"rows.csv": measured().drop(columns="torque_Nm")}))
-    assert rows.missing == (("rows.csv", "torque_Nm", "torque_Nm"),)
+    assert rows.missing == (("rows.csv", "torque_Nm", "torque_Nm", ("cycle", "crank_deg", "angle_arcmin")),)
     assert np.isnan(rows.torque).all()
 
 

@@ -20,7 +20,8 @@ CLIPPED_SHARE = 0.05
 """Share of rows at the end of the angle's range from which nothing is known of the curve under load."""
 TOLERATED_SHARE = 0.01
 """Share of rows that may be no numbers or jumps of the encoder; more are a fault of the recording."""
-
+SHOWN_COLUMNS = 12
+"""Of a header that lacks one."""
 TURNING_SHARE = 0.1
 """Crank angles in rows from which the crank was not locked: a loop has tens of rows at the least."""
 
@@ -79,17 +80,19 @@ def _standing_out(measurement: MeasuredRows) -> Iterator[Fault]:
 
 
 def _missing_columns(rows: Rows) -> Iterator[Fault]:
-    for file, column, quantity in rows.missing:
+    for file, column, quantity, present in rows.missing:
         constant = " or give it as a constant of the file" if quantity in ("crank_deg", "cycle") else ""
+        header = ", ".join(map(str, present[:SHOWN_COLUMNS])) + ", ..." * (len(present) > SHOWN_COLUMNS)
         yield Fault(
             "missing column",
-            f"{file} has no column {column!r}; name the column of {quantity} in [columns.{quantity}]{constant}",
+            f"{file} has no column {column!r}, its header is: {header}; "
+            f"name the column of {quantity} in [columns.{quantity}]{constant}",
             "fatal",
         )
 
 
 def _not_numbers(rows: Rows) -> Iterator[Fault]:
-    missing_columns = {(rows.files.index(file), quantity) for file, _, quantity in rows.missing}
+    missing_columns = {(rows.files.index(column.file), column.quantity) for column in rows.missing}
     bad = {
         "crank_deg": rows.position < 0,
         "cycle": rows.is_misnumbered & (rows.cycle == -1),
