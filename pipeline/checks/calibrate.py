@@ -236,10 +236,14 @@ def _design_file(calibration: Calibration, source: str) -> str:
     return toml_of(content)
 
 
+NAMES = ("source", "case", "metric", "key")
+"""Columns of text."""
+
+
 def _table(path: Path, columns: tuple[str, ...]) -> TableFile:
     if not path.is_file():
         raise InputError(f"{path.name}: no such file; give a CSV file, or the stem of one in data/published")
-    table = read_table(path, path.name)
+    table = read_table(path, path.name, names_in=NAMES)
     if tuple(table.cells) != columns:
         raise InputError(f"{path.name}: columns {', '.join(table.cells)}; must be {', '.join(columns)}")
     return table

@@ -23,7 +23,7 @@ from pipeline.decisions.certificate import (
 from pipeline.decisions.certificate import certificate as certificate_of
 from pipeline.decisions.fresh_units import refuse_limits_of_turn
 from pipeline.decisions.lots import results
-from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot, with_separate_ovalities
+from pipeline.decisions.lots.measured_lot import PART, MeasuredLot, measured_lot, with_separate_ovalities
 from pipeline.decisions.selective_assembly import Assembly, best_assembly, write_pairs
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
@@ -213,4 +213,5 @@ def _read_lot(path: Path, study: Study) -> MeasuredLot:
         raise InputError(f"--csv = {path}; no such file; give a CSV file with one row per part")
     if not NAME.fullmatch(path.stem):
         raise InputError(f"--csv = {path.name!r}; its name without the ending names results and {NAME_RULE}")
-    return with_separate_ovalities(measured_lot(path.stem, read_table(path, path.name), study.design), study)
+    table = read_table(path, path.name, names_in=(PART,))
+    return with_separate_ovalities(measured_lot(path.stem, table, study.design), study)

@@ -89,7 +89,7 @@ def load_population(path: Path) -> pd.DataFrame:
     InputError : no such file, no table, no metric in it, repeated units, or values that are no positive numbers.
     """
     try:
-        table = read_table(path, path.name)
+        table = read_table(path, path.name, names_in=("unit",))
     except OSError as error:
         raise InputError(f"{path.name}: no table: {error}; give a CSV file with one row per unit") from None
     frame = table.cells

@@ -145,7 +145,7 @@ def table(columns: dict[str, list[str]]) -> TableFile:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "lot.csv"
         path.write_text("\n".join(rows) + "\n")
-        return read_table(path, "lot.csv")
+        return read_table(path, "lot.csv", names_in=("part",))
 
 
 def lot_columns(n: int, seed: int) -> dict[str, list[str]]:
@@ -199,8 +199,8 @@ def test_repeated_rows_are_the_elements_of_a_part():
 
 
 def test_parts_with_numbers_for_names_keep_them_beside_an_empty_line():
-    columns = {"part": ["102", "", "7"], "disk_profile": ["1", "", "2"]}
-    assert measured_lot("lot", table(columns), STUDY.design).parts == ("102", "7")
+    columns = {"part": ["102", "", "007"], "disk_profile": ["1", "", "2"]}
+    assert measured_lot("lot", table(columns), STUDY.design).parts == ("102", "007")
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import csv
 import gzip
 import re
 import zlib
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -135,11 +135,8 @@ class TableFile:
         return np.asarray(pd.to_numeric(_with_point(values, self.decimal), errors="coerce").to_numpy(float))
 
     def texts(self, column: str) -> list[str]:
-        """The cells of a column as texts (n,), as names of cases that happen to be numbers; "" where it is blank."""
-        values = self.cells[column]
-        if pd.api.types.is_numeric_dtype(values):
-            return ["" if np.isnan(value) else f"{value:.15g}" for value in values]
-        return list(values.fillna("").astype(str).tolist())
+        """The cells of a column that was read as names (n,); "" where it is blank."""
+        return list(self.cells[column].fillna("").tolist())
 
     def is_blank(self, column: str) -> Truth:
         """Whether the cells of a column hold nothing (n,)."""
@@ -167,13 +164,16 @@ def shortened_list(problems: Iterable[str], name: str, count: int = 0) -> list[s
     return lines if count <= MOST_LINES else [*lines[: MOST_LINES - 1], f"{name}: {count - MOST_LINES + 1} more faults"]
 
 
-def read_table(path: Path, name: str, separator: str | None = None, decimal: str = ".") -> TableFile:
+def read_table(
+    path: Path, name: str, separator: str | None = None, decimal: str = ".", names_in: Container[str] = ()
+) -> TableFile:
     """A table of text, in UTF-8, UTF-16 with its mark, or Latin-1, plain or packed with gzip.
 
     Parameters
     ----------
     name : of the file in messages.
     separator, decimal : as declared; without a separator both are guessed from the first lines.
+    names_in : columns of names, which stay text where all are numbers: part 007 is not part 7.
 
     Raises
     ------
@@ -196,7 +196,7 @@ def read_table(path: Path, name: str, separator: str | None = None, decimal: str
     columns: dict[str, pd.Series] = {}
     for number, column in enumerate(names):
         if column or pc.any(pc.not_equal(cells[number], "")).as_py():
-            columns[column or f"column {number + 1}"] = _column(cells[number], decimal)
+            columns[column or f"column {number + 1}"] = _column(cells[number], decimal, column in names_in)
     frame = pd.DataFrame(columns).set_axis(line)
     return TableFile(name, frame[~np.all(frame.isna().to_numpy(), axis=1)], decimal)
 
@@ -299,10 +299,12 @@ def _with_point(values: pd.Series, decimal: str) -> pd.Series:
     return texts.where(~texts.str.contains(".", regex=False), "no number").str.replace(decimal, ".")
 
 
-def _column(cells: pa.ChunkedArray, decimal: str) -> pd.Series:
+def _column(cells: pa.ChunkedArray, decimal: str, is_of_names: bool) -> pd.Series:
     """A column as numbers, if all of its cells are numbers or blank; else as text, None where it is blank."""
     blank = pc.is_in(cells, pa.array(BLANK))
     nullable_cells = pc.if_else(blank, pa.scalar(None, pa.string()), cells)
+    if is_of_names:
+        return nullable_cells.to_pandas()
     texts = nullable_cells
     if decimal == ",":
         has_point = pc.match_substring(nullable_cells, ".")
