@@ -84,6 +84,7 @@ class Certificate:
     meets_all : probability that the unit meets every limit, with the interval of the number of draws; None without
         limits.
     bounds : of the rigid play at the first crank angle, over all that was not measured.
+    why_no_bounds : empty where there are bounds.
     loops : of the units that the measured one may be.
     """
 
@@ -93,6 +94,7 @@ class Certificate:
     metrics: pd.DataFrame
     meets_all: Estimate | None
     bounds: tuple[Bound, ...]
+    why_no_bounds: str
     loops: Loops
 
     @property
@@ -171,7 +173,7 @@ def certificate(
         tuple(known_values),
         _metrics(study, values),
         meets_all,
-        _bounds(study, known_values, loops),
+        *_bounds(study, known_values, loops),
         loops,
     )
 
@@ -189,14 +191,17 @@ def _metrics(study: Study, values: Mapping[str, Real]) -> pd.DataFrame:
     return METRICS_TABLE.frame(rows)
 
 
-def _bounds(study: Study, known_values: Mapping[str, Real], loops: Loops) -> tuple[Bound, ...]:
-    """Of the rigid play at the first crank angle; none where everything was measured or the parts jam."""
+def _bounds(study: Study, known_values: Mapping[str, Real], loops: Loops) -> tuple[tuple[Bound, ...], str]:
+    """Bounds of the rigid play at the first crank angle, and why there are none."""
     rigid = [name for name, metric in library().items() if metric.turn_of_rigid_bodies]
     try:
         box = Box.from_study(study, known_values)
-        return tuple(bound for name in rigid for bound in play_bounds(box, float(loops.crank_deg[0]), name))
-    except (InputError, ArithmeticError):
-        return ()
+    except InputError:
+        return (), "Every dimension that varies was measured, so that the play has no range."
+    try:
+        return tuple(bound for name in rigid for bound in play_bounds(box, float(loops.crank_deg[0]), name)), ""
+    except ArithmeticError:
+        return (), "The play has no bounds: with the measured dimensions the rigid parts jam at this crank angle."
 
 
 @dataclass(frozen=True)

@@ -176,7 +176,13 @@ def test_without_draws_there_is_no_certificate():
         certified_unit("unit.toml", rigid_study(), draws=0)
 
 
-def test_parts_that_jam_have_no_bounds(certified):
+def test_it_says_why_the_play_has_no_bounds(certified):
     study = rigid_study()
-    known = dict.fromkeys(["disk_profile"], np.array([-300.0]))
-    assert certificates._bounds(study, known, certified.loops) == ()
+    bounds, why_not = certificates._bounds(study, {"disk_profile": np.array([-300.0])}, certified.loops)
+    assert bounds == ()
+    assert "jam" in why_not
+    everything = {name: np.zeros(1) for name, tolerance in study.tolerances if tolerance.varies}
+    bounds, why_not = certificates._bounds(study, everything, certified.loops)
+    assert bounds == ()
+    assert "Every dimension that varies was measured" in why_not
+    assert certified.why_no_bounds == ""

@@ -73,6 +73,7 @@ def write_certificate_page(unit: Certificate, loop: Compensated | None, folder: 
             if math.isfinite(row["limit"]) or row["high"] > row["low"]
         ],
         bounds=[(METRICS[b.metric].axis, b.quantity, rounded_number(b.value)) for b in unit.bounds],
+        why_no_bounds=unit.why_no_bounds,
         crank=float(loops.crank_deg[0]),
         pictures={"loop": drawn_picture(figure, "Predicted loop", caption, folder / "figures" / "loop")},
     )
