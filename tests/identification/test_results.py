@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import MagicMock
@@ -139,6 +140,17 @@ def test_a_coefficient_that_is_not_there_is_seen_in_one_residual_of_twenty() -> 
             cells = SimpleNamespace(residual=residual, position=np.zeros(len(block), int), block=block)
             alarms.append(judged_signature("", "", "", trend(cells, everything, columns, draw % 3)).significant)
     assert np.mean(alarms) == pytest.approx(0.05, abs=0.009)
+
+
+def test_a_step_across_zero_torque_is_not_shown_by_cells_at_no_torque() -> None:
+    """Of one sense, too: a normal matrix of zeros was singular."""
+    cells = simulated(half=0.2)
+    cells = replace(cells, torque=np.where(np.abs(cells.torque) > 3.1, cells.torque, 0.0))
+    rising = replace(cells, falling=np.where(cells.torque == 0, -1.0, cells.falling))
+    for play, asymmetry in map(_play, (cells, rising)):
+        assert play.why_not == "no cell shows it"
+        assert not play.significant
+        assert np.isfinite(asymmetry.p_value)
 
 
 def test_harmonics_that_the_positions_do_not_determine_are_named() -> None:

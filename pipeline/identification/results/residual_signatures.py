@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import stdtr, stdtrit  # scipy.stats is slow to import
 
 from pipeline.arrays import Real, Truth, Whole
-from pipeline.constant_kinds import Fineness, Shown, ShownCount
+from pipeline.constant_kinds import Fineness, Rounding, Shown, ShownCount
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.measurement.enough import LOADED_SHARE
 from pipeline.identification.measurement.estimate import SEED
@@ -23,6 +23,8 @@ RESAMPLES: Fineness = 500
 """Of the block bootstrap: an end of an interval is known to a tenth of its width."""
 WAVES: ShownCount = 160
 """Periods of the output angle that are looked at, even in their logarithm."""
+ROUNDING: Rounding = 1e-9
+"""Share of a size within which a number is zero but for rounding."""
 FLIPS: Fineness = 400
 """Random signs of the blocks in a test without distribution: p is known to 1 %."""
 FEWEST_BLOCKS: ShownCount = 3
@@ -117,11 +119,13 @@ def _cells(measurement: Measurement, data: Data, predicted_angle: Real) -> Signa
 def trend(
     cells: SignatureCells, is_selected: Truth, columns: Real, column: int, free_offset: bool = True
 ) -> tuple[Real, Real, int]:
-    """Coefficient (1,), its resamples (RESAMPLES,), number of blocks, of column ``column`` of ``columns`` (n, k)."""
+    """Coefficient (1,), its resamples (RESAMPLES,), number of blocks, of column ``column`` of ``columns`` (n, k).
+
+    Without blocks if no selected cell shows the column, as the sign of the torque where all cells are at no torque.
+    """
     residual, columns = cells.residual[is_selected], columns[is_selected]
-    if not len(residual):
-        return np.array([np.nan]), np.array([np.nan]), 0
-    if free_offset:
+    size = np.max(np.abs(columns[:, column]), initial=0.0)
+    if free_offset and len(residual):
         _, group = np.unique(cells.position[is_selected], return_inverse=True)
         group_columns = np.eye(int(group.max()) + 1)[group]
         share = group_columns / group_columns.sum(axis=0)
@@ -129,6 +133,8 @@ def trend(
             residual - group_columns @ (share.T @ residual),
             columns - group_columns @ (share.T @ columns),
         )
+    if np.max(np.abs(columns[:, column]), initial=0.0) <= ROUNDING * size:
+        return np.array([np.nan]), np.array([np.nan]), 0
     _, block = np.unique(cells.block[is_selected], return_inverse=True)
     n, k = int(block.max()) + 1, columns.shape[1]
     products = np.zeros((n, k, k + 1))
@@ -136,7 +142,7 @@ def trend(
     normal_matrix = products.sum(axis=0)
     value = np.linalg.lstsq(normal_matrix[:, :k], normal_matrix[:, k], rcond=None)[0]
     resamples = n * resampled_means(products, RESAMPLES, SEED)
-    ridge = 1e-9 * np.trace(normal_matrix[:, :k]) / k * np.eye(k)
+    ridge = ROUNDING * np.trace(normal_matrix[:, :k]) / k * np.eye(k)
     resampled_coefficients = np.linalg.solve(resamples[:, :, :k] + ridge, resamples[:, :, k][..., None])[..., 0]
     return value[column : column + 1], resampled_coefficients[:, column], n
 
@@ -149,7 +155,8 @@ def judged_signature(name: str, title: str, unit: str, line: tuple[Real, Real, i
     (value,), resamples, n = line
     if n < FEWEST_BLOCKS:
         no_estimate = np.nan, np.nan, np.nan
-        return Signature(name, title, unit, float(value), *no_estimate, False, f"no interval of {n} branches")
+        reason = f"no interval of {n} branches" if n else "no cell shows it"
+        return Signature(name, title, unit, float(value), *no_estimate, False, reason)
     error = float(np.std(resamples, ddof=1) * np.sqrt(n / (n - 1)))
     reach = stdtrit(n - 1, (1 + CONFIDENCE) / 2) * error
     p = float(2 * stdtr(n - 1, -abs(value) / error)) if error > 0 else float(value == 0)
