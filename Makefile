@@ -1,5 +1,5 @@
 # What a user gives is text: make itself expands no part of it either, from the command line or the environment.
-GIVEN := STUDY JOBS STAGE A B ALSO CSV YIELD UNIT SERIES OVER UNITS DATA DIMENSIONS RUN COUNT SEED CASES FIRST MESH DESIGN OUT THIRD
+GIVEN := STUDY JOBS STAGE A B ALSO CSV YIELD UNIT SERIES OVER UNITS NOISE DATA DIMENSIONS RUN COUNT SEED CASES FIRST MESH DESIGN OUT THIRD
 define AS_TEXT
 override $(1) := $$(value $(1))
 export $(1)
@@ -93,9 +93,9 @@ changed: $(VENV)/installed  ## say what changed between two measurements of one 
 	$(PIPELINE) changed --before $(if $(A),"$$A",$(error say which units: make changed A=<folder> B=<folder>)) \
 		--after $(if $(B),"$$B",$(error say which units: make changed A=<folder> B=<folder>)) $(if $(ALSO),--also $$ALSO)
 
-population: $(VENV)/installed  ## compare measured units with a study: make population UNITS=units.csv STUDY=paper
+population: $(VENV)/installed  ## compare measured units with a study: make population UNITS=units.csv STUDY=paper [NOISE=1]
 	$(PIPELINE) population --units $(if $(UNITS),"$$UNITS",$(error say which units: make population UNITS=<file>)) --study "$$STUDY" \
-		$(JOBS_OPTION)
+		$(if $(NOISE),--noise "$$NOISE") $(JOBS_OPTION)
 
 blind: $(VENV)/installed  ## test the identification on units whose truth it cannot read: make blind CASES=60 FIRST=0
 	$(VALIDATION) blind $(if $(CASES),--cases "$$CASES") $(if $(THIRD),--third "$$THIRD") $(if $(FIRST),--first "$$FIRST") $(JOBS_OPTION)

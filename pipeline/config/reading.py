@@ -76,8 +76,12 @@ def load_study(path_or_stem: str | Path, root: Path) -> Study:
     Raises
     ------
     InputError : a file is missing, is no TOML, or holds values that are not allowed; with all problems of both files.
+        Or another file of that name in data/studies has the same folder of runs.
     """
     path = found_file(path_or_stem, root, "studies", [Path(), root])
+    namesake = root / "data/studies" / path.name
+    if namesake.is_file() and namesake.read_bytes() != path.read_bytes():
+        raise InputError(f"{path}: its runs would replace those of data/studies/{namesake.name}; rename the file")
     return parse_study(read_toml(path), path.stem, file_label(path), lambda name: _study_design(name, path, root))
 
 

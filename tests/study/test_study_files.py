@@ -234,6 +234,15 @@ def test_missing_files_name_the_nearest(tmp_path):
         load_design("x.toml", tmp_path)
 
 
+def test_another_study_of_the_name_of_one_in_data_would_replace_its_runs(tmp_path):
+    kept = (ROOT / "data/studies/quick.toml").read_text()
+    (tmp_path / "quick.toml").write_text(kept)
+    assert load_study(tmp_path / "quick.toml", ROOT) == load_study("quick", ROOT)
+    (tmp_path / "quick.toml").write_text(kept.replace("count = 50", "count = 60"))
+    with pytest.raises(InputError, match=r"its runs would replace those of data/studies/quick.toml; rename the file"):
+        load_study(tmp_path / "quick.toml", ROOT)
+
+
 def test_a_design_may_lie_beside_its_study(tmp_path, study_data):
     (tmp_path / "mine.toml").write_text((ROOT / "data/designs/pham2017.toml").read_text().replace("12.0", "13.0"))
     text = (ROOT / "data/studies/quick.toml").read_text().replace('"pham2017"', '"mine.toml"')
