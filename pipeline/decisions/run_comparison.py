@@ -24,6 +24,7 @@ from pipeline.statistics.differences import (
     share_difference,
 )
 from pipeline.statistics.intervals import QUANTILES, mean, quantile, standard_deviation
+from pipeline.statistics.resampling import FEWEST_BEYOND
 
 DIFFERENCES = Table(
     "differences",
@@ -246,7 +247,9 @@ def _yield_rows(
     (a, b), replicate = _known_values(pair, has_value, within_limit)
     if min(a.size, b.size) == 0:
         return
-    if pair.has_replicates and np.ptp(a) and np.ptp(b):
+    n_different = np.count_nonzero(a != b) if pair.is_paired else a.size
+    varies = 0 < np.mean(a) < 1 and 0 < np.mean(b) < 1
+    if pair.has_replicates and varies and n_different >= FEWEST_BEYOND:  # fewer pairs show no spread of replicates
         passes = (a.astype(float), b.astype(float))
         ends = replicated_difference(mean, passes, replicate, pair.confidence, pair.is_paired)
     else:

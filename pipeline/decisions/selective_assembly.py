@@ -125,8 +125,10 @@ def best_assembly(
     score = PASS_SCORE * passes + np.clip(np.nan_to_num(margin, nan=-1.0), -1.0, 1.0)
     pairs = np.stack(linear_sum_assignment(score, maximize=True), axis=1)
     rng = np.random.default_rng(study.samples.seed)
-    random_pairs = np.stack([rng.permutation(n_first)[: len(pairs)], rng.permutation(n_second)[: len(pairs)]], axis=1)
-    shares = [_verified_yield(study, first_lot, second_lot, choice, solve, jobs) for choice in (random_pairs, pairs)]
+    n_units = DRAWS * len(pairs)
+    random_pairs = np.stack([rng.integers(n_first, size=n_units), rng.integers(n_second, size=n_units)], axis=1)
+    units_of_pairs = (random_pairs, np.repeat(pairs, DRAWS, axis=0))
+    shares = [_verified_yield(study, first_lot, second_lot, units, solve, jobs) for units in units_of_pairs]
     forces = None
     if mounting is not None:
         measured_values = _measured_values(first_lot, rows) | _measured_values(second_lot, columns)
@@ -194,10 +196,9 @@ def _margins(study: Study, values: Mapping[str, Real]) -> Real:
 def _verified_yield(
     study: Study, first_lot: MeasuredLot, second_lot: MeasuredLot, pairs: Index, solve: Solve, jobs: int
 ) -> Estimate:
-    """Yield of ``DRAWS`` fresh units of each pair."""
-    rows = np.repeat(pairs, DRAWS, axis=0)
+    """Yield of a fresh unit of each pair (n_units, 2) of parts."""
     values = _solve_metrics(
-        study, _measured_values(first_lot, rows[:, 0]) | _measured_values(second_lot, rows[:, 1]), solve, jobs
+        study, _measured_values(first_lot, pairs[:, 0]) | _measured_values(second_lot, pairs[:, 1]), solve, jobs
     )
     return pass_share(limit_passes(study, values), study.metrics.confidence)
 

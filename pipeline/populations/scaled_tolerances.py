@@ -155,11 +155,7 @@ def _shifted_yield(
     """A yield plus the difference of pairs; its interval from both, which are taken to be independent."""
     passes_before, passes_after = np.asarray(passes_before), np.asarray(passes_after)
     difference = float(np.mean(passes_after) - np.mean(passes_before))
-    low, high = (
-        share_difference(passes_before, passes_after, confidence, are_paired=True)
-        if np.any(passes_before != passes_after)
-        else (difference, difference)
-    )
+    low, high = share_difference(passes_before, passes_after, confidence, are_paired=True)
     value = float(np.clip(stated_yield.value + difference, 0.0, 1.0))
     lower_half = np.hypot(stated_yield.value - stated_yield.ci_low, difference - low)
     upper_half = np.hypot(stated_yield.ci_high - stated_yield.value, high - difference)

@@ -42,16 +42,24 @@ def max_t(gains: Real, resamples: int, seed: int) -> tuple[Real, Real]:
     -------
     t : (n_models,) mean over its standard error.
     p : (n_models,) one-sided, adjusted by the distribution of the largest t of models without gain (Westfall, Young,
-        Resampling-Based Multiple Testing (1993), single step).
+        Resampling-Based Multiple Testing (1993), single step). Each resample has a standard error of its own (Davison,
+        Hinkley, Bootstrap Methods and their Application (1997), section 4.4): with that of the data the test of eight
+        blocks was rejected in 17 % at a level of 5 %.
     """
-    n = len(gains)
-    mean, spread = gains.mean(axis=0), gains.std(axis=0, ddof=1) / np.sqrt(n)
-    scale = np.where(spread > 0, spread, np.inf)
-    t = mean / scale
-    resampled_gains = resampled_means(gains - mean, resamples, seed) / scale
-    largest_t = resampled_gains.max(axis=1)
+    n, mean = len(gains), gains.mean(axis=0)
+    t = _studentised(mean, np.mean((gains - mean) ** 2, axis=0), n)
+    resampled = resampled_means(gains - mean, resamples, seed)
+    resampled_variance = resampled_means((gains - mean) ** 2, resamples, seed) - resampled**2
+    largest_t = _studentised(resampled, resampled_variance, n).max(axis=1)
     p = (1 + np.sum(largest_t[:, None] >= t, axis=0)) / (resamples + 1)
     return t, p
+
+
+def _studentised(mean: Real, variance: Real, n: int) -> Real:
+    """Means of n values over their standard error by the values' own variance; 0 where they are equal."""
+    error = np.sqrt(np.maximum(variance, 0.0) / (n - 1))
+    t: Real = mean / np.where(error > 0, error, np.inf)
+    return t
 
 
 CONFIDENCE = 0.95

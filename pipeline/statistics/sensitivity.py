@@ -233,13 +233,16 @@ def rank_correlation(
 
     Notes
     -----
-    Independent samples: Fisher's z with the variance (1 + r^2/2)/(n - 3), which keeps its level up to |r| = 0.95 and,
-    other than a bootstrap, is the same in every run. Replicates: Student's t over the replicates' own z.
+    Independent samples: Fisher's z with the larger of two errors. (1 + r^2/2)/(n - 3) keeps its level up to |r| = 0.95
+    where the metric rises or falls; the variance of the influence function also where it is even in the parameter, or
+    scatters with it (86 % of intervals held the truth for |x|, 95 % with it). Replicates: Student's t over the
+    replicates' own z.
 
     Source
     ------
     Bonett and Wright, Sample size requirements for estimating Pearson, Kendall and Spearman correlations, Psychometrika
-    65 (2000) 23.
+    65 (2000) 23; Borkowf, Computing the nonnull asymptotic variance and the asymptotic relative efficiency of
+    Spearman's rank correlation, Comput. Stat. Data Anal. 39 (2002) 271.
     """
     columns = np.column_stack(list(parameters.values()))
     correlation = _spearman(columns, metrics)
@@ -247,6 +250,7 @@ def rank_correlation(
     if replicate is None:
         too_few = n < FEWEST_SAMPLES
         deviation = np.full_like(correlation, np.nan) if too_few else np.sqrt((1 + correlation**2 / 2) / (n - 3))
+        deviation = np.maximum(deviation, _influence_error(columns, metrics) / np.maximum(1 - correlation**2, 1e-15))
         half = scipy.stats.norm.ppf((1 + confidence) / 2) * deviation
     else:
         parts = [_fisher(_spearman(columns[replicate == r], metrics[replicate == r])) for r in np.unique(replicate)]
@@ -262,6 +266,34 @@ def _spearman(columns: Real, metrics: Real) -> Real:
         unit = [rank / np.linalg.norm(rank, axis=0) for rank in centred_ranks]
     correlation: Real = np.clip(unit[0].T @ unit[1], -1.0, 1.0)
     return correlation
+
+
+def _influence_error(columns: Real, metrics: Real) -> Real:
+    """Standard error (n_columns, n_metrics) of rank correlations by the spread of their influence function.
+
+    With u and v the ranks over n less a half, the influence of a sample is 12 (u v + the means of v over the samples
+    with a larger u, and of u over those with a larger v).
+    """
+    n = len(metrics)
+    u, v = ((scipy.stats.rankdata(values, axis=0) - 0.5) / n - 0.5 for values in (columns, metrics))
+    error = np.empty((u.shape[1], v.shape[1]))
+    for k, of_column in enumerate(u.T):
+        above_column = _sums_above(of_column, v) / n
+        for m, of_metric in enumerate(v.T):
+            above_metric = _sums_above(of_metric, of_column[:, None])[:, 0] / n
+            influence = 12 * (of_column * of_metric + above_column[:, m] + above_metric)
+            error[k, m] = np.std(influence, ddof=1) / np.sqrt(n)
+    return error
+
+
+def _sums_above(key: Real, values: Real) -> Real:
+    """Sums (n, n_values) of values (n, n_values) over the samples with a larger key (n,); equal keys count half."""
+    _, group = np.unique(key, return_inverse=True)
+    of_group = np.zeros((int(group.max()) + 1, values.shape[1]))
+    np.add.at(of_group, group, values)
+    from_group = np.cumsum(of_group[::-1], axis=0)[::-1]
+    sums: Real = (from_group - 0.5 * of_group)[group]
+    return sums
 
 
 def _fisher(correlation: Real) -> Real:

@@ -333,16 +333,18 @@ def test_the_friction_of_a_loop_is_its_loss_over_twice_its_travel():
     assert friction_torque(loop) == pytest.approx(0.5)
 
 
-def test_of_three_positions_the_true_pairing_is_one_of_six():
-    """The share of pairings that agree at least as well holds the true one."""
+@pytest.mark.parametrize(("n", "share"), [(3, np.nan), (4, 1 / 24)])
+def test_of_four_positions_one_pairing_of_24_shows_that_they_kept_their_pattern(n, share):
+    """The share of pairings that agree at least as well holds the true one, which of three is a sixth by itself."""
     torque, size = np.linspace(-1, 1, 9), object()
-    loops = [{size: Loop(torque, number * torque, number * torque + 0.1)} for number in (1, 2, 4, 1.1, 2.3, 3.8)]
+    slopes = [*[1, 2, 4, 8][:n], *[1.1, 2.3, 3.8, 7.9][:n]]
+    loops = [{size: Loop(torque, slope * torque, slope * torque + 0.1)} for slope in slopes]
     table = SimpleNamespace(
-        numbers=[SimpleNamespace(size=size)], loops=loops, state=np.repeat([0, 1], 3), label=["a", "b", "c"] * 2
+        numbers=[SimpleNamespace(size=size)], loops=loops, state=np.repeat([0, 1], n), label=list("abcd"[:n]) * 2
     )
-    found = pattern_of(table, ["a", "b", "c"])
-    assert found.p == pytest.approx(1 / 6)
-    assert found.persists
+    found = pattern_of(table, list("abcd"[:n]))
+    assert found.p == pytest.approx(share, nan_ok=True)
+    assert found.persists == (n == 4)
 
 
 @pytest.mark.parametrize(("unit", "text"), [("1", "+12 %"), ("N m", "+0.12 N m")])

@@ -110,12 +110,15 @@ def test_a_yield_moves_by_the_units_that_cross_the_limit():
         assert row.explained == pytest.approx(1.0)
 
 
-def test_a_scale_that_moves_no_unit_over_the_limit_keeps_yield_and_interval():
+def test_a_scale_that_moves_no_unit_over_the_limit_keeps_the_yield_and_widens_its_interval():
+    """Of three units none moved; a few of the others may."""
     study = coarse_study(limits={METRIC: 10.0})
     solved = pd.DataFrame({METRIC: [8.0, 9.0, 11.0]}, index=[1, 2, 3])
     rows = surrogate({(AS_STATED, 1.0): [1.0, 2.0, 3.0], ("pin_radial", 0.5): [1.1, 2.1, 3.1]})
     (row,) = scaled_yields(study, rows, solved, {METRIC: Estimate(0.6, 0.5, 0.7, 1000)})
-    assert (row.value, row.ci_low, row.ci_high) == pytest.approx((0.6, 0.5, 0.7))
+    assert row.value == pytest.approx(0.6)
+    assert row.ci_low < 0.45
+    assert row.ci_high > 0.75
 
 
 def test_units_without_a_value_at_the_scale_are_left_out():

@@ -272,6 +272,18 @@ def test_the_assignment_is_the_best_of_all_and_its_yield_is_verified():
     assert assembly.selected_yield.value == pytest.approx(best / 6)
 
 
+def test_the_random_yield_of_an_assembly_is_that_of_all_pairs_within_its_interval():
+    """Units of one permutation are not independent: of 30 intervals about half held the share of all pairs."""
+    holds = []
+    for seed in range(30):
+        first, second = lots_for_assembly(6)
+        study = STUDY.with_section("samples", seed=seed)
+        random = best_assembly(study, first, second, play_of_a_fit, 1).random
+        share = best_assembly(study, first, second, play_of_a_fit, 1).passes.mean()
+        holds.append(random.ci_low <= share <= random.ci_high)
+    assert sum(holds) >= 26
+
+
 def test_a_gain_is_claimed_only_where_the_intervals_do_not_overlap():
     first, second = lots_for_assembly(6)
     assembly = best_assembly(STUDY, first, second, play_of_a_fit, 1)

@@ -10,8 +10,10 @@ from pipeline.arrays import Real
 from pipeline.constant_kinds import Fineness, Seed
 from pipeline.identification.change.loops import Loop
 from pipeline.identification.change.table import LoopTable
-from pipeline.identification.measurement.enough import FEWEST_COMPARED
+from pipeline.statistics.resampling import LEVEL
 
+FEWEST_POSITIONS: Fineness = 4
+"""Of which one pairing of all, 1 in 24, is rarer than 5 %; of three it is 1 in 6."""
 MOST_EXACT: Fineness = 6
 """Positions up to which every pairing is tried."""
 PAIRINGS: Fineness = 999
@@ -26,7 +28,7 @@ class Pattern:
 
     Attributes
     ----------
-    p : share of pairings that agree at least as well; NaN with fewer than three positions.
+    p : share of pairings that agree at least as well; NaN with fewer than `FEWEST_POSITIONS`.
     pairings : number of pairings that were tried.
     distance : (n, n) mean square difference [arcmin^2] of the second state at a position (row) from the first at
         another (column), offsets removed.
@@ -38,8 +40,8 @@ class Pattern:
 
     @property
     def persists(self) -> bool:
-        """Whether equal positions agree better than any other pairing, or than 95 % of them."""
-        return self.p <= max(1 / self.pairings, 0.05) + 1e-12
+        """Whether equal positions agree better than 95 % of all pairings."""
+        return self.p <= LEVEL + 1e-12
 
 
 def pattern(table: LoopTable, labels: Sequence[str]) -> Pattern:
@@ -61,7 +63,7 @@ def pattern(table: LoopTable, labels: Sequence[str]) -> Pattern:
     distance = np.array(
         [[_distance(loop_before, loop_after) for loop_before in loops_before] for loop_after in loops_after]
     )
-    if n < FEWEST_COMPARED:
+    if n < FEWEST_POSITIONS:
         return Pattern(float("nan"), 1, distance)
     if n <= MOST_EXACT:
         permutations_tried = np.array(list(permutations(range(n))))

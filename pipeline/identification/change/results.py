@@ -127,7 +127,7 @@ class ChangeAnswer:
         """Whether the positions kept what is their own."""
         share = self.positions
         if not math.isfinite(share.p):
-            return "Whether positions kept their pattern can be tested with 3 or more positions in both measurements."
+            return "Whether positions kept their pattern can be tested with 4 or more positions in both measurements."
         n_as_good = round(share.p * share.pairings)
         rank = f"{n_as_good} of {share.pairings} pairings, the true one included, agree as well as it"
         if share.persists:

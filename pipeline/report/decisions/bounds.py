@@ -164,6 +164,8 @@ def sentence(allocation: Allocation) -> str:
         f"The cheapest tolerances found for a yield of {_share(allocation.target)} cost {cheapest.cost:.3g} and give "
         f"{_yield(cheapest)}; those of the study cost {stated_choice.cost:.3g} and give {_yield(stated_choice)}."
     )
+    if cheapest.yield_estimate.ci_low < allocation.target:
+        text += " The check on fresh units does not exclude a yield below the target; more units narrow its interval."
     text = f"{text} {preload_sentence(allocation)}".rstrip()
     if allocation.equal is None:
         return f"{text} Scaling all priced tolerances alike does not reach the target."

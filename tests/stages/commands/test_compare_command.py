@@ -10,7 +10,8 @@ import pytest
 
 from pipeline import cli, settings
 from pipeline.config import load_study
-from pipeline.decisions.run_comparison import differing_inputs, shared_draws
+from pipeline.decisions.run_comparison import ComparedRun, differences, differing_inputs, shared_draws
+from pipeline.model.metrics import library as metric_library
 
 ROOT = Path(__file__).parent.parent.parent.parent
 QUICK = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 24")
@@ -106,3 +107,29 @@ def test_cases_are_compared_by_their_labels(outputs: dict, own_runs: Path, tmp_p
     assert row["difference"] == row["b"] - row["a"] > 0.1
     assert np.isnan(row["ci_low"])
     assert cli.main(["compare", a, written(tmp_path, "random", QUICK), "--jobs", "1"]) == 2
+
+
+def of_runs(yield_a: float, yield_b: float, experiment: str, **samples: int) -> list[ComparedRun]:
+    """Two runs of quick whose units have a lost motion of 2 arcmin, or 3 where they miss its limit of 2.8."""
+    study = load_study("quick", ROOT)
+    settings_of = study.samples.model_copy(update={"experiment": experiment, "nominal_first": False, **samples})
+    study = study.model_copy(update={"samples": settings_of})
+    order = np.random.default_rng(0).permutation(samples["count"])  # one order: the units that miss are shared
+    runs = []
+    for share in (yield_a, yield_b):
+        units = pd.DataFrame(0.0, index=np.arange(samples["count"]), columns=list(metric_library()))
+        units["lost_motion_arcmin"] = np.where(order < share * samples["count"], 2.0, 3.0)
+        units["torsional_rigidity_Nm_per_arcmin"] = 6.0
+        runs.append(ComparedRun(study, units, pd.DataFrame()))
+    return runs
+
+
+@pytest.mark.parametrize("experiment", ["sobol", "latin_hypercube"])
+@pytest.mark.parametrize(("yields", "low", "high"), [((0.99, 0.98), -0.04, 0.0), ((0.9, 0.7), -0.3, -0.1)])
+def test_yields_of_replicated_runs_have_intervals_also_where_few_units_differ(
+    experiment: str, yields: tuple[float, float], low: float, high: float
+) -> None:
+    table = pd.DataFrame(differences(*of_runs(*yields, experiment, count=256, randomisations=8)))
+    row = table.set_index(["metric", "statistic"]).loc[("lost_motion_arcmin", "yield")]
+    assert row["difference"] == pytest.approx(yields[1] - yields[0], abs=0.005)
+    assert low < row["ci_low"] < row["difference"] < row["ci_high"] < high + 0.01

@@ -42,6 +42,18 @@ def test_ranks_of_a_monotone_function_are_perfect_and_of_a_constant_unknown():
     assert np.isnan(small_case.ci_low[0, 0])
 
 
+@pytest.mark.parametrize("metric", [lambda x, noise: np.abs(x) + 0.05 * noise, lambda x, noise: x * noise])
+def test_intervals_hold_no_correlation_of_an_even_metric_or_one_that_scatters_with_the_parameter(metric):
+    """In 95 % of 500 samples; 86 and 90 % by the variance of Bonett and Wright alone."""
+    rng = np.random.default_rng(9)
+    covers = []
+    for _ in range(500):
+        x, noise = rng.standard_normal((2, 50))
+        ranks = rank_correlation({"x": x}, metric(x, noise)[:, None], 0.95)
+        covers.append(ranks.ci_low[0, 0] <= 0 <= ranks.ci_high[0, 0])
+    assert 0.93 <= np.mean(covers) <= 0.98
+
+
 def test_intervals_are_bonetts_of_one_sample_and_students_over_the_z_of_each_of_replicates():
     """Psychometrika 65 (2000) 23: z of Spearman's coefficient has the variance (1 + r^2 / 2) / (n - 3)."""
     rng, replicate = np.random.default_rng(3), np.repeat(np.arange(4), 50)
