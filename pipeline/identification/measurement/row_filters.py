@@ -46,8 +46,8 @@ def rows_at_no_torque(
 
     The least friction keeps the drive on the side of the play that it came from; a model without friction puts each
     row on a side by the noise of its torque. A hold is ``fewest`` or more consecutive rows within ``smallest_torque``
-    [N m] of zero, or two if the sensor reads another torque without any (`_readings_at_no_torque`). The torques of the
-    rows before and after it differ by more than noise: a slow sweep is no hold.
+    [N m] of zero, or of what the sensor reads without torque (`_readings_at_no_torque`). The torques of the rows before
+    and after it differ by more than noise: a slow sweep is no hold.
     """
     is_held = np.zeros(len(rows), bool)
     readings = _readings_at_no_torque(rows, usable, branches)
@@ -57,8 +57,7 @@ def rows_at_no_torque(
         torque = rows.torque[numbers]
         is_step = np.concatenate([[True], np.abs(np.diff(torque)) > np.sqrt(2) * smallest_torque, [True]])
         for start, stop in _runs(np.abs(torque - reading) <= smallest_torque):
-            is_hold = stop - start >= (2 if reading else fewest)
-            is_held[numbers[start:stop]] = is_hold and is_step[start] and is_step[stop]
+            is_held[numbers[start:stop]] = stop - start >= fewest and is_step[start] and is_step[stop]
     return is_held
 
 
@@ -68,6 +67,7 @@ def _readings_at_no_torque(rows: Rows, usable: Truth, branches: BranchBlocks) ->
     A sensor with a zero offset, or one that creeps, reads another torque than zero there. At no torque the drive stays
     on its side of the play, whether the torque rises or falls. If one step of the bench is at no torque, it is the last
     one before the play in both senses; if every step is loaded, the last ones of the two senses are a step apart.
+    Friction may hold it there, too, but opens the loaded parts of the loop as well, and is seen in them.
     """
     last, step = np.full((2, len(branches.rows)), np.nan)
     for number, (block, direction) in enumerate(zip(branches.rows, branches.direction.tolist(), strict=True)):
