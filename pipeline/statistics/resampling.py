@@ -68,7 +68,7 @@ LEVEL = 1 - CONFIDENCE
 """p, or posterior probability, below which a hypothesis is rejected."""
 
 
-def jackknife_interval(value: float, left_out: Sequence[float]) -> tuple[float, float]:
+def jackknife_interval(value: float, left_out: Sequence[float], confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Interval of a value by the values without each group; NaN without any.
 
     Of logarithms where all values are positive and clear of zero; of a positive number that is not, it begins at zero.
@@ -79,20 +79,20 @@ def jackknife_interval(value: float, left_out: Sequence[float]) -> tuple[float, 
     """
     if len(left_out) < 2:
         return float("nan"), float("nan")
-    reach = _reach(np.array(left_out))
+    reach = _reach(np.array(left_out), confidence)
     if min(value, *left_out) <= 0:
         return value - reach, value + reach
     if reach >= value:
         return 0.0, value + reach
-    factor = float(np.exp(_reach(np.log(left_out))))
+    factor = float(np.exp(_reach(np.log(left_out), confidence)))
     return value / factor, value * factor
 
 
-def _reach(values: Real) -> float:
+def _reach(values: Real, confidence: float) -> float:
     """Half of the interval by values (n,) of fits that leave out a group each."""
     n = len(values)
     error = np.sqrt((n - 1) / n * np.sum((values - np.mean(values)) ** 2))
-    return float(scipy.stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * error)
+    return float(scipy.stats.t.ppf((1 + confidence) / 2, n - 1) * error)
 
 
 Interval = tuple[float, float]

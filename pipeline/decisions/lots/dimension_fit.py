@@ -1,9 +1,9 @@
 """One measured dimension of a lot: distribution, correlation of neighbours, capability, drift and outliers.
 
-Intervals are those of a parametric bootstrap: lots of the same size are drawn from the fitted distribution with its
-correlation, and the interval is that of the pivot (ratio of standard deviations, difference of means over the standard
-deviation, difference of logarithms of the correlation length). Source: Davison, Hinkley, Bootstrap Methods and their
-Application (1997), sections 2.4 and 5.2.
+Intervals of the moments and of the capability are over the parts: Student's of the parts' means, and the jackknife of
+logarithms, which need no distribution. Source: Miller, Jackknifing variances, Ann. Math. Stat. 39 (1968) 567. That of
+the correlation length is of a parametric bootstrap: lots of the same size are drawn from the fitted distribution with
+its correlation. Source: Davison, Hinkley, Bootstrap Methods and their Application (1997), section 2.4.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,8 @@ from pipeline.config.distributions import Distribution, Spread
 from pipeline.decisions.lots.fitted_distribution import FittedKind, fitted_kinds
 from pipeline.decisions.lots.measured_lot import FEWEST_PARTS
 from pipeline.sampling.designs import correlated_numbers
-from pipeline.statistics.intervals import Estimate
+from pipeline.statistics.intervals import Estimate, mean_interval
+from pipeline.statistics.resampling import jackknife_interval
 
 REPLICATES = 399
 """Lots of the bootstrap: the ends of a 95 % interval are order statistics 10 and 390."""
@@ -29,6 +30,8 @@ FEWEST_FOR_DRIFT = 8
 """Parts below which a drift over the order of production is not tested."""
 LENGTHS_PER_DECADE = 24
 """Of trial correlation lengths; the best of them is refined."""
+SMALLEST = 1e-9
+"""Standard deviation [um] of equal values."""
 
 
 @dataclass(frozen=True)
@@ -105,14 +108,14 @@ def dimension_fit(
     best_distribution, circle = kinds[0].distribution, _circumference(dimension, values, design)
     length = correlation_length(values, circle) if circle else None
     replicates = _replicates(best_distribution, values.shape, circle, length, np.random.default_rng(seed))
-    mean, spread = _moments(flat, replicates, confidence)
+    mean, spread = _moments(values, confidence)
     of_length = None
     if length is not None and circle:
         trials = [correlation_length(lot, circle, with_test=False) or length for lot in replicates]
         ratios = np.quantile(np.array(trials) / length, _ends(confidence))
         of_length = Estimate(length, length / ratios[1], length / ratios[0], len(flat))
         best_distribution = best_distribution.model_copy(update={"correlation_length_mm": float(f"{length:.3g}")})
-    cp, cpk = _capability(dimension, drawing, flat, replicates, spread, confidence)
+    cp, cpk = _capability(dimension, drawing, values, spread, confidence)
     return DimensionFit(
         dimension=dimension,
         parts=tuple(parts),
@@ -192,40 +195,51 @@ def _ends(confidence: float) -> Real:
     return np.array([(1 - confidence) / 2, (1 + confidence) / 2])
 
 
-def _moments(flat: Real, replicates: list[Real], confidence: float) -> tuple[Estimate, Estimate]:
-    """Mean and standard deviation [um] with the intervals of their pivots."""
-    mean, spread = float(np.mean(flat)), float(np.std(flat, ddof=1))
-    means = np.array([np.mean(lot) for lot in replicates])
-    spreads = np.array([np.std(lot, ddof=1) for lot in replicates])
-    centre, width = np.mean(means), np.sqrt(np.mean(spreads**2))
-    shift_low, shift_high = np.quantile((means - centre) / spreads, _ends(confidence))
-    ratio_low, ratio_high = np.quantile(spreads / width, _ends(confidence))
-    return (
-        Estimate(mean, mean - shift_high * spread, mean - shift_low * spread, len(flat)),
-        Estimate(spread, spread / ratio_high, spread / ratio_low, len(flat)),
-    )
+def independent_parts(values: Real) -> Real:
+    """Rows of values that are independent of each other: the parts, or of a single part its elements."""
+    return values if len(values) > 1 else values.T
+
+
+def _moments(values: Real, confidence: float) -> tuple[Estimate, Estimate]:
+    """Mean and standard deviation [um] of values (n_parts, n_elements), with intervals over the parts.
+
+    Elements of one part are alike, so that the number of parts counts, not that of elements.
+    """
+    low, high = mean_interval(independent_parts(values).mean(axis=1), confidence)
+    spread, (_, left_out) = float(np.std(values, ddof=1)), moments_without_each(values)
+    ends = jackknife_interval(spread, left_out.tolist(), confidence)
+    return Estimate(float(np.mean(values)), low, high, values.size), Estimate(spread, *ends, values.size)
+
+
+def moments_without_each(values: Real) -> tuple[Real, Real]:
+    """Mean and standard deviation (n_rows,) of the values without each of their independent rows."""
+    rows, middle = independent_parts(values), np.mean(values)
+    rest = values.size - rows.shape[1]
+    left_sum, left_square = (np.sum(power) - power.sum(axis=1) for power in (rows - middle, (rows - middle) ** 2))
+    variance = (left_square - left_sum**2 / rest) / max(rest - 1, 1)
+    return middle + left_sum / rest, np.sqrt(np.maximum(variance, 0.0))
 
 
 def _capability(
-    dimension: Dimension, drawing: Distribution, flat: Real, replicates: list[Real], spread: Estimate, confidence: float
+    dimension: Dimension, drawing: Distribution, values: Real, spread: Estimate, confidence: float
 ) -> tuple[Estimate | None, Estimate | None]:
-    """C_p and C_pk against the limits of the drawing."""
+    """C_p and C_pk of values (n_parts, n_elements) against the limits of the drawing."""
     if not drawing.varies:
         return None, None
     lower, upper = (drawing.allowance_um + limit for limit in drawing.limits_um)
     two_sided = isinstance(drawing, Spread) and not dimension.one_sided
-    n, cp = len(flat), None
+    n, cp = values.size, None
     if two_sided:
         width = (upper - lower) / 6
-        cp = Estimate(width / spread.value, width / spread.ci_high, width / spread.ci_low, n)
+        cp = Estimate(width / spread.value, width / spread.ci_high, width / max(spread.ci_low, SMALLEST), n)
 
-    def cpk(values: Real) -> float:
-        sides = [upper - np.mean(values), *([np.mean(values) - lower] if two_sided else [])]
-        return float(min(sides) / (3 * np.std(values, ddof=1)))
+    def cpk(mean: Real, spread: Real) -> Real:
+        room = np.minimum(upper - mean, mean - lower) if two_sided else upper - mean
+        return np.asarray(room / np.maximum(3 * spread, SMALLEST), float)
 
-    value, drawn_values = cpk(flat), np.array([cpk(lot) for lot in replicates])
-    low, high = np.quantile(drawn_values - np.mean(drawn_values), _ends(confidence))
-    return cp, Estimate(value, value - high, value - low, n)
+    value = float(cpk(np.asarray(np.mean(values)), np.asarray(spread.value)))
+    left_out = cpk(*moments_without_each(values)).tolist()
+    return cp, Estimate(value, *jackknife_interval(value, left_out, confidence), n)
 
 
 def _drift(part_means: Real, confidence: float) -> Drift | None:
