@@ -89,7 +89,8 @@ class ChangeAnswer:
         """The verdict in words."""
         comparison = self.comparison
         if comparison.named_changes:
-            return f"Shown: {'; '.join(change_text(change) for change in comparison.named_changes)}."
+            changes = "; ".join(change_text(change) for change in comparison.named_changes)
+            return f"Shown: {changes}. A new mounting that moves all positions alike would look the same."
         if comparison.freedom < FEWEST_FREEDOM:
             count = len(comparison.labels)
             return (

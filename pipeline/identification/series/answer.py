@@ -208,6 +208,8 @@ def trend_words(trend: Trend, variable: str) -> str:
     direction = trend.number.kind.grows if trend.slope > 0 else trend.number.kind.falls
     low, high = scale * trend.slope_low, scale * trend.slope_high
     bent = "" if trend.straight else ", not in a straight line"
+    if not trend.p_states < LEVEL:
+        bent += ", and not beyond the scatter of the states about a line: states mounted anew may differ as much"
     return (
         f"{direction} by {scale * trend.slope:+.3g} {unit} for each 1 of {variable} ({low:+.3g} to {high:+.3g}; "
         f"p = {trend.p:.2g}; loops to {trend.number.size.label}{bent})"

@@ -30,6 +30,7 @@ STATES = Table(
         *interval_columns("see unit", "95 % interval; null: not known, or at a bound"),
     ),
 )
+P_VALUES = ("p", "p_family", "p_states", "p_differ", "p_bent")
 TRENDS = Table(
     "trends",
     "number of the loops over the states",
@@ -39,8 +40,9 @@ TRENDS = Table(
         Column("slope_unit", "label", "", "of the slope: 1 where it is a share of a positive number"),
         Column("slope", "float64", "see slope_unit", "change with one of the variable; null without a variable"),
         *interval_columns("see slope_unit", "95 % interval"),
-        Column("p", "float64", "1", "of no trend"),
-        Column("p_family", "float64", "1", "of no trend, all numbers counted"),
+        Column("p", "float64", "1", "of no trend, by the scatter over the positions"),
+        Column("p_family", "float64", "1", "the same, all numbers counted"),
+        Column("p_states", "float64", "1", "of no trend, by the scatter of the states about their line"),
         Column("p_differ", "float64", "1", "of no difference between the states"),
         Column("p_bent", "float64", "1", "of no departure of the states from a straight line"),
         Column("shown", "bool", "", "whether the trend is claimed"),
@@ -165,8 +167,7 @@ def trend_rows(answer: SeriesAnswer) -> Columns:
         "slope": np.array([trend.slope for trend in trends]),
         "ci_low": np.array([trend.slope_low for trend in trends]),
         "ci_high": np.array([trend.slope_high for trend in trends]),
-        **{name: np.array([getattr(trend, name) for trend in trends]) for name in ("p", "p_family", "p_differ")},
-        "p_bent": np.array([trend.p_bent for trend in trends]),
+        **{name: np.array([getattr(trend, name) for trend in trends]) for name in P_VALUES},
         "shown": np.array([trend.is_shown for trend in trends], bool),
     }
 

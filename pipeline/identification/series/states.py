@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtr  # scipy.stats is slow to import
 
 from pipeline.arrays import Real, Truth
 from pipeline.errors import InputError
@@ -16,6 +17,8 @@ from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.statistics.resampling import CONFIDENCE, LEVEL
 
+SMALLEST_ERROR = 1e-300
+"""Of a slope: equal levels have none."""
 TEMPERATURE = "temperature_C"
 """Variable of the environment that may order states."""
 
@@ -108,7 +111,8 @@ class Trend:
     levels : (n_states,) mean over the positions, geometric of a positive number.
     low, high : (n_states,) 95 % interval of each level by the scatter of mounting; NaN where that is unknown.
     slope, slope_low, slope_high : change with one of the variable, a share of a positive number; NaN without variable.
-    p, p_family : of no trend, by itself, and all numbers counted.
+    p, p_family : of no trend by the scatter over the positions, by itself, and all numbers counted.
+    p_states : of no trend by the scatter of the states about their line; NaN with fewer than three states.
     p_differ : of no difference between the states.
     p_bent : of no departure of the states from a straight line; NaN with fewer than three values.
     """
@@ -122,6 +126,7 @@ class Trend:
     slope_high: float
     p: float
     p_family: float
+    p_states: float
     p_differ: float
     p_bent: float
 
@@ -154,11 +159,12 @@ def trends_of(series: Series) -> tuple[tuple[Trend, ...], LoopTable]:
         else contrast.mean + np.array([[0.0], [-1.0], [1.0]]) * contrast.reach(CONFIDENCE)
     )
     p, p_family = (np.full(len(table.numbers), np.nan),) * 2 if contrast is None else (contrast.p, contrast.family.p)
+    p_states = _p_of_states(centred_values, _levels(table)) if series.variable else np.full(len(table.numbers), np.nan)
     p_differ = layout.departure_p(np.zeros((len(table.state), 0)))
     bent_known = series.variable and len(np.unique(series.values)) > 2
     line = series.values[table.state][:, None]
     p_bent = layout.departure_p(line) if bent_known else np.full(len(table.numbers), np.nan)
-    levels = np.array([layout.values[table.state == k].mean(axis=0) for k in range(count)])
+    levels = _levels(table)
     rows = np.bincount(table.state, minlength=count)[:, None]
     reach = layout.half_interval(CONFIDENCE) / np.sqrt(rows)
     physical_values = [_physical_values(table, values) for values in (levels, levels - reach, levels + reach)]
@@ -167,9 +173,34 @@ def trends_of(series: Series) -> tuple[tuple[Trend, ...], LoopTable]:
     for k, number in enumerate(table.numbers):
         slope, slope_low, slope_high = shares[:, k].tolist()
         level, low, high = (values[:, k] for values in physical_values)
-        chances = (float(values[k]) for values in (p, p_family, p_differ, p_bent))
+        chances = (float(values[k]) for values in (p, p_family, p_states, p_differ, p_bent))
         trends.append(Trend(number, level, low, high, slope, slope_low, slope_high, *chances))
     return tuple(trends), table
+
+
+def _levels(table: LoopTable) -> Real:
+    """Means (n_states, n_numbers) over the positions of each state."""
+    return np.array([table.layout.values[table.state == k].mean(axis=0) for k in np.unique(table.state)])
+
+
+def _p_of_states(centred_values: Real, levels: Real) -> Real:
+    """p (n_numbers,) of no slope of the levels (n_states, n_numbers) over values (n_states,) of mean zero.
+
+    States are the whole plots of the layout: what a remounting or another day changes at all positions alike is in
+    their scatter about a line, not in that over the positions.
+
+    Source
+    ------
+    Scheffe, The Analysis of Variance (1959), chapter 8: the mixed model.
+    """
+    freedom = len(levels) - 2
+    if freedom < 1:
+        return np.full(levels.shape[1], np.nan)
+    square = np.sum(centred_values**2)
+    slope = centred_values @ levels / square
+    residuals = levels - levels.mean(axis=0) - np.outer(centred_values, slope)
+    error = np.sqrt(np.sum(residuals**2, axis=0) / freedom / square)
+    return np.asarray(2 * stdtr(freedom, -np.abs(slope) / np.maximum(error, SMALLEST_ERROR)), float)
 
 
 def _physical_values(table: LoopTable, values: Real) -> Real:
