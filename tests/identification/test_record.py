@@ -14,6 +14,8 @@ from pipeline.errors import InputError
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.record import answer
 from pipeline.identification.record.answer import LevelRow, effect_values, record_answer
+from pipeline.identification.record.error_orders import error_orders
+from pipeline.identification.record.evidence import REACH, Points
 from pipeline.identification.record.judging import RecordJudge, parts_of
 from pipeline.identification.record.passes import drift_of_repeats, shift_of_repeats
 from pipeline.identification.record.results import sentences, write
@@ -368,3 +370,65 @@ def test_shift_and_drift_are_the_scatter_of_the_mean_of_repeats(repeats):
         cells = SimpleNamespace(owner=owner, interval=interval)
         drift = drift_of_repeats(residual, cells, np.ones(len(residual), bool), reach)
         assert drift == pytest.approx(np.hypot(0.4, 0.6 / np.sqrt(reach)) / np.sqrt(2), rel=0.03)
+
+
+def drifting_passes(seed: int, drift: float, amplitude: float, repeats: int = 2) -> tuple[SimpleNamespace, Points]:
+    """Four kinds of passes over one turn of an output: noise of 0.01 arcmin, a smooth drift of each, an order of 7."""
+    rng, n_intervals, n_kinds = np.random.default_rng(seed), 120, 4
+    interval = np.arange(n_intervals)
+    wave = amplitude * np.cos(2 * np.pi * 7 * (interval + 0.5) / n_intervals)
+    smooth = np.exp(-0.5 * (np.subtract.outer(interval, interval) / (REACH * n_intervals)) ** 2)
+    factor = np.linalg.cholesky(smooth + 1e-9 * np.eye(n_intervals))
+    shape = (n_kinds, repeats, n_intervals)
+    error = wave + 0.01 * rng.standard_normal(shape) + drift * rng.standard_normal(shape) @ factor.T
+    kind, owner = np.repeat(np.arange(n_kinds), n_intervals), np.arange(n_kinds * repeats).repeat(n_intervals)
+    level, sense = np.array([0, 0, 1, 1]), np.array([1, -1, 1, -1])
+    torques = np.array([10.0, 20.0])
+    points = Points(
+        kind=kind,
+        interval=np.tile(interval, n_kinds),
+        error=error.mean(axis=1).ravel(),
+        noise=np.full(kind.size, 0.01 / np.sqrt(repeats)),
+        level=level[kind],
+        sense=sense[kind],
+        warmth=np.zeros(kind.size, int),
+        zero=np.tile(interval, n_kinds),
+        place=np.tile(interval, n_kinds),
+        cells=np.arange(owner.size),
+        of_cells=(owner // repeats) * n_intervals + np.tile(interval, n_kinds * repeats),
+        drift=drift / np.sqrt(repeats) if repeats > 1 else np.inf,
+        shift=0.0,
+        repeats=repeats - 1,
+    )
+    passes = SimpleNamespace(
+        sense=sense.repeat(repeats), level=level.repeat(repeats), temperature=np.full(8, 20.0), speed=np.ones(8)
+    )
+    record = SimpleNamespace(
+        cells=SimpleNamespace(torque=torques[level.repeat(repeats)][owner], owner=owner, error=error.ravel()),
+        passes=passes,
+        levels=torques,
+        largest_torque=20.0,
+        span_deg=360.0,
+        n_intervals=n_intervals,
+        orders=SimpleNamespace(waves={"output": ("output", 1.0), "crank": ("crank", 7.0)}, shafts={"crank": 7.0}),
+    )
+    return record, points
+
+
+@pytest.mark.parametrize("repeats", [1, 2])
+def test_drift_of_the_passes_is_no_order_of_the_error(repeats: int) -> None:
+    """In 99 % of such records a low order was called significant by the noise alone."""
+    significant = [
+        any(row.significant for row in error_orders(*drifting_passes(seed, 0.01, 0.0, repeats))) for seed in range(60)
+    ]
+    assert sum(significant) <= 10  # of 60 at 5 %: more have a probability below 1e-3
+
+
+def test_an_order_of_no_size_is_held_by_its_interval_and_a_large_one_is_significant() -> None:
+    rows = [
+        next(row for row in error_orders(*drifting_passes(seed, 0.01, 0.0)) if row.order == 7.0) for seed in range(60)
+    ]
+    assert sum(row.ci_low > 0 for row in rows) <= 10
+    (found,) = (row for row in error_orders(*drifting_passes(0, 0.01, 0.02)) if row.order == 7.0)
+    assert found.significant
+    assert found.ci_low < 60 * 0.02 < found.ci_high

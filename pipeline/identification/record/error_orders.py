@@ -9,13 +9,15 @@ from pipeline.arrays import Real, Whole
 from pipeline.constant_kinds import ShownCount
 from pipeline.identification.measurement.enough import FEWEST_OF_A_WAVE
 from pipeline.identification.measurement.turning.motion import LEVEL_SHARE
-from pipeline.identification.record.evidence import Points
+from pipeline.identification.record.evidence import REACH, Points
 from pipeline.identification.record.terms import LEAST_WAVES, Covariates
 from pipeline.identification.record.turn_record import TurnRecord
 from pipeline.statistics.resampling import CONFIDENCE, LEVEL
 
 WIDTH = float(ndtri(0.5 + 0.5 * CONFIDENCE))
 """Half of an interval, in standard deviations."""
+CLEAR_OF_ZERO = float(np.sqrt(-2 * np.log(LEVEL)))
+"""Amplitude in its error that noise alone exceeds in 5 %: its distribution is Rayleigh's."""
 SHOWN_ORDERS: ShownCount = 12
 """Orders that the page lists beside those of the shafts: the largest."""
 
@@ -31,7 +33,7 @@ class OrderRow:
     amplitude, ci_low, ci_high : [arcsec].
     per_torque : amplitude of what grows with the torque, at the largest one [arcsec]; 0 of one size of torque.
     senses : amplitude of half the difference of the senses [arcsec].
-    significant : whether noise alone would give one so large with at most 5 % over all orders.
+    significant : whether noise and drift alone would give one so large with at most 5 % over all orders.
     """
 
     order: float
@@ -48,7 +50,8 @@ def error_orders(record: TurnRecord, points: Points) -> list[OrderRow]:
     """Orders of the shafts and the largest others, from the means of all intervals.
 
     Growth with the torque is that between torques of one sign: from one sign to the other, other flanks carry, which
-    have errors of their own.
+    have errors of their own. Beside noise, what passes drift by over the angle makes low orders uncertain; without
+    repeats it may be all that the error varies by.
     """
     values = Covariates.from_record(record)
     torque, sense = (points.means(column[:, None])[:, 0] for column in (values.torque, values.sense))
@@ -69,8 +72,10 @@ def error_orders(record: TurnRecord, points: Points) -> list[OrderRow]:
     shafts = {order: title for title, order in record.orders.waves.values()} | _mesh_orders(record)
     named_orders = {order: title for order, title in shafts.items() if LEAST_WAVES <= order * turns <= highest * turns}
     noise = 60 * float(np.median(points.noise)) * np.sqrt(2 / len(intervals))
-    errors = np.array([noise / np.sqrt(max(float(np.median(square)), 1e-12)) for square in squares])
-    threshold = np.sqrt(-2 * np.log(LEVEL / max(len(signals) * len(grid), 1)))
+    drift = 60 * min(points.drift, float(np.std(residual)))
+    share = np.exp(-0.5 * (np.subtract.outer(intervals, intervals) / (REACH * record.n_intervals)) ** 2)
+    weights = np.array([1 / np.sqrt(max(float(np.median(square)), 1e-12)) for square in squares])
+    threshold = np.sqrt(-2 * np.log(LEVEL / max(len(signals) * len({*named_orders, *grid}), 1)))
     half = 0.5 * 2 * np.pi * turns / record.n_intervals
 
     def amplitudes(order: float) -> Real:
@@ -79,18 +84,25 @@ def error_orders(record: TurnRecord, points: Points) -> list[OrderRow]:
         amplitude: Real = 60 * np.hypot(sizes[0], sizes[1]) / float(np.sinc(order * half / np.pi))
         return amplitude
 
+    def errors(order: float) -> Real:
+        """Standard deviations (3,) of the sizes of a cosine."""
+        waves = np.exp(1j * order * place) - np.mean(np.exp(1j * order * place))
+        of_drift = 2 / len(place) ** 2 * float(np.real(np.conj(waves) @ share @ waves))
+        return np.asarray(np.sqrt(noise**2 + drift**2 * of_drift) * weights, float)
+
     amplitudes_found = {float(order): amplitudes(order) for order in {*named_orders, *grid}}
     separate_orders = [
         order for order in grid if all(abs(order - other_order) > 0.5 / turns for other_order in named_orders)
     ]
-    other_orders = sorted(separate_orders, key=lambda order: -float(np.max(amplitudes_found[float(order)] / errors)))[
-        :SHOWN_ORDERS
-    ]
+    errors_found = {order: errors(order) for order in amplitudes_found}
+    ratios = {order: amplitudes_found[order] / errors_found[order] for order in amplitudes_found}
+    other_orders = sorted(separate_orders, key=lambda order: -float(np.max(ratios[float(order)])))[:SHOWN_ORDERS]
     rows = []
     for order in sorted({*named_orders, *other_orders}):
         size, growth, lag = amplitudes_found[float(order)].tolist()
-        low, high = max(size - WIDTH * errors[0], 0.0), size + WIDTH * errors[0]
-        strong = bool(np.any(amplitudes_found[float(order)] > threshold * errors))
+        reach = WIDTH * float(errors_found[order][0])
+        low = size - reach if ratios[order][0] > CLEAR_OF_ZERO else 0.0
+        high, strong = size + reach, bool(np.any(ratios[order] > threshold))
         rows.append(
             OrderRow(
                 order=float(order),
