@@ -41,7 +41,7 @@ class DimensionCost:
     Attributes
     ----------
     yield_at_target : yield of the lot if every part had the drawing's mean in this dimension.
-    gain : difference to the yield of the lot, on the same units.
+    gain : difference to the yield of the lot, on the same units, those that have a value in both.
     """
 
     name: str
@@ -92,14 +92,19 @@ def lot_yield(study: Study, fits: Sequence[DimensionFit], solve: Solve, units: i
 
     drawn_values, made_values = values(study), values(lot_study)
     confidence, passes = study.metrics.confidence, limit_passes(study, made_values)
+    has_values = _has_values(study, made_values)
     costs = []
     for fit in fits:
         drawing = getattr(study.tolerances, fit.dimension.name)
         perfect = lot_study.with_section("tolerances", **{fit.dimension.name: _target(drawing)})
-        perfect_passes = limit_passes(study, values(perfect))
-        low, high = share_difference(passes, perfect_passes, confidence, True)
-        gain = Estimate(float(perfect_passes.mean() - passes.mean()), low, high, units)
-        costs.append(DimensionCost(fit.dimension.name, float(perfect_passes.mean()), gain))
+        perfect_values = values(perfect)
+        has_both = has_values & _has_values(study, perfect_values)
+        if not has_both.any():
+            continue
+        pair = passes[has_both], limit_passes(study, perfect_values)[has_both]
+        low, high = share_difference(*pair, confidence, True)
+        gain = Estimate(float(pair[1].mean() - pair[0].mean()), low, high, len(pair[0]))
+        costs.append(DimensionCost(fit.dimension.name, yields(study, perfect_values)[ALL_LIMITS].value, gain))
     costs.sort(key=lambda cost: -cost.gain.value)
     as_made = _with_part_uncertainty(study, fits, units, yields(study, made_values), values)
     return LotYield(yields(study, drawn_values), as_made, tuple(costs), made_values)
@@ -231,7 +236,10 @@ def _target(drawing: Distribution) -> Fixed:
 
 def limit_passes(study: Study, values: Mapping[str, Real]) -> Truth:
     """Whether each unit (n,) keeps all limits; one without a value keeps none."""
-    has_values: Truth = np.all(
-        [np.isfinite(values[name]) for name in study.limits.limited_metrics(ALL_LIMITS, values)], axis=0
-    )
-    return study.limits.pass_flags(values)[ALL_LIMITS] & has_values
+    return study.limits.pass_flags(values)[ALL_LIMITS] & _has_values(study, values)
+
+
+def _has_values(study: Study, values: Mapping[str, Real]) -> Truth:
+    """Whether each unit (n,) has a value of every metric with a limit; others count in no yield."""
+    limited_metrics = study.limits.limited_metrics(ALL_LIMITS, values)
+    return np.asarray(np.all([np.isfinite(values[name]) for name in limited_metrics], axis=0), bool)
