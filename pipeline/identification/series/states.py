@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import stdtr  # scipy.stats is slow to import
 
 from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Rounding
 from pipeline.errors import InputError
 from pipeline.identification.change.comparison import FAMILYWISE
 from pipeline.identification.change.loops import State
@@ -17,7 +18,7 @@ from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.statistics.resampling import CONFIDENCE, LEVEL
 
-SMALLEST_ERROR = 1e-300
+SMALLEST_ERROR: Rounding = 1e-300
 """Of a slope: equal levels have none."""
 TEMPERATURE = "temperature_C"
 """Variable of the environment that may order states."""

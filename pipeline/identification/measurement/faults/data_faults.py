@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.arrays import Index, Truth
 from pipeline.config.files.table_file import LARGEST_VALUE
+from pipeline.constant_kinds import ShownCount
 from pipeline.identification.measurement.enough import FEWEST_SCATTERED
 from pipeline.identification.measurement.faults import shape_faults
 from pipeline.identification.measurement.faults.branch_faults import branch_faults
@@ -20,7 +21,7 @@ CLIPPED_SHARE = 0.05
 """Share of rows at the end of the angle's range from which nothing is known of the curve under load."""
 TOLERATED_SHARE = 0.01
 """Share of rows that may be no numbers or jumps of the encoder; more are a fault of the recording."""
-SHOWN_COLUMNS = 12
+SHOWN_COLUMNS: ShownCount = 12
 """Of a header that lacks one."""
 TURNING_SHARE = 0.1
 """Crank angles in rows from which the crank was not locked: a loop has tens of rows at the least."""
