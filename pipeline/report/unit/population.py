@@ -35,6 +35,7 @@ def write_population_page(
     comparisons: Sequence[MetricComparison],
     closings: Mapping[float | None, Closing],
     single: Sequence[SingleUnits],
+    noise_percent: float | None,
     folder: Path,
 ) -> None:
     """Write population.html and its figure into ``folder``.
@@ -44,6 +45,7 @@ def write_population_page(
     units : name of the file of the units.
     turn_statistic : "mean" or "worst" over the crank angles, of the samples that units without a crank angle are
         compared with.
+    noise_percent : repeatability of the bench, if it was stated.
     """
     quantiles = quantile_frame(comparisons)
     quantiles["label"] = [
@@ -67,6 +69,7 @@ def write_population_page(
         units=units,
         biases=_biases(comparisons),
         angles=_angles(study, turn_statistic, closings),
+        repeatability="" if noise_percent is None else f"Repeatability of the bench: {noise_percent:g} % of a value.",
         sentences=[(_where(crank, turn_statistic), sentence(closing)) for crank, closing in closings.items()],
         comparisons=[_comparison(row) for row in comparison_frame(comparisons).to_dict("records")],
         single=[(_where(group.crank_deg, turn_statistic), group.sentence) for group in single],
