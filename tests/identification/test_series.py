@@ -215,7 +215,20 @@ def test_a_trend_that_is_not_beyond_the_scatter_of_the_states_is_told_so(p_state
         kind=SimpleNamespace(positive=True, grows="friction grows", falls="friction falls"),
         size=SimpleNamespace(label="10 N m"),
     )
-    trend = Trend(number, *np.zeros((3, 4)), 0.3, 0.2, 0.4, 1e-4, 1e-3, p_states, 0.01, 0.5)
+    trend = Trend(
+        number=number,
+        levels=np.zeros(4),
+        low=np.zeros(4),
+        high=np.zeros(4),
+        slope=0.3,
+        slope_low=0.2,
+        slope_high=0.4,
+        p=1e-4,
+        p_family=1e-3,
+        p_states=p_states,
+        p_differ=0.01,
+        p_bent=0.5,
+    )
     assert ("states mounted anew may differ as much" in trend_words(trend, "turns")) == is_told
 
 
