@@ -47,15 +47,15 @@ def max_t(gains: Real, resamples: int, seed: int) -> tuple[Real, Real]:
         blocks was rejected in 17 % at a level of 5 %.
     """
     n, mean = len(gains), gains.mean(axis=0)
-    t = _studentised(mean, np.mean((gains - mean) ** 2, axis=0), n)
+    t = _t_values(mean, np.mean((gains - mean) ** 2, axis=0), n)
     resampled = resampled_means(gains - mean, resamples, seed)
     resampled_variance = resampled_means((gains - mean) ** 2, resamples, seed) - resampled**2
-    largest_t = _studentised(resampled, resampled_variance, n).max(axis=1)
+    largest_t = _t_values(resampled, resampled_variance, n).max(axis=1)
     p = (1 + np.sum(largest_t[:, None] >= t, axis=0)) / (resamples + 1)
     return t, p
 
 
-def _studentised(mean: Real, variance: Real, n: int) -> Real:
+def _t_values(mean: Real, variance: Real, n: int) -> Real:
     """Means of n values over their standard error by the values' own variance; 0 where they are equal."""
     error = np.sqrt(np.maximum(variance, 0.0) / (n - 1))
     t: Real = mean / np.where(error > 0, error, np.inf)
