@@ -279,7 +279,9 @@ def population(
     folder = settings.RUNS / "population" / study.name
     single = single_units(measured_population, samples.metrics, over, noise)
     frames = population_results.write(comparisons, closings, single, folder)
-    write_population_page(study, units.name, over, comparisons, closings, single, noise_percent=noise_percent, folder=folder)
+    write_population_page(
+        study, units.name, over, comparisons, closings, single, noise_percent=noise_percent, folder=folder
+    )
     every_angle = f"{over} over {len(study.cycle.crank_deg)} crank angles"
     sentences = [
         f"{every_angle if crank is None else f'crank at {crank:g} deg'}: {population_results.sentence(of_crank)}"
