@@ -217,6 +217,34 @@ def test_the_interval_of_a_high_yield_holds_the_truth_of_ten_normal_parts(monkey
     assert holds >= 32  # of 40 at 95 %: fewer have a probability below 1e-4
 
 
+def test_another_lot_is_moved_stretched_and_normal_unless_another_kind_fits_clearly_better():
+    rng = np.random.default_rng(0)
+    few, many = (fit("disk_profile", 10 + 2 * rng.random((n, 1))) for n in (10, 300))
+    assert few.kinds[0].distribution.name == many.kinds[0].distribution.name == "uniform"
+    other = lot_yields.other_lot(few, 1.0, np.log(2.0))
+    assert other.name == "normal"
+    assert other.allowance_um + other.mean_um == pytest.approx(few.mean.value + 1, abs=1e-3)
+    assert other.sigma_um == pytest.approx(2 * np.std(few.values), rel=1e-3)
+    wide = lot_yields.other_lot(many, 0.5, np.log(2.0))
+    assert wide.name == "uniform"
+    assert wide.upper_um - wide.lower_um == pytest.approx(4.0, abs=0.1)
+    assert wide.allowance_um + 0.5 * (wide.upper_um + wide.lower_um) == pytest.approx(11.5, abs=0.1)
+
+
+def test_a_unit_without_a_value_counts_in_neither_yield_of_a_gain():
+    """Every other unit has no value where all disks are at the drawing's mean."""
+    found = fit("disk_profile", np.random.default_rng(1).normal(11, 0.5, (20, 1)))
+
+    def solve(errors):
+        nothing, values = play_of_few_pins(errors)
+        if np.ptp(errors.disk_profile) == 0:
+            values = {name: np.where(np.arange(len(value)) % 2, np.nan, value) for name, value in values.items()}
+        return nothing, values
+
+    (cost,) = lot_yield(STUDY, [found], solve, 100, 1).costs
+    assert cost.gain.n == 50
+
+
 def test_a_line_of_probits_is_found_with_its_error():
     rng = np.random.default_rng(5)
     regressors, number = rng.standard_normal((50, 2)), np.full(50, 100)

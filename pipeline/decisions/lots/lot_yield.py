@@ -211,12 +211,13 @@ def changes_of_lot(fit: DimensionFit, rng: np.random.Generator) -> tuple[float, 
 def other_lot(fit: DimensionFit, shift: float, log_stretch: float) -> Distribution:
     """The distribution of a lot, moved by a shift [um] and stretched about its mean.
 
-    A normal distribution, unless another kind fits by `VERY_STRONG` better: few parts show no tails, and a kind without
-    any promises too much.
+    A normal distribution, the one that no limits cut, unless another kind fits by `VERY_STRONG` better: few parts show
+    no tails, and a kind without any promises too much.
     """
     normal = [kind for kind in fit.kinds if kind.distribution.name == "normal"]
-    is_normal = normal and normal[0].bic - fit.kinds[0].bic < VERY_STRONG
-    distribution = (normal if is_normal else fit.kinds)[0].distribution
+    widest = max(normal, key=lambda kind: float(np.ptp(kind.distribution.limits_um)), default=fit.kinds[0])
+    is_plausible = widest.bic - fit.kinds[0].bic < VERY_STRONG
+    distribution = (widest if is_plausible else fit.kinds[0]).distribution
     stretch, mean = np.exp(log_stretch), fit.mean.value - distribution.allowance_um
     length = getattr(fit.tolerance, "correlation_length_mm", None)
     changes = {} if length is None else {"correlation_length_mm": length}

@@ -12,6 +12,7 @@ from pipeline import cli, settings
 from pipeline.config import load_study
 from pipeline.decisions.run_comparison import ComparedRun, differences, differing_inputs, shared_draws
 from pipeline.model.metrics import library as metric_library
+from pipeline.statistics.differences import share_difference
 
 ROOT = Path(__file__).parent.parent.parent.parent
 QUICK = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 24")
@@ -133,3 +134,7 @@ def test_yields_of_replicated_runs_have_intervals_also_where_few_units_differ(
     row = table.set_index(["metric", "statistic"]).loc[("lost_motion_arcmin", "yield")]
     assert row["difference"] == pytest.approx(yields[1] - yields[0], abs=0.005)
     assert low < row["ci_low"] < row["difference"] < row["ci_high"] < high + 0.01
+    runs = of_runs(*yields, experiment, count=256, randomisations=8)
+    passes = [run.units["lost_motion_arcmin"].to_numpy() < 2.8 for run in runs]
+    newcombe = share_difference(*passes, 0.95, are_paired=True)
+    assert ((row["ci_low"], row["ci_high"]) == pytest.approx(newcombe)) == (yields[0] == 0.99)

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.stats import qmc
 
-from pipeline.statistics.sensitivity import rank_correlation
+from pipeline.statistics.sensitivity import _sums_above, rank_correlation
 
 
 def ishigami(x):
@@ -52,6 +52,11 @@ def test_intervals_hold_no_correlation_of_an_even_metric_or_one_that_scatters_wi
         ranks = rank_correlation({"x": x}, metric(x, noise)[:, None], 0.95)
         covers.append(ranks.ci_low[0, 0] <= 0 <= ranks.ci_high[0, 0])
     assert 0.93 <= np.mean(covers) <= 0.98
+
+
+def test_sums_over_larger_keys_count_equal_keys_half():
+    sums = _sums_above(np.array([1.0, 2.0, 1.0, 0.0]), np.array([[1.0], [10.0], [100.0], [1000.0]]))
+    assert sums[:, 0].tolist() == [60.5, 5.0, 60.5, 611.0]
 
 
 def test_intervals_are_bonetts_of_one_sample_and_students_over_the_z_of_each_of_replicates():
