@@ -125,9 +125,8 @@ def best_assembly(
     score = PASS_SCORE * passes + np.clip(np.nan_to_num(margin, nan=-1.0), -1.0, 1.0)
     pairs = np.stack(linear_sum_assignment(score, maximize=True), axis=1)
     rng = np.random.default_rng(study.samples.seed)
-    n_units = DRAWS * len(pairs)
-    random_pairs = np.stack([rng.integers(n_first, size=n_units), rng.integers(n_second, size=n_units)], axis=1)
-    units_of_pairs = (random_pairs, np.repeat(pairs, DRAWS, axis=0))
+    chosen_pairs = np.repeat(pairs, DRAWS, axis=0)
+    units_of_pairs = rng.integers((n_first, n_second), size=chosen_pairs.shape), chosen_pairs
     shares = [_verified_yield(study, first_lot, second_lot, units, solve, jobs) for units in units_of_pairs]
     forces = None
     if mounting is not None:

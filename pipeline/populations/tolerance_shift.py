@@ -169,50 +169,50 @@ def closing(
     Linear regression of the metrics on the mean deviations of the study's own samples gives the slopes B (metric by
     tolerance). With the covariance C of the biases b a shift d of tolerance t leaves r = (b - B_t d)' C^-1 (b - B_t d),
     which is least at d = B_t' C^-1 b / B_t' C^-1 B_t. b' C^-1 b is Hotelling's with as many degrees of freedom as
-    metrics, r with one less, and d has Student's distribution with the variance (1 + r / f) / B_t' C^-1 B_t, f the
-    degrees of freedom of C. The error of the slopes times d is part of C: the mean of eighty pins varies little and its
-    slope is poorly known. A shift beyond the samples' range extrapolates the line.
+    metrics, r with one less. With f degrees of freedom of C and p metrics d has Student's distribution, of f - p + 1
+    degrees of freedom and the variance (f + r) / (f - p + 1) / B_t' C^-1 B_t. The error of the slopes times d is part
+    of C: the mean of eighty pins varies little and its slope is poorly known. A shift beyond the samples' range
+    extrapolates the line.
 
     Source
     ------
     Hotelling, The generalization of Student's ratio, Ann. Math. Stat. 2 (1931) 360; Rao, Some problems involving linear
     hypotheses in multivariate analysis, Biometrika 46 (1959) 49.
     """
-    if len({comparison.crank_deg for comparison in comparisons}) != 1:
+    crank, *others = {comparison.crank_deg for comparison in comparisons}
+    if others:
         raise ValueError("comparisons of one crank angle are asked for")
     names = [comparison.metric for comparison in comparisons]
-    metrics = metrics_at(population.metrics, comparisons[0].crank_deg, comparisons[0].turn_statistic)[names]
+    metrics = metrics_at(population.metrics, crank, comparisons[0].turn_statistic)[names]
     deviations = population.deviations.loc[metrics.index]
     deviations = deviations.loc[:, deviations.std() > 1e-9 * (1e-3 + deviations.abs().max())]
     bias = np.array([comparison.bias.value for comparison in comparisons])
     scatter = _bias_scatter(comparisons, metrics, noise)
     if scatter is None:
-        return Closing(
-            np.nan, (), f"that takes {bias.size + 2} units with every metric, or the bench's repeatability (--noise)"
-        )
+        reason = f"that takes {bias.size + 2} units with every metric, or the bench's repeatability (--noise)"
+        return Closing(np.nan, (), reason)
     covariance, freedom = scatter
     distance = float(bias @ np.linalg.solve(covariance, bias))
     p_value = _tail(distance, bias.size, freedom)
     slopes, uncertainty = _slopes(deviations.to_numpy(), metrics.to_numpy())
     quantile = float(scipy.stats.t.ppf((1 + confidence) / 2, freedom - bias.size + 1))
-    candidates = []
-    for name, slope, error in zip(deviations, slopes, uncertainty, strict=True):
-        shift, deviation, remaining = _closest_shift(bias, slope, covariance, error)
-        reach = quantile * deviation * np.sqrt(1 + remaining / freedom)
-        room = _room(population.study, name, float(deviations[name].mean()), shift)
-        candidates.append(
-            Candidate(
-                tolerance=name,
-                shift_um=shift,
-                shift_low_um=shift - reach,
-                shift_high_um=shift + reach,
-                room_um=room,
-                within_limits=abs(shift) - reach <= room,
-                explained=1 - remaining / distance if distance > 0 else 0.0,
-                p_value=_tail(remaining, bias.size - 1, freedom) if bias.size > 1 else np.nan,
-            )
+
+    def candidate(name: str, slope: Real, error: Real) -> Candidate:
+        shift, deviation, remaining = closest_shift(bias, slope, (covariance, freedom), error)
+        reach, room = quantile * deviation, _room(population.study, name, float(deviations[name].mean()), shift)
+        return Candidate(
+            tolerance=name,
+            shift_um=shift,
+            shift_low_um=shift - reach,
+            shift_high_um=shift + reach,
+            room_um=room,
+            within_limits=abs(shift) - reach <= room,
+            explained=1 - remaining / distance if distance > 0 else 0.0,
+            p_value=_tail(remaining, bias.size - 1, freedom) if bias.size > 1 else np.nan,
         )
-    candidates.sort(key=lambda candidate: (not candidate.closes, -candidate.explained, abs(candidate.shift_um)))
+
+    candidates = [candidate(*of_tolerance) for of_tolerance in zip(deviations, slopes, uncertainty, strict=True)]
+    candidates.sort(key=lambda one: (not one.closes, -one.explained, abs(one.shift_um)))
     return Closing(p_value, tuple(candidates))
 
 
@@ -246,15 +246,25 @@ def _tail(value: float, n_metrics: int, freedom: int) -> float:
     return float(scipy.stats.f.sf(value * rest / (n_metrics * freedom), n_metrics, rest))
 
 
-def _closest_shift(bias: Real, slope: Real, covariance: Real, slope_covariance: Real) -> tuple[float, float, float]:
-    """Shift [um] that leaves least, its standard deviation [um], and what it leaves."""
+def closest_shift(
+    bias: Real, slope: Real, scatter: tuple[Real, int], slope_covariance: Real
+) -> tuple[float, float, float]:
+    """Shift [um] that leaves least, its standard deviation [um], and what it leaves.
+
+    Parameters
+    ----------
+    bias, slope : (n_metrics,), the second [1/um].
+    scatter : covariance of the biases and its degrees of freedom.
+    slope_covariance : of the slope.
+    """
+    covariance, freedom = scatter
     shift, deviation, remaining = 0.0, np.inf, 0.0
     for _ in range(ITERATIONS):
         weighted_columns = np.linalg.solve(covariance + shift**2 * slope_covariance, np.column_stack([slope, bias]))
         information = float(slope @ weighted_columns[:, 0])
         shift, deviation = float(slope @ weighted_columns[:, 1]) / information, information**-0.5
         remaining = max(float(bias @ weighted_columns[:, 1]) - information * shift**2, 0.0)
-    return shift, deviation, remaining
+    return shift, deviation * float(np.sqrt((freedom + remaining) / (freedom - bias.size + 1))), remaining
 
 
 def _slopes(deviations: Real, metrics: Real) -> tuple[Real, Real]:

@@ -53,18 +53,8 @@ def error_orders(record: TurnRecord, points: Points) -> list[OrderRow]:
     have errors of their own. Beside noise, what passes drift by over the angle makes low orders uncertain; without
     repeats it may be all that the error varies by.
     """
-    values = Covariates.from_record(record)
-    torque, sense = (points.means(column[:, None])[:, 0] for column in (values.torque, values.sense))
-    means = np.bincount(points.kind, points.error) / np.bincount(points.kind)
-    residual = points.error - means[points.kind]
-    intervals, interval_of_point = np.unique(points.interval, return_inverse=True)
-    parts = (np.ones(len(points)), _load_about_mean(record, points), _about_mean(sense, interval_of_point))
-    columns = (np.ones(len(points)), torque, sense)
-    sums = np.stack([np.bincount(interval_of_point, part * residual) for part in parts])
-    squares = np.stack(
-        [np.bincount(interval_of_point, part * column) for part, column in zip(parts, columns, strict=True)]
-    )
-    signals = sums / np.maximum(squares, 1e-12)
+    residual = _about_mean(points.error, points.kind)
+    intervals, signals, squares = _signals(record, points, residual)
     turns = record.span_deg / 360.0
     place = 2 * np.pi * turns * (intervals + 0.5) / record.n_intervals
     highest = record.n_intervals / turns / FEWEST_OF_A_WAVE
@@ -116,6 +106,21 @@ def error_orders(record: TurnRecord, points: Points) -> list[OrderRow]:
             )
         )
     return [row for row in rows if row.of or row.significant]
+
+
+def _signals(record: TurnRecord, points: Points, residual: Real) -> tuple[Whole, Real, Real]:
+    """Intervals (n,), and at each the error, its growth with the torque and with the sense (3, n), by least squares.
+
+    Also the sums of squares (3, n) of the regressors.
+    """
+    values = Covariates.from_record(record)
+    torque, sense = (points.means(column[:, None])[:, 0] for column in (values.torque, values.sense))
+    intervals, number = np.unique(points.interval, return_inverse=True)
+    parts = (np.ones(len(points)), _load_about_mean(record, points), _about_mean(sense, number))
+    columns = (np.ones(len(points)), torque, sense)
+    sums = np.stack([np.bincount(number, part * residual) for part in parts])
+    squares = np.array([np.bincount(number, part * column) for part, column in zip(parts, columns, strict=True)], float)
+    return intervals, sums / np.maximum(squares, 1e-12), squares
 
 
 def _mesh_orders(record: TurnRecord) -> dict[float, str]:
