@@ -254,8 +254,8 @@ def population(
     study : or the name or file of one.
     over : "mean" or "worst" over the study's crank angles, for units without ``crank_deg``.
     jobs : processes; the study's own number if not given.
-    noise_percent : repeatability of the bench, the standard deviation of a value in percent of it. Without it fewer
-        units than metrics and two are not tested, and no unit by itself.
+    noise_percent : repeatability of the bench, the standard deviation of a value in percent of it. Without it no
+        single unit is tested, nor are all units together unless they outnumber the metrics by two.
 
     Raises
     ------

@@ -223,10 +223,10 @@ def _bias_scatter(
 
     Notes
     -----
-    Units that are more than metrics by two show their own covariance, the noise of the bench in it; its degrees of
-    freedom are those of the units alone, which is never too many (Yao, Biometrika 52 (1965) 139). The covariance of
-    fewer units is that of the study with the declared noise added: metrics that are correlated in the study are not
-    so in the noise.
+    Units that outnumber the metrics by two show their own covariance, which includes the noise of the bench. Its
+    degrees of freedom are taken to be those of the units alone, which is conservative (Yao, Biometrika 52 (1965) 139).
+    For fewer units it is that of the study with the declared noise added: the metrics are correlated in the study, and
+    not in the noise.
     """
     units = pd.DataFrame({c.metric: pd.Series(c.units, c.labels) for c in comparisons}).dropna()
     study_scatter = np.atleast_2d(np.cov(samples.to_numpy(), rowvar=False))
