@@ -63,7 +63,7 @@ class DimensionFit:
         independent by the test.
     cp, cpk : capability against the drawing's limits; None where the drawing has no such limits.
     drift : None for fewer than ``FEWEST_FOR_DRIFT`` parts.
-    outliers : part and element of each value that a normal lot would not hold.
+    outliers : part and element of each value that lots of the best kind seldom hold. Skewed lots often have some.
     """
 
     dimension: Dimension

@@ -54,7 +54,10 @@ def remarks(lot_result: LotFindings) -> list[str]:
             f"part {str(row.part).removesuffix('.0')} ({PARAMETERS[row.dimension]}, {row.value_um:.3g} µm)"
             for row in rows.itertuples()
         ]
-        texts.append(f"{lot}: outliers, which are kept in the fits: {listed_text(part_names[:10])}.")
+        texts.append(
+            f"{lot}: values farther out than in 95 % of the lots that the fit gives: {listed_text(part_names[:10])}. "
+            "They are kept in the fits. Skewed lots, which no kind fits, have such values often."
+        )
     texts += [f"{lot}: {PARAMETERS[name]} is not fitted: {reason}." for name, reason in lot_result.skipped_dimensions]
     if lot_result.lot.ignored_columns:
         texts.append(
