@@ -86,7 +86,7 @@ def _laws(study: Study) -> Iterator[ModelForm]:
 
 def _bodies(study: Study) -> Iterator[ModelForm]:
     stress = "plane_strain" if study.design.disk.stress == "plane_stress" else "plane_stress"
-    yield ModelForm(stress, f"{stress.replace('_', ' ')} in the disk", design={"disk.stress": stress})
+    yield ModelForm(stress, f"{stress.replace('_', ' ')} in disk and contacts", design={"disk.stress": stress})
     disk = "rigid" if study.reduce.disk == "elastic" else "elastic"
     yield ModelForm(f"{disk} disk", f"{disk} disk", reduce={"disk": disk})
 

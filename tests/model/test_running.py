@@ -54,7 +54,7 @@ def test_depth_of_the_shear_by_the_half_width_of_the_contact():
     reducer = reducer_at(PAPER, 0.2)
     laws, force = laws_of(PAPER, reducer, length=2.0), np.full(len(reducer.contacts), 100.0)
     radius = 1 / (1 / PAPER.pin_radius + reducer.pins.flank_curvature)
-    half_width = np.sqrt(4 * (100.0 / 2.0) * radius / (np.pi * 103e3))
+    half_width = np.sqrt(4 * (100.0 / 2.0) * radius / (np.pi * 103e3 / (1 - 0.3**2)))  # plane strain
     running = Running(np.full(len(force), 2.0), np.zeros(len(force)), np.ones(len(force)), np.ones(len(force)))
     np.testing.assert_allclose(running.shear_depth(laws, force)[: reducer.n_pins], 0.786 * half_width, rtol=1e-9)
     assert np.all(running.shear_depth(laws, 0 * force) == 0)

@@ -49,8 +49,11 @@ class Material:
     @property
     def modulus(self) -> float:
         """E' [MPa]: E in plane stress, E/(1 - nu^2) in plane strain."""
-        if self.stress == "plane_stress":
-            return self.youngs_modulus
+        return self.youngs_modulus if self.stress == "plane_stress" else self.strain_modulus
+
+    @property
+    def strain_modulus(self) -> float:
+        """E/(1 - nu^2) [MPa], in either state."""
         return self.youngs_modulus / (1 - self.poisson_ratio**2)
 
     @property
@@ -299,8 +302,13 @@ class LineContact:
 
     @property
     def pressure_factor(self) -> Real:
-        """Peak pressure sqrt(p E*/(pi R')) at 1 N (n,) [MPa/sqrt(N)]."""
-        return np.sqrt(self.contact_modulus / (np.pi * self.radius * self.length))
+        """Peak pressure sqrt(p E*/(pi R')) at 1 N (n,) [MPa/sqrt(N)], 1/E* = sum of (1 - nu^2)/E (Johnson 1985, 4.2).
+
+        A contact is much longer than wide, so that it is in plane strain whatever the state of the bodies, and limits
+        of the pressure are stated for that.
+        """
+        give = 1 / self.first_material.strain_modulus + 1 / self.second_material.strain_modulus
+        return np.sqrt(1 / (give * np.pi * self.radius * self.length))
 
     def share(self, material: Material, log_length: ArrayLike, constant: float) -> tuple[Real, Real]:
         """Coefficients (a, c) of one body's deflection (2p/(pi E')) [ln(lambda/b) + constant].
