@@ -100,7 +100,8 @@ def write_joints(options: argparse.Namespace) -> None:
     """Write backlash, stiffness and friction of a study's quantiles for simulators."""
     study = load_study(options.study, settings.ROOT)
     outputs = up_to_date(study, ["aggregate"], workers(options)).outputs
-    joint_rows = joints(pd.DataFrame(outputs["aggregate"].read("units")).iloc[int(study.samples.nominal_first) :])
+    units = pd.DataFrame(outputs["aggregate"].read("units")).iloc[int(study.samples.nominal_first) :]
+    joint_rows = joints(units, assembly.definitions(study).lost_motion)
     folder = settings.RUNS / "joints" / study.name
     rows = pd.DataFrame([vars(joint) for joint in joint_rows])
     write_atomic(folder / "joints.parquet", JOINTS.part(columns_of_frame(rows)).data)

@@ -13,15 +13,23 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 import pandas as pd
 
+from pipeline.constant_kinds import Fineness
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
 from pipeline.model.units import ARCMIN
+from pipeline.statistics.intervals import quantile
 
 LEVELS: Mapping[str, float] = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
 """Quantiles that become joints."""
 BACKLASH, RIGIDITY, LOSS = "clearance_backlash_arcmin", "torsional_rigidity_Nm_per_arcmin", "hysteresis_loss_arcmin"
+ZERO_WIDTH, LOST_MOTION = "zero_torque_width_arcmin", "lost_motion_arcmin"
 MASS_KG, INERTIA_KG_M2 = "0.1", "1e-4"
 """Of the links that a snippet needs to be a whole model; put in those of your own."""
+STEP: Fineness = 5
+"""Time steps of MuJoCo in a radian of the swing of one link on the spring; fewer than one are unstable."""
+HARD_STOP = {"solreflimit": "1e-9 1", "solimplimit": "0.9999 0.9999 1e-9"}
+"""The ends of the play as hard as MuJoCo has them, of any inertia: it lifts the time constant to two time steps. As
+preset a torque of a few N m presses the joint far beyond them."""
 EFFORT_NM, VELOCITY_RAD_PER_S = "1e6", "1e3"
 """Limits that URDF asks of a revolute joint, beyond any reducer."""
 
@@ -32,7 +40,7 @@ JOINTS = Table(
         Column("quantile", "label", "", "of each quantity by itself, over the samples; the mean over the turn"),
         Column("backlash_rad", "float64", "rad", "clearance backlash"),
         Column("stiffness_Nm_per_rad", "float64", "N m/rad", "torsional rigidity"),
-        Column("friction_Nm", "float64", "N m", "rigidity times half of the hysteresis loss"),
+        Column("friction_Nm", "float64", "N m", "half of the hysteresis loss times the stiffness about zero torque"),
     ),
 )
 
@@ -47,42 +55,46 @@ class Joint:
     friction_Nm: float
 
 
-def joints(units: pd.DataFrame) -> list[Joint]:
+def joints(units: pd.DataFrame, torque_Nm: float) -> list[Joint]:
     """Joints of the quantiles of `LEVELS`.
 
     Parameters
     ----------
     units : ``<metric>_mean`` of each sample over the turn.
+    torque_Nm : at which the lost motion is read.
 
     Raises
     ------
     InputError
-        If no unit has all three metrics.
+        If no unit has all metrics.
 
     Notes
     -----
     Coulomb friction T_f beside a spring K leaves it wound by T_f/K at no load, from either side, so that the loop is
-    2 T_f/K wider than the play at zero torque: T_f = K loss/2.
+    2 T_f/K wider than the play at zero torque: T_f = K loss/2. Contacts are softer there than under load, so K is the
+    secant of the centre lines from the ends of the play to the lost motion, at the same angles as the loss.
     """
-    columns = [f"{name}_mean" for name in (BACKLASH, RIGIDITY, LOSS)]
+    columns = [f"{name}_mean" for name in (BACKLASH, RIGIDITY, LOSS, ZERO_WIDTH, LOST_MOTION)]
     values = units[columns].dropna().to_numpy(float)
     if not len(values):
         raise InputError("no unit has backlash, rigidity and hysteresis loss; a joint needs all of them")
-    backlash, rigidity, loss = values.T
-    friction = 0.5 * rigidity * loss
-    rows = np.quantile(np.stack([backlash / ARCMIN, ARCMIN * rigidity, friction]), list(LEVELS.values()), axis=1)
-    return [Joint(name, *map(float, row)) for name, row in zip(LEVELS, rows, strict=True)]
+    backlash, rigidity, loss, zero_width, lost_motion = values.T
+    winding = lost_motion - (zero_width - loss)
+    friction = np.divide(torque_Nm * loss, winding, out=np.zeros_like(loss), where=(loss > 0) & (winding > 0))
+    rows = np.stack([backlash / ARCMIN, ARCMIN * rigidity, friction])
+    return [Joint(name, *(quantile(row, level) for row in rows)) for name, level in LEVELS.items()]
 
 
 def mujoco(joint: Joint) -> str:
     """The joint as a model of MuJoCo (MJCF)."""
     model = Element("mujoco", model=f"reducer_{joint.quantile}")
     SubElement(model, "compiler", angle="radian")
+    step = np.sqrt(float(INERTIA_KG_M2) / joint.stiffness_Nm_per_rad) / STEP
+    SubElement(model, "option", timestep=f"{step:.3g}")
     body = SubElement(SubElement(model, "worldbody"), "body", name="input_side")
     half = 0.5 * joint.backlash_rad
-    SubElement(
-        body, "joint", name="backlash", type="hinge", axis="0 0 1", limited="true", range=f"{-half:.9g} {half:.9g}"
-    )
+    play = {"name": "backlash", "type": "hinge", "axis": "0 0 1", "limited": "true"}
+    SubElement(body, "joint", play, range=f"{-half:.9g} {half:.9g}", **HARD_STOP)
     _inertia(body)
     output = SubElement(body, "body", name="output")
     stiffness, friction = f"{joint.stiffness_Nm_per_rad:.9g}", f"{joint.friction_Nm:.9g}"
@@ -154,5 +166,5 @@ FORMATS = {"mjcf.xml": mujoco, "urdf": urdf, "sdf": sdf}
 
 def _text(root: Element) -> str:
     ElementTree.indent(root)
-    note = "<!-- Angles in rad, torques in N m; masses and inertias are placeholders. -->\n"
+    note = "<!-- Angles in rad, torques in N m; masses, inertias and the time step for them are placeholders. -->\n"
     return note + ElementTree.tostring(root, encoding="unicode") + "\n"

@@ -13,8 +13,16 @@ import pytest
 from pipeline import cli, settings
 from pipeline.decisions.joint import FORMATS, joints
 from pipeline.errors import InputError
+from pipeline.statistics.intervals import quantile
 
 DEG = np.pi / 180
+JOINT_COLUMNS = [
+    f"{name}_mean"
+    for name in (
+        *("clearance_backlash_arcmin", "zero_torque_width_arcmin", "lost_motion_arcmin", "hysteresis_loss_arcmin"),
+        "torsional_rigidity_Nm_per_arcmin",
+    )
+]
 
 
 @pytest.fixture(scope="module")
@@ -29,8 +37,8 @@ def test_joints_hold_the_quantiles_of_the_population(
     assert cli.main(["joints", "--study", "quick", "--jobs", "1"]) == 0
     units = pd.read_parquet(own_runs / "quick/aggregate/units.parquet").iloc[1:]
     for name, level in (("p05", 0.05), ("p95", 0.95)):
-        half = units["clearance_backlash_arcmin_mean"].quantile(level) / 60 * DEG / 2
-        stiffness = units["torsional_rigidity_Nm_per_arcmin_mean"].quantile(level) * 60 / DEG
+        half = quantile(units["clearance_backlash_arcmin_mean"].to_numpy(), level) / 60 * DEG / 2
+        stiffness = quantile(units["torsional_rigidity_Nm_per_arcmin_mean"].to_numpy(), level) * 60 / DEG
         roots = {ending: ElementTree.parse(own_runs / f"joints/quick/{name}.{ending}").getroot() for ending in FORMATS}
         mjcf, robot, model = roots["mjcf.xml"], roots["urdf"], roots["sdf"].find("model")
         assert mjcf.find("compiler").get("angle") == "radian"
@@ -49,16 +57,21 @@ def test_joints_hold_the_quantiles_of_the_population(
 
 
 def test_friction_is_that_of_a_spring_which_it_holds_back() -> None:
-    """0.3 N m on 5 N m/arcmin: the spring stands 0.06 arcmin short from either side, the loop is 0.12 wide."""
+    """0.3 N m on 5 N m/arcmin: the spring stands 0.06 arcmin short from either side, the loop is 0.12 wide.
+
+    Under load it is three times as stiff, and the backlash is that of more crank angles than the loops are.
+    """
     units = pd.DataFrame(
         {
-            "clearance_backlash_arcmin_mean": [1.0],
-            "torsional_rigidity_Nm_per_arcmin_mean": [5.0],
+            "clearance_backlash_arcmin_mean": [0.9],
+            "torsional_rigidity_Nm_per_arcmin_mean": [15.0],
             "hysteresis_loss_arcmin_mean": [0.12],
+            "zero_torque_width_arcmin_mean": [1.12],
+            "lost_motion_arcmin_mean": [1.0 + 2 * 0.4 / 5.0],
         }
     )
-    assert all(joint.friction_Nm == pytest.approx(0.3) for joint in joints(units))
-    (joint, *_) = joints(units)
+    assert all(joint.friction_Nm == pytest.approx(0.3) for joint in joints(units, 0.4))
+    (joint, *_) = joints(units, 0.4)
     mjcf, robot, model = (ElementTree.fromstring(text(joint)) for text in FORMATS.values())
     texts = [
         mjcf.find(".//joint[@name='spring']").get("frictionloss"),
@@ -67,7 +80,18 @@ def test_friction_is_that_of_a_spring_which_it_holds_back() -> None:
     ]
     np.testing.assert_allclose([float(item) for item in texts], 0.3)
     with pytest.raises(InputError, match="needs all of them"):
-        joints(units.assign(hysteresis_loss_arcmin_mean=np.nan))
+        joints(units.assign(hysteresis_loss_arcmin_mean=np.nan), 0.4)
+
+
+def test_the_time_step_of_mujoco_follows_the_fastest_swing_of_the_placeholders() -> None:
+    """Both links swing against each other on the spring at sqrt(2 K/I); explicit steps are stable below 2 over that."""
+    (joint, *_) = joints(pd.DataFrame(dict.fromkeys(JOINT_COLUMNS, [1.0])), 0.4)
+    model = ElementTree.fromstring(FORMATS["mjcf.xml"](joint))
+    swing = np.sqrt(2 * joint.stiffness_Nm_per_rad / float(model.find(".//inertial").get("diaginertia").split()[2]))
+    assert 0.1 < float(model.find("option").get("timestep")) * swing < 0.5
+    play = model.find(".//joint[@name='backlash']")
+    assert float(play.get("solimplimit").split()[0]) > 0.999
+    assert float(play.get("solreflimit").split()[0]) < float(model.find("option").get("timestep"))
 
 
 def test_a_crate_names_every_file_with_its_hash(
