@@ -12,7 +12,7 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.parallel import end_idle_workers
 from pipeline.engine.stage import Job, Stage, WholeTables
 from pipeline.engine.table import Column, Columns, Table
-from pipeline.model.metrics import library
+from pipeline.model.metrics import CONTINUOUS_TURN, WHOLE_TURN, library
 from pipeline.model.metrics.turn import TurnReadings, turn_library
 from pipeline.sampling.pick_freeze import drawn_units
 from stages.tables import turn
@@ -70,9 +70,9 @@ UNITS = Table(
         *turn.FOUND_AT,
         *turn.OF_TURN,
         Column("preloaded", "bool", "", "whether the gaps of some part interfere at some crank angle"),
-        Column("n_angles", "int32", "1", "loaded crank angles: of means, bests and metrics of the turn"),
+        Column("n_angles", "int32", "1", "loaded crank angles: of all means and bests but the clearance backlash's"),
         Column("n_searched", "int32", "1", "pitches of the output turn among which the worst was searched; 0: none"),
-        Column("n_rigid_angles", "int32", "1", "crank angles of the clearance backlash: of rigid bodies, and loaded"),
+        Column("n_rigid_angles", "int32", "1", "crank angles of the clearance backlash, loaded ones too"),
         STATUS,
     ),
 )
@@ -249,9 +249,9 @@ def _run(job: Job) -> WholeTables:
         columns = _columns(job, per_angle)
         units = pd.DataFrame(columns.units, copy=False)
         audit = job.read("worst", "audit")
-        missed, between = {turn.WHOLE_TURN: turn.shortfalls(units, audit)}, turn.left_between(audit)
+        missed, between = {WHOLE_TURN: turn.shortfalls(units, audit)}, turn.left_between(audit)
         if between is not None:
-            missed[turn.CONTINUOUS_TURN] = missed[turn.WHOLE_TURN] + between
+            missed[CONTINUOUS_TURN] = missed[WHOLE_TURN] + between
         is_counted = units[[f"{name}_worst" for name in library()]].notna().any(axis=1).to_numpy(copy=True)
         is_counted[: int(study.samples.nominal_first)] = False
         units = units.iloc[int(study.samples.nominal_first) :]

@@ -39,7 +39,7 @@ CONTACTS = Table(
         Column("label", "label", "", "name of the contact"),
         Column("x_mm", "float64", "mm", "contact point, housing frame"),
         Column("y_mm", "float64", "mm", "contact point, housing frame"),
-        Column("arm_mm", "float64", "mm", "moment of the unit normal force on body b about its centre"),
+        Column("arm_mm", "float64", "mm", "moment of the unit normal force on body b about the axis of its motion"),
         Column("normal_x", "float64", "1", "unit normal from body a into body b"),
         Column("normal_y", "float64", "1", "unit normal from body a into body b"),
         Column(

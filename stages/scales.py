@@ -10,7 +10,7 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.parallel import end_idle_workers, worker_results
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table, interval_columns
-from pipeline.model.metrics import library
+from pipeline.model.metrics import WHOLE_TURN, library
 from pipeline.populations.prediction import rough_metrics
 from pipeline.populations.scaled_tolerances import scaled_points, scaled_tolerances, scaled_yields, surrogate_values
 from pipeline.sampling.errors import draw
@@ -18,7 +18,7 @@ from pipeline.statistics.intervals import Estimate
 from stages.hysteresis import prepare
 from stages.tables.distributions import OVER_ALL, over_turn
 from stages.tables.keys import SAMPLE
-from stages.tables.turn import WHOLE_TURN, loop_metrics
+from stages.tables.turn import loop_metrics
 from stages.tails import OF_FRESH_UNITS, springs
 
 UNIT_ANGLES = 16_000
@@ -41,7 +41,7 @@ SURROGATE = Table(
         Column("tolerance", "label", "", "the tolerance that is scaled; empty: none"),
         Column("scale", "float64", "1", "factor on its limits about nominal; its allowance stays"),
         *(
-            Column(name, "float64", metric.unit, f"{metric.inline} over the turn as the limits count it, estimated")
+            Column(name, "float64", metric.unit, f"estimated {metric.inline}, over the loaded angles alone")
             for name, metric in library().items()
         ),
     ),

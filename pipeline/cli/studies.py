@@ -20,7 +20,7 @@ from pipeline.engine.store import DAMAGED_SUFFIX, RECORD, Output, remove, write_
 from pipeline.errors import InputError
 from pipeline.library.running import known_size, prepared_loops, up_to_date
 from pipeline.library.studies import tails
-from pipeline.model.metrics import library
+from pipeline.model.metrics import WHOLE_TURN, library
 from pipeline.registry import registered_folders
 from pipeline.report.results import needed_sentences, preload_warning, yield_estimate
 from stages import hysteresis
@@ -43,7 +43,7 @@ def run_stages(options: argparse.Namespace) -> None:
     lines = []
     if "aggregate" in outputs:
         distributions = pd.DataFrame(outputs["aggregate"].read("distributions"))
-        if warning := preload_warning(distributions, study.limits.over):
+        if warning := preload_warning(distributions):
             lines.append(f"Warning: {warning}")
     report = settings.RUNS / study.name / "report" / "report.html"
     if STAGES[-1].name in stages:
@@ -94,7 +94,7 @@ def _summary_lines(folder: Path) -> list[str]:
         outputs["aggregate"].record["settings"],
     )
     lines = []
-    if warning := preload_warning(distributions, known_statistics["limits.over"]):
+    if warning := preload_warning(distributions):
         lines.append(f"Warning: {warning}")
     lines += summary(distributions, folder.name)
     if share := yield_estimate(distributions, known_statistics["limits.over"]):
@@ -109,7 +109,8 @@ def _summary_lines(folder: Path) -> list[str]:
 
 def summary(distributions: pd.DataFrame, name: str) -> Iterator[str]:
     """Lines with mean, quantiles and yield of every metric at its worst over the turn, with confidence intervals."""
-    table = distributions[distributions["over"] == "worst"]
+    table = distributions[distributions["over"].isin(("worst", WHOLE_TURN))]
+    table = table.sort_values("over", key=lambda over: over == WHOLE_TURN, kind="stable")  # the last of a cell counts
     cells = {
         (row.metric, row.statistic): (row.value, f"{row.value:.4g} ({row.ci_low:.4g} to {row.ci_high:.4g})")
         for row in table.itertuples()
@@ -126,7 +127,7 @@ def summary(distributions: pd.DataFrame, name: str) -> Iterator[str]:
         ]
         yield f"{metric}  {'  '.join(shown_statistics)}  ({angles[metric]} crank angles)"
     if redundant:
-        yield "without friction the zero-torque width is the clearance backlash, and the hysteresis loss is 0"
+        yield "without friction the zero-torque width at a loaded angle is the clearance backlash; hysteresis loss 0"
 
 
 def reasons(options: argparse.Namespace) -> None:

@@ -279,5 +279,6 @@ def limit_sentence(unit: Certificate) -> str:
         f"{unit.label}: with {dimension_count} the unit meets every limit with a probability of "
         f"{100 * share.value:.3g} % "
         f"(95 % CI {100 * share.ci_low:.3g} to {100 * share.ci_high:.3g}, {share.n} draws of the other dimensions), "
-        f"at the {len(unit.loops.crank_deg)} crank angles that were solved; over a turn of the output it may be lower."
+        f"at the {len(unit.loops.crank_deg)} crank angles that were solved, its clearance backlash also at "
+        f"{unit.study.cycle.rigid_angles} over the turn; at all angles of the turn it may be lower."
     )

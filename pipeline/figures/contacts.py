@@ -260,7 +260,7 @@ def output_loads_figure(
     for interface, row in interfaces:
         if len(interfaces) > 1:
             bodies = f"{row['body_a'].iloc[0]} to {row['body_b'].iloc[0]}"
-            grid[0, interface].set_title((f"{names[interface]}s" if names else bodies).capitalize())
+            grid[0, interface].set_title((names[interface] if names else bodies).capitalize())
         grid[1, interface].set(xlabel=names[interface] if names else station, xticks=sorted(row["station"].unique()))
     grid[0, 0].set(ylabel="contact force (N)", ylim=(0, None))
     grid[1, 0].set(ylabel="deformation (µm)", ylim=(0, None))

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from pipeline.constant_kinds import Shown
 from pipeline.figures.labels import FULL_TURN, centred_loops
 from pipeline.figures.style import (
     ACCENT,
@@ -24,6 +25,8 @@ from pipeline.model.metrics import Definitions
 
 ZOOM = 3.0
 """Reach of the close-up about zero torque, in lost-motion torques."""
+OPEN_LOOP: Shown = 1e-3
+"""Opening of a loop at the torque of the lost motion, of its height, from which it has friction."""
 SMALLEST_MARK = 0.08
 """Share of the axis that a width must have for its arrow to be drawn."""
 BEHIND_TEXT = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
@@ -134,11 +137,16 @@ def _mark_rigidity(axes: Axes, loop: pd.DataFrame, torque: tuple[float, float]) 
 def _mark_widths(axes: Axes, loop: pd.DataFrame, torque: float) -> None:
     """Arrows of the width at zero torque and of the lost motion between the loop's centre lines."""
     reach, height = axes.get_xlim()[1], np.ptp(axes.get_ylim())
+    opening = _angle_at(loop, torque, "unloading+") - _angle_at(loop, torque, "loading+")
+    width = "zero-torque\nwidth" if opening > OPEN_LOOP * height else "clearance\nbacklash"
     for side, level, branches, text in (
-        (-0.14, 0.0, ("unloading+", "unloading-"), "clearance\nbacklash"),
-        (0.78, torque, ("loading+", "loading-"), "lost\nmotion"),
+        (-0.14, 0.0, ("unloading",), width),
+        (0.78, torque, ("loading", "unloading"), "lost\nmotion"),
     ):
-        high, low = _angle_at(loop, level, branches[0]), _angle_at(loop, -level, branches[1])
+        high, low = (
+            float(np.mean([_angle_at(loop, sign * level, f"{branch}{sense}") for branch in branches]))
+            for sign, sense in ((1, "+"), (-1, "-"))
+        )
         if high - low < SMALLEST_MARK * height:
             continue
         arrow_torque = side * reach

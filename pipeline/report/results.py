@@ -9,7 +9,7 @@ import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.labels import LIMITED_METRICS, METRICS
-from pipeline.model.metrics import signed_number
+from pipeline.model.metrics import WHOLE_TURN, signed_number
 from pipeline.report.frames import HEADLINES, Frames, case_label
 from pipeline.report.layout import DASH, count_text, interval, number, percent, percent_interval, plain_number
 from pipeline.statistics.intervals import Estimate, units_for_yield
@@ -63,8 +63,8 @@ class Results:
         """A statistic and its interval at a crank angle, or over the turn as the limits mean it; NaN where missing."""
         whole_turn = "turn" if metric in LIMITED_METRICS and metric not in METRICS else self.frames.turn_statistic
         turn_value = whole_turn if crank is None else "angle"
-        if turn_value == "worst" and (metric, "whole_turn", None, statistic) in self._estimates:
-            turn_value = "whole_turn"
+        if turn_value == "worst" and (metric, WHOLE_TURN, None, statistic) in self._estimates:
+            turn_value = WHOLE_TURN
         return self._estimates.get((metric, turn_value, crank, statistic), (np.nan, np.nan, np.nan))
 
     def value_over(self, turn_value: str, metric: str, statistic: str) -> float:
@@ -128,7 +128,8 @@ class Results:
     @property
     def preloaded_share(self) -> Cell:
         """Share of samples that are preloaded at some crank angle."""
-        return self.share("preloaded", "mean")
+        value, low, high = self._estimates.get(("preloaded", "worst", None, "mean"), (np.nan, np.nan, np.nan))
+        return Cell(percent(value), percent_interval(low, high)) if np.isfinite(value) else Cell(DASH)
 
     @property
     def n_searched(self) -> int:
@@ -253,15 +254,15 @@ def yield_estimate(distributions: pd.DataFrame, turn_value: str) -> Estimate | N
     return None
 
 
-def preload_warning(distributions: pd.DataFrame, turn_value: str) -> str:
+def preload_warning(distributions: pd.DataFrame) -> str:
     """A sentence where most units are preloaded, which a wrong sign or a missing allowance gives; else empty."""
-    key = {"metric": "preloaded", "over": turn_value, "statistic": "mean"}
+    key = {"metric": "preloaded", "over": "worst", "statistic": "mean"}
     share = distributions.loc[(distributions[list(key)] == pd.Series(key)).all(axis=1), "value"]
     if share.empty or share.iloc[0] < MOSTLY_PRELOADED:
         return ""
     return (
-        f"{100 * share.iloc[0]:.3g} % of the units are preloaded: they have no clearance at some contact. Check the "
-        "signs of the tolerances (python -m pipeline keys tolerances) and the allowances (allowance_um)."
+        f"{100 * share.iloc[0]:.3g} % of the units are preloaded: at some crank angle they have no free play. Check "
+        "the signs of the tolerances (python -m pipeline keys tolerances) and the allowances (allowance_um)."
     )
 
 

@@ -97,9 +97,10 @@ def _rows(
         holding = ~np.isnan(values[limited_metrics].to_numpy(float)).any(axis=1)
         if holding.any():
             estimates.append((name, "yield", pass_share(passes[holding], confidence, _part(replicate, holding))))
-    if len(values) and turn_value != OVER_ALL:
+    if len(values) and turn_value in ("angle", TURN_VALUES[0]):
         estimates.append(("preloaded", "mean", pass_share(values["preloaded"].to_numpy(bool), confidence, replicate)))
     fewest = min(angles.values())
+    counts = {"preloaded": max(angles.values()), **angles}  # of rigid bodies, as the backlash
     return [
         {
             "metric": metric,
@@ -107,7 +108,7 @@ def _rows(
             "crank_deg": crank_deg,
             "statistic": name,
             **vars(estimate),
-            "n_angles": angles.get(metric, fewest),
+            "n_angles": counts.get(metric, fewest),
         }
         for metric, name, estimate in estimates
     ]

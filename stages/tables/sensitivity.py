@@ -41,8 +41,8 @@ SENSITIVITY = Table(
             "kind",
             "label",
             "",
-            "rank_correlation; share of the variance that a group causes by itself (first_order), or that would vanish "
-            "with it (total)",
+            "rank_correlation; share of the variance that a group causes by itself (first_order), or that would remain "
+            "if all others were known (total)",
         ),
         Column("index", "float64", "1", "the index; null: the samples do not determine it"),
         *interval_columns("1"),

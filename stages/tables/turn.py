@@ -196,10 +196,6 @@ def unit_status(status: np.ndarray, angles: int) -> np.ndarray:
     return first_other
 
 
-WHOLE_TURN = "whole_turn"
-"""What estimates for the whole turn are over."""
-CONTINUOUS_TURN = "continuous_turn"
-"""What bounds for all angles between the pitches and their phases are over."""
 CRANK_DEG_PER_TURN = 360.0
 """Degrees of a turn of the crank."""
 FOUND_AT = tuple(

@@ -63,7 +63,8 @@ class Contacts:
     per_eccentricity : growth of the gap with an error of the eccentricity [-]; 0 for pins, whose gaps are exact.
     curvature : of the disk at a pin or in a hole, convex positive, 0 of flats [1/mm].
     point, normal : [mm], [-], complex, housing frame.
-    arm : moment of the unit normal force on body b about that body's centre [mm].
+    arm : moment of the unit normal force on body b about the axis that it turns about in the model [mm]: of a disk its
+        centre, of the sliding plate, whose centre moves by up to the eccentricity, that of the housing.
     """
 
     kind: np.ndarray

@@ -5,6 +5,8 @@ in the tables, its limit in a study file, its row, figure and definition in the 
 """
 
 from pipeline.model.metrics.metric import (
+    CONTINUOUS_TURN,
+    WHOLE_TURN,
     Definitions,
     Limited,
     LoopReadings,
@@ -16,6 +18,8 @@ from pipeline.model.metrics.metric import (
 )
 
 __all__ = [
+    "CONTINUOUS_TURN",
+    "WHOLE_TURN",
     "Definitions",
     "Limited",
     "LoopReadings",

@@ -10,6 +10,11 @@ import numpy as np
 from pipeline.arrays import Real, Truth
 from pipeline.registry import METRICS
 
+WHOLE_TURN = "whole_turn"
+"""What estimates for the whole turn are over in tables: the worst that was found, corrected by the audited units."""
+CONTINUOUS_TURN = "continuous_turn"
+"""What bounds for all angles between the pitches and their phases are over."""
+
 
 @dataclass(frozen=True)
 class Definitions:

@@ -178,6 +178,7 @@ def _values(page: Page) -> Mapping[str, object]:
         "base_samples": base_samples(frames),
         "constant_metrics": constant_metrics(frames),
         "metric_titles": {name: METRICS[name].title for name in frames.shown_metrics},
+        "inline_titles": {name: METRICS[name].inline for name in frames.shown_metrics},
         "zero_tolerances": inputs.zero_tolerances(frames.study.tolerances),
     }
 

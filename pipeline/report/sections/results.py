@@ -12,6 +12,7 @@ from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.distributions import crank_figure, distributions_figure
 from pipeline.figures.labels import METRICS
 from pipeline.figures.yields import units_figure
+from pipeline.model.metrics import CONTINUOUS_TURN, WHOLE_TURN
 from pipeline.report.explorer import UNITS_SHOWN, WORST_SHOWN, explored_units
 from pipeline.report.frames import HEADLINES, OK, ROWS_SHOWN, Drawing, Frames, case_label, unsolved_rows
 from pipeline.report.layout import DASH, count_text, number, percent, plain_number
@@ -69,8 +70,8 @@ def _fails(frames: Frames, metric: str, value: float) -> bool:
 
 
 ESTIMATES = {
-    "whole_turn": "whole turn: the search, corrected by the audited units",
-    "continuous_turn": "continuous turn: at worst",
+    WHOLE_TURN: "whole turn: the search, corrected by the audited units",
+    CONTINUOUS_TURN: "continuous turn: at worst",
 }
 """Rows of estimates after those of angles, by what they are over."""
 
@@ -114,6 +115,11 @@ class ConvergenceTable:
             if np.isfinite(means).any():
                 share = [self.results.value_over(turn_value, ALL_LIMITS, "yield")] if self.frames.limits else []
                 yield label, self._cells(means, share)
+
+    @property
+    def has_bound(self) -> bool:
+        """Whether a row is about the continuous turn."""
+        return any(np.isfinite(self.results.value_over(CONTINUOUS_TURN, name, "mean")) for name in self.metrics)
 
     @staticmethod
     def _value(part: pd.DataFrame, column: str, place: int) -> float:
@@ -193,8 +199,8 @@ def _cranks(frames: Frames, metrics: list[str]) -> Drawing:
     return Drawing(
         "cranks",
         f"The metrics over the turn of the {frames.study.cycle.turn}",
-        "Mean and band of 90 % of the samples at each loaded crank angle, and the nominal reducer. A unit's worst lies "
-        "beyond the band of a single angle: it is the worst of them all.",
+        "Mean and band of 90 % of the samples at each loaded crank angle, and the nominal reducer. A unit's worst "
+        "over the turn is at least as bad as its value at any of these angles.",
         partial(crank_figure, by_crank, frames.nominal, metrics, frames.limits),
     )
 

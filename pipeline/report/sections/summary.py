@@ -67,7 +67,8 @@ class Verdict:
     @property
     def no_contributor(self) -> str:
         """What stands in place of a main contributor where none is determined."""
-        return f"no contributor is significant with {count_text(len(self.frames.over_turn), 'unit')}"
+        units = count_text(len(self.frames.over_turn), "unit")
+        return f"no contributor is determined: with {units} the interval of each is as wide as its value"
 
     @property
     def share_note(self) -> str:
@@ -142,7 +143,7 @@ class Verdict:
     @property
     def preload_warning(self) -> str:
         """A warning where most units are preloaded; else empty."""
-        return preload_warning(self.frames.distributions, self.frames.turn_statistic)
+        return preload_warning(self.frames.distributions)
 
     @property
     def holds_for(self) -> str:

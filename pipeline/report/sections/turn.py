@@ -245,20 +245,21 @@ def _forces(frames: Frames) -> Drawing:
     held_torque = plain_number(assembly.definitions(frames.study).rigidity_high)
     design = frames.study.design
     bearing, several = design.output.words.bearing, design.disk.count > 1 or design.output.carries_disks
-    force = "largest force of a disk on a" if several else "force of the disk on the"
+    force = "largest force of a disk on any" if several else "force of the disk on the"
     return Drawing(
         "turn_forces",
         f"Forces over a turn of the {frames.study.cycle.turn}",
         f"{held_torque} N m held. Left: {force} {bearing}{_whose(frames, label, spread)}"
         f"{UNBALANCED_NOTE if frames.units['bearing_force_peak_N'].isna().all() else ''}."
         f"{TILT if frames.study.design.disk.count > 1 else ''} "
-        f"Right: contact force of one pin of {frames.owner(label)}; it carries in one half of the turn in each sense.",
+        f"Right: contact force of one pin of {frames.owner(label)}; "
+        "it carries in one half of the crank's turn in each sense.",
         partial(turn_forces_figure, rows[rows["sample"] == sample], spread, of_pin, bearing),
     )
 
 
 def _whose(frames: Frames, label: str, spread: pd.DataFrame | None) -> str:
-    samples = frames.transmission["sample"].nunique()
+    samples = frames.transmission["sample"].nunique() - int(frames.study.samples.nominal_first)
     band = f", and the spread of {count_text(samples, 'sample')}" if spread is not None else ""
     return f" of {frames.owner(label)}{band}"
 
