@@ -94,10 +94,32 @@ def test_a_usual_size_is_noticed_earlier_by_a_prior_that_is_not_as_wide_as_its_r
     assert with_all < 0.995 * detection_limits(fitter, base, effects)[0].noticed
 
 
+class Jumping(ByName):
+    """As its base, but a single row changes by what does not depend on the size once that is large enough."""
+
+    def predict(self, model, unknowns, positions=None, modes=False):
+        prediction = super().predict(model, unknowns, positions, modes)
+        angle = prediction.angle.copy()
+        angle[7] += 5.0 * np.any(unknowns.shares > 0.2)
+        return prediction._replace(angle=angle)
+
+
+def test_a_row_that_jumps_at_some_size_makes_no_smaller_one_noticed():
+    """The jump is 50 times the noise: a pattern that grew in proportion would be noticed at a tenth of its size."""
+    columns, rng = draws_of(0.0)
+    columns["coulomb"] = 1e-3 * columns["coulomb"]
+    fitter, base, _ = unit(0.1 * rng.standard_normal(len(DATA)), columns)
+    jumping = Jumping(fitter.problem.data, columns)
+    limit = detection_limits(jumping, base, {name: candidates()[name] for name in NAMES})[0]
+    assert 0.2 <= limit.noticed < 0.5
+    assert limit.named >= limit.noticed
+
+
 def test_a_name_takes_the_odds_over_a_rival_that_costs_less_and_over_all_but_two():
     sought = object.__new__(detection._Sought)
     sought.effect, sought.grows, sought.bounds = candidates()["coulomb"], 0, ((0.0, 6.0),)
-    sought.amplitude, sought.scatter, sought.is_noticed, sought.structure = 0.5, 1.0, True, None
+    sought.amplitude, sought.scatter, sought.is_noticed = 0.5, 1.0, True
+    sought.structure, sought.least_share = None, 0.0
     sought._needed_share = lambda _: 0.01
 
     def size(odds, information):

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import logsumexp, ndtri  # scipy.stats is slow to import
 
 from pipeline.arrays import Real, Truth
-from pipeline.constant_kinds import Fineness, Shown
+from pipeline.constant_kinds import Fineness, Rounding, Shown
 from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
 from pipeline.identification.fitting.parameters import shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model
@@ -20,6 +20,8 @@ START: Shown = 0.01
 """First size that is looked at, in parts of an effect's bounds."""
 STEPS: Fineness = 6
 """Predictions at most."""
+SMALLEST: Rounding = 1e-6
+"""Size, in parts of an effect's bounds, below which none is looked at."""
 AGREEMENT: Shown = 0.05
 """Relative error of the size that is good enough."""
 
@@ -74,6 +76,7 @@ class _Sought:
     pattern : (n_cells,) [arcmin] change of the angle at that size, or at the bound.
     amplitude : that size as a share of the bound.
     prior : prior standard deviation of the size, in that size.
+    least_share : of that size that is noticed at least: all of it where the pattern does not grow with the size.
     scatter : standard deviation of the size from one record to the next, over that of noise; at least 1.
     cost : logarithm of what the evidence asks for the parameters of the effect.
     structure : beside a model without effects that takes up most of the pattern for what it costs.
@@ -84,7 +87,7 @@ class _Sought:
         self.bounds = fitter.problem.bounds(effect)
         self.grows = next((k for k, (low, high) in enumerate(self.bounds) if low <= 0 <= high), 0)
         self.base_angle = fitter.predict(Model(), base.fit.unknowns).angle
-        self.scatter, self.cost, self.is_noticed, self.amplitude = 1.0, 0.0, False, START
+        self.scatter, self.cost, self.is_noticed, self.amplitude, self.least_share = 1.0, 0.0, False, START, 0.0
         self.structure = base.evidence.structure
         self.pattern = np.zeros_like(self.base_angle)
         self._search()
@@ -113,24 +116,40 @@ class _Sought:
             self.cost = self._cost_of_all()
 
     def _follow(self) -> None:
-        """Follow the size to where it is noticed, its other parameters as they are."""
-        evidence = self.base.evidence
+        """Follow the size to where it is noticed, its other parameters as they are.
+
+        Where a row jumps through the play the pattern does not grow with the size, and the steps may go to and fro:
+        they stay between the largest size that is hidden and the smallest that is noticed, which else is the answer.
+        """
+        hidden_size, noticed_size = 0.0, np.inf
         for _ in range(STEPS):
-            change = self._change(self.amplitude)
-            if change is None or not np.all(np.isfinite(change)):
-                self.is_noticed = False
+            ratio = self._needed_share_at(self.amplitude)
+            self.is_noticed = ratio < 1 + AGREEMENT
+            if abs(ratio - 1) < AGREEMENT or not np.isfinite(ratio) or (ratio > 1 and self.amplitude >= 1.0):
                 return
-            self.pattern = change
-            information = float(evidence.information(change[:, None])[0, 0])
-            scores = evidence.scores(change[:, None])[:, 0]
-            self.cost = self._cost_of_parameters(change[:, None] * self.prior, np.array([True]))
-            self.scatter = float(np.sqrt(max(1.0, np.sum(scores**2) / max(information, 1e-300))))
-            self.structure = evidence.best_structure(self._needed_share, self.structure)
-            ratio = self._needed_share(self.structure)
-            self.is_noticed = ratio <= 1 + AGREEMENT
-            if abs(ratio - 1) < AGREEMENT or (ratio > 1 and self.amplitude >= 1.0):
-                return
-            self.amplitude = float(np.clip(ratio * self.amplitude, 1e-6, 1.0))
+            hidden_size = max(hidden_size, self.amplitude) if ratio > 1 else hidden_size
+            noticed_size = min(noticed_size, self.amplitude) if ratio < 1 else noticed_size
+            next_size = float(np.clip(ratio * self.amplitude, SMALLEST, 1.0))
+            is_between = hidden_size < next_size < noticed_size
+            middle = float(np.sqrt(max(hidden_size, SMALLEST) * min(noticed_size, 1.0)))
+            self.amplitude = next_size if is_between else middle
+        self.is_noticed = bool(np.isfinite(noticed_size))
+        if self.is_noticed:
+            self.amplitude, self.least_share = noticed_size, 1.0
+            self._needed_share_at(noticed_size)
+
+    def _needed_share_at(self, amplitude: float) -> float:
+        """Share of the pattern at a size that rejects "no effect"; infinite where the drive has no equilibrium."""
+        change, evidence = self._change(amplitude), self.base.evidence
+        if change is None or not np.all(np.isfinite(change)):
+            return np.inf
+        self.pattern = change
+        information = float(evidence.information(change[:, None])[0, 0])
+        scores = evidence.scores(change[:, None])[:, 0]
+        self.cost = self._cost_of_parameters(change[:, None] * self.prior, np.array([True]))
+        self.scatter = float(np.sqrt(max(1.0, np.sum(scores**2) / max(information, 1e-300))))
+        self.structure = evidence.best_structure(self._needed_share, self.structure)
+        return self._needed_share(self.structure)
 
     def _needed_share(self, structure: Structure) -> float:
         """Share of the pattern that rejects "no effect" with a structure, with 95 % probability.
@@ -186,7 +205,7 @@ class _Sought:
         parameter = self.effect.parameters[self.grows]
         size = abs(self._values(self.amplitude)[self.grows])
         bound = max(abs(low_or_high) for low_or_high in self.bounds[self.grows])
-        noticed_size = size * self._needed_share(self.structure)
+        noticed_size = size * max(self._needed_share(self.structure), self.least_share)
         as_probable = [self._share_for(cost - NAMED_ODDS, information) for cost, information in rivals]
         told_apart = [self._share_for(cost + NAMED_ODDS, information) for cost, information in rivals]
         needed = as_probable + sorted(told_apart, reverse=True)[LARGEST_CLASS - 1 :]
