@@ -238,7 +238,17 @@ def _check_law_name(name: str) -> str:
     return name
 
 
-LawName = Annotated[str, AfterValidator(_check_law_name)]
+class _LawNames:
+    """The names of the laws, for the reference of keys."""
+
+    @property
+    def choices(self) -> str:
+        from pipeline.model.contact.line_laws import library
+
+        return ", ".join(f'"{law}"' for law in library())
+
+
+LawName = Annotated[str, AfterValidator(_check_law_name), _LawNames()]
 
 
 def stiffness_problems(law: str, stiffness: float | None) -> Iterator[Mistake]:

@@ -91,7 +91,7 @@ class Spread(Distribution):
     Attributes
     ----------
     within_limits : settings that must lie within the limits.
-    correlation_length_mm : arc over which the correlation of neighbours on a circle falls to 1/e.
+    correlation_length_mm : arc over which the correlation of neighbours on a circle falls to 1/e, exponentially.
     """
 
     within_limits: ClassVar[tuple[str, ...]] = ()

@@ -35,7 +35,7 @@ UNITS = {
 }
 """Ending of a key -> unit of its value, the longer ones first."""
 TYPES = {float: "number", int: "integer", str: "text", bool: "true or false", NoneType: ""}
-BOUNDS = (("gt", "> {:g}"), ("ge", ">= {:g}"), ("lt", "< {:g}"), ("le", "<= {:g}"))
+BOUNDS = (("gt", "> {:g}"), ("ge", ">= {:g}"), ("lt", "< {:g}"), ("le", "<= {:g}"), ("choices", "{}"))
 REQUIRED_TEXT = "required"
 NAME = "<name>"
 

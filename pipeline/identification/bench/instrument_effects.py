@@ -131,8 +131,8 @@ EFFECTS = (
         physics="the encoder's disk turns about a point off its centre: its reading errs once a turn",
         source="Ramaswamy, Precision Eng. 3 (1981); first harmonic of the reading",
         parameters=(
-            Parameter("cosine_arcmin", "arcmin", "amplitude at the encoder's zero"),
-            Parameter("sine_arcmin", "arcmin", "amplitude a quarter turn on"),
+            Parameter("cosine_arcmin", "arcmin", "amplitude at crank angle zero"),
+            Parameter("sine_arcmin", "arcmin", "amplitude a quarter turn of the encoder on, counterclockwise"),
         ),
         changes="angle read, with the encoder's own angle",
         signature="offsets of the positions, and twist, vary once a turn of the encoder",

@@ -71,8 +71,8 @@ def ovality(order: int, word: str, period: str, confusable: str) -> Effect:
         physics="the pin circle is no circle: its radius varies with the angle",
         source="radial displacement a cos(k theta)",
         parameters=(
-            Parameter("cosine_um", "um", "amplitude along the angle 0"),
-            Parameter("sine_um", "um", "amplitude along a quarter of its period"),
+            Parameter("cosine_um", "um", "amplitude at the direction of crank angle zero"),
+            Parameter("sine_um", "um", "amplitude a quarter of its period on, counterclockwise"),
         ),
         changes="radial position of every pin",
         signature=f"play varies over the crank angle, {word} waves a turn",

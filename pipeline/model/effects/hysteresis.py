@@ -31,7 +31,7 @@ PRESLIDING = Effect(
     source="Iwan, J. Appl. Mech. 33 (1966) 893; Al-Bender et al., IEEE Trans. Autom. Control 50 (2005) 1883",
     parameters=(
         Parameter("torque_Nm", "N m", "friction torque once all slide, referred to the output"),
-        Parameter("distance_arcmin", "arcmin", "rotation over which it is fully raised"),
+        Parameter("distance_arcmin", "arcmin", "rotation that raises it fully from zero; twice that after a reversal"),
     ),
     changes="four sliders on the rotation of the output",
     signature="branches part smoothly after a reversal; minor loops are lenses",

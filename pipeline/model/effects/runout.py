@@ -23,7 +23,7 @@ def runout(
 
     Parameters
     ----------
-    meaning : of x; that of y is the same a quarter turn on.
+    meaning : of x; that of y is the same a quarter turn on, counterclockwise.
     """
     twin = "flank_runout" if name == "pin_circle_runout" else "pin_circle_runout"
 
@@ -39,7 +39,7 @@ def runout(
         title=title,
         physics=physics,
         source="exact gaps of displaced pins; pitch point after Litvin and Fuentes, Gear Geometry (2004), ch. 13",
-        parameters=(Parameter("x_um", "um", meaning), Parameter("y_um", "um", f"{meaning}, a quarter turn on")),
+        parameters=(Parameter("x_um", "um", meaning), Parameter("y_um", "um", f"{meaning}, turned left by 90 degrees")),
         changes=changes,
         signature=signature,
         confused_with=(twin, "crank_compliance_1", "encoder_eccentricity"),
@@ -73,7 +73,7 @@ FLANK_RUNOUT = runout(
     "flank_runout",
     "run-out of the flank, or of the disk's bore",
     lambda drive, x, y: drive.with_added_errors(bore_runout=np.array([x, y])),
-    "offset of the flank's centre from that of the bore, towards the first lobe's valley",
+    "offset of the flank's centre from that of the bore, in every disk towards its own first lobe's valley",
     physics="the centre of the lobes lies off the bore: as a run-out of the pin circle, in a frame that turns "
     "with the disk, and so of order N/Z of the crank",
     changes="place of the flank on the disk",
