@@ -23,6 +23,7 @@ from pipeline.model.effects import Conditions
 from pipeline.model.units import ARCMIN, NMM_PER_NM
 from pipeline.mounting import drive_of
 from pipeline.sampling.errors import draw
+from tests.validation.blind.true_unit import with_interpolation
 
 ROOT = Path(__file__).parents[2]
 LARGEST = 12.0  # [N m]
@@ -121,10 +122,13 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
             is_output_locked=at_input,
         )
         courses = [course] * (len(tables) + 1)  # the position is the last of these
-        reading = Forward(courses, unit.rated_torque).read(unit, len(tables), replace(instrument, ripple=Ripple()))
+        reading = Forward(courses, unit.rated_torque).read(
+            unit, len(tables), replace(instrument, ripple=Ripple(), interpolation=Ripple())
+        )
         assert reading.sound
         offset = 2.0 if bench.common else rng.normal(0, 3)
-        rippled = instrument.ripple_at(len(tables)).torque((reading.angle + offset) / ARCMIN) / NMM_PER_NM
+        angle = with_interpolation(reading.angle + offset, instrument, len(tables))
+        rippled = instrument.ripple_at(len(tables)).value((reading.angle + offset) / ARCMIN) / NMM_PER_NM
         cycle = bench.state[leg]
         tables.append(
             pd.DataFrame(
@@ -132,7 +136,7 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
                     "cycle": cycle,
                     "crank_deg": crank,
                     "torque_Nm": torque + rippled,
-                    "angle_arcmin": reading.angle + offset + bench.noise * rng.standard_normal(len(torque)),
+                    "angle_arcmin": angle + bench.noise * rng.standard_normal(len(torque)),
                     "time_s": time + 1e5 * len(tables),
                     "temperature_C": TEMPERATURE + bench.warming * travelled,
                 }

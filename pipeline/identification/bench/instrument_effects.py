@@ -14,6 +14,8 @@ from pipeline.model.units import ARCMIN, NMM_PER_NM
 FEWEST_WAVES = 4
 """Waves of a ripple over the measured range of the angle: with fewer it is no staircase."""
 
+LARGEST_INTERPOLATION = 0.05
+"""Largest interpolation error over the range of the angle: a fifth of the longest period that is looked for."""
 MOST_WAVES: Fineness = 60
 """The same at most: finer ones are far from any motor's, and the search over them is long."""
 
@@ -25,7 +27,7 @@ class InstrumentEffect(EffectDescription):
     ``bounds`` is a function of the rated torque [N m], of the range of the angle measured at one position [arcmin],
     of the time that it took [h], and of the most waves over this range that its rows resolve. ``common_offset`` says
     that the effect is seen only where all positions share one zero of the angle, ``own_phases`` that each position has
-    its own phase.
+    its own phase, ``is_of_angle`` that its ripple is one of the angle read, not of the torque.
     """
 
     bounds: Callable[[float, float, float, float], tuple[tuple[float, float], ...]]
@@ -35,6 +37,7 @@ class InstrumentEffect(EffectDescription):
     limit_case: str = ""
     starts: str = "secants"
     own_phases: bool = False
+    is_of_angle: bool = False
 
     def of_positions(self, count: int) -> "InstrumentEffect":
         """The effect with the phase of each further position, less that at the first, as a parameter of its own.
@@ -63,6 +66,12 @@ def _ripple(instrument: Instrument, values: Sequence[float]) -> Instrument:
     cosine, sine, waves, *phases = values
     ripple = Ripple(NMM_PER_NM * float(np.hypot(cosine, sine)), waves, float(np.arctan2(cosine, sine)))
     return replace(instrument, ripple=ripple, ripple_phases=tuple(phases))
+
+
+def _interpolation(instrument: Instrument, values: Sequence[float]) -> Instrument:
+    cosine, sine, waves, *phases = values
+    error = Ripple(float(np.hypot(cosine, sine)), waves, float(np.arctan2(cosine, sine)))
+    return replace(instrument, interpolation=error, interpolation_phases=tuple(phases))
 
 
 EFFECTS = (
@@ -156,8 +165,9 @@ EFFECTS = (
         ),
         changes="torque in the reducer: that read less the ripple at the angle measured",
         signature="a staircase of constant step in the angle, most where the curve is steep",
-        confused_with=(),
-        told_apart_by="the motor alone, turned slowly by hand",
+        confused_with=("encoder_interpolation",),
+        told_apart_by="the motor alone, turned slowly by hand; the waves per turn, which are multiples of the motor's "
+        "poles or of the encoder's lines",
         starts="periods",
         own_phases=True,
         bounds=lambda rated_torque, span, hours, waves: (
@@ -166,6 +176,32 @@ EFFECTS = (
             (_waves_per_turn(FEWEST_WAVES, span), _waves_per_turn(min(waves, MOST_WAVES), span)),
         ),
         apply=_ripple,
+        needs=frozenset({CRANKS, LOOPS}),
+    ),
+    InstrumentEffect(
+        name="encoder_interpolation",
+        title="interpolation error of the encoder",
+        physics="the signals of an encoder are no pure sines, so that the reading errs by a wave within each of their "
+        "periods; from position to position the output turns by many periods, so that each position has its own phase",
+        source="Heydemann, Appl. Opt. 20 (1981) 3382",
+        parameters=(
+            Parameter("cosine_arcmin", "arcmin", "amplitude of the cosine"),
+            Parameter("sine_arcmin", "arcmin", "amplitude of the sine"),
+            Parameter("waves_per_turn", "1", "waves per turn of the output"),
+        ),
+        changes="angle read, by a wave of the angle measured",
+        signature="a wave of constant step in the angle, as large at every torque",
+        confused_with=("motor_cogging",),
+        told_apart_by="the waves per turn against the encoder's lines; the same loop with another encoder",
+        starts="periods",
+        own_phases=True,
+        is_of_angle=True,
+        bounds=lambda rated_torque, span, hours, waves: (
+            (-LARGEST_INTERPOLATION * span, LARGEST_INTERPOLATION * span),
+            (-LARGEST_INTERPOLATION * span, LARGEST_INTERPOLATION * span),
+            (_waves_per_turn(FEWEST_WAVES, span), _waves_per_turn(min(waves, MOST_WAVES), span)),
+        ),
+        apply=_interpolation,
         needs=frozenset({CRANKS, LOOPS}),
     ),
 )

@@ -40,7 +40,9 @@ LARGEST_RESIDUAL: Rounding = 1e-3
 
 @dataclass(frozen=True)
 class Ripple:
-    """Torque [N mm] that depends on the output's angle: amplitude sin(waves angle + phase), waves per turn.
+    """Torque [N mm], or error of a reading [arcmin], that depends on the angle measured.
+
+    It is amplitude sin(waves angle + phase), waves per turn of the output.
 
     Raises
     ------
@@ -54,14 +56,14 @@ class Ripple:
 
     def __post_init__(self) -> None:
         if self.amplitude < 0 or self.waves <= 0:
-            raise ValueError(f"a ripple of {self.amplitude} N mm and {self.waves} waves a turn: both must be positive")
+            raise ValueError(f"a ripple of {self.amplitude} and {self.waves} waves a turn: both must be positive")
 
-    def torque(self, angle: Real) -> Real:
-        """Torque [N mm] at angles of any shape [rad]."""
+    def value(self, angle: Real) -> Real:
+        """Its value at angles of any shape [rad]."""
         return self.amplitude * np.sin(self.waves * angle + self.phase)
 
     def slope(self, angle: Real) -> Real:
-        """Its derivative [N mm/rad] at angles of any shape [rad]."""
+        """Its derivative by the angle at angles of any shape [rad]."""
         return self.amplitude * self.waves * np.cos(self.waves * angle + self.phase)
 
     def balances(self, slope: Real) -> Real:
@@ -72,6 +74,11 @@ class Ripple:
         """
         steepness = np.maximum(np.abs(slope) * self.amplitude * self.waves, 1.0)
         return np.asarray(2 / np.pi * (np.sqrt(steepness**2 - 1) + np.arcsin(1 / steepness)))
+
+
+def _at_position(ripple: Ripple, phases: tuple[float, ...], position: int) -> Ripple:
+    """A ripple with the phase that it has at a position, by its phases at further positions than the first."""
+    return ripple if not phases or not position else replace(ripple, phase=ripple.phase + phases[position - 1])
 
 
 @dataclass(frozen=True)
@@ -87,6 +94,7 @@ class Instrument:
     encoder : amplitudes (cosine, sine) of the encoder's eccentricity [arcmin].
     ripple : torque that is read in addition to that in the drive; it depends on the angle measured.
     ripple_phases : (n_positions - 1,) its phases at further positions less that at the first [rad]; none: all alike.
+    interpolation, interpolation_phases : the same of what the encoder reads too much within a period of its signal.
     """
 
     torque_zero: float = 0.0
@@ -96,12 +104,19 @@ class Instrument:
     encoder: tuple[float, float] = (0.0, 0.0)
     ripple: Ripple = field(default_factory=Ripple)
     ripple_phases: tuple[float, ...] = ()
+    interpolation: Ripple = field(default_factory=Ripple)
+    interpolation_phases: tuple[float, ...] = ()
 
     def ripple_at(self, position: int) -> Ripple:
         """The ripple with the phase that it has at a position."""
-        if not self.ripple_phases or not position:
-            return self.ripple
-        return replace(self.ripple, phase=self.ripple.phase + self.ripple_phases[position - 1])
+        return _at_position(self.ripple, self.ripple_phases, position)
+
+    def interpolation_error(self, course: Course, position: int) -> Real | float:
+        """Mean error of the reading over each cell (n_cells,) [arcmin] at a position; 0 without one."""
+        error = _at_position(self.interpolation, self.interpolation_phases, position)
+        if not error.amplitude or course.rows is None:
+            return 0.0
+        return mean_torque(error.value(course.rows[1] / ARCMIN))
 
     def true_torque(self, read: Real) -> Real:
         """Torque [N mm] that is read as ``read`` [N m]; what a creep of the sensor adds is not yet subtracted."""
@@ -360,7 +375,7 @@ def read_with_ripple(
     middle = measured.mean(axis=1)
 
     def read(shift: Real) -> tuple[Real, LoadPath, bool, Real]:
-        angle, path, is_sound = read_at(edges - ripple.torque((measured + shift[:, None]) / ARCMIN))
+        angle, path, is_sound = read_at(edges - ripple.value((measured + shift[:, None]) / ARCMIN))
         return angle, path, is_sound, 1 + path.slope * ripple.slope((middle + shift) / ARCMIN)
 
     unmoved, *_ = read(np.zeros(len(middle)))

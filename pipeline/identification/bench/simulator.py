@@ -45,6 +45,8 @@ KEPT_CURVES: Fineness = 40
 of 64 contacts takes a quarter of a megabyte."""
 UNSOUND_SHARE = 0.05
 """Share of equilibria that were not found which a fit may pass through."""
+RIPPLES = ("ripple", "ripple_phases", "interpolation", "interpolation_phases")
+"""Fields of an instrument whose change has a derivative by the angle measured."""
 Drives = tuple[Drive, ...]
 """A drive at the crank angles of a position's stations."""
 Way = Callable[[Real], tuple[LoadPath, Real, float, bool]]
@@ -140,13 +142,14 @@ class Forward:
         )
         turns, edges = instrument.torques(course)
         if ripple.amplitude and course.rows is not None:
-            turns = turns - ripple.torque(course.rows[1] / ARCMIN)[course.edges_beside_turns]
+            turns = turns - ripple.value(course.rows[1] / ARCMIN)[course.edges_beside_turns]
         along = self._along_crank if course.crank is not None else self._at_held_crank
         angle_at = along(stations, course, curves, turns)
+        interpolation = instrument.interpolation_error(course, position)
 
         def read_at(edges: Real) -> tuple[Real, LoadPath, bool]:
             path, angle, encoder_place, is_followed = angle_at(edges)
-            return instrument.angle_read(course, angle, encoder_place), path, is_followed
+            return instrument.angle_read(course, angle, encoder_place) + interpolation, path, is_followed
 
         if ripple.amplitude:
             read, path, is_followed, response = read_with_ripple(ripple, course, edges, read_at)
@@ -257,18 +260,20 @@ class Forward:
     def change_by_ripple(
         self, position: int, before: Instrument, after: Instrument, slope: Real
     ) -> Real | float | None:
-        """Change of the curve (n_cells,) [arcmin], to first order, by the ripple of an instrument.
+        """Change of the curve (n_cells,) [arcmin], to first order, by the ripples of an instrument.
 
         None where more of it changes. ``slope`` (n_cells,) is that of the curve over the torque [arcmin/(N m)].
         """
         if before == after:
             return 0.0
-        rows = self.courses[position].rows
-        if rows is None or before != replace(after, ripple=before.ripple, ripple_phases=before.ripple_phases):
+        course = self.courses[position]
+        kept = {name: vars(before)[name] for name in RIPPLES}
+        if course.rows is None or before != replace(after, **kept):
             return None
-        ripples = (instrument.ripple_at(position).torque(rows[1] / ARCMIN) for instrument in (before, after))
+        ripples = (instrument.ripple_at(position).value(course.rows[1] / ARCMIN) for instrument in (before, after))
         less, more = (mean_torque(ripple) / NMM_PER_NM for ripple in ripples)
-        return np.asarray(slope * (less - more))
+        readings = (instrument.interpolation_error(course, position) for instrument in (after, before))
+        return np.asarray(slope * (less - more)) + next(readings) - next(readings)
 
     def _at_cells(self, stations: Drives, position: int, carried_torque: Real, values: Sequence[Real]) -> Real:
         """Values of each station's backbone (n, n_nodes, k) [rad] at ``carried_torque`` (n_cells,), as the angle reads.

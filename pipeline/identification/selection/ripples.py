@@ -7,6 +7,7 @@ angle that was measured, and the angle by the slope of the curve times that. The
 
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,70 +44,57 @@ PHASES: Fineness = 24
 
 
 class OwnPhases:
-    """Phases of a ripple at positions that were left out of a fit.
+    """Phases of ripples at positions that were left out of a fit.
 
     The phase at a position tells nothing about the drive, as the zero of the angle there tells nothing. Like the zero,
-    it is fitted to the cells of its own position.
+    it is fitted to the cells of its own position, of two ripples one after the other.
     """
 
     def __init__(self, fitter: Fitter, fit: Fit, training: Truth):
         self.fitter, self.fit, self.training = fitter, fit, training
         data = fitter.problem.data
         self.first = len(fit.unknowns.scales)
-        self.positions: list[int] = []
+        self.ripples: list[tuple[slice, Real]] = []  # shares of the parameters, and their bounds
         number = 0
         for effect in fit.model.effects:
             if isinstance(effect, InstrumentEffect) and effect.own_phases:
-                self.bounds = np.array(fitter.problem.bounds(effect))
-                self.shares = slice(number, number + len(effect.parameters))
-                self.positions = np.setdiff1d(data.position, data.position[training]).tolist()
+                shares = slice(number, number + len(effect.parameters))
+                self.ripples.append((shares, np.array(fitter.problem.bounds(effect))))
             number += len(effect.parameters)
+        left_out = np.setdiff1d(data.position, data.position[training]).tolist()
+        self.places = list(product(self.ripples, left_out))
 
     def fitted(self) -> Fit:
         """The fit with the best of these phases; the same where there is none."""
-        if not self.positions:
+        if not self.places:
             return self.fit
         fitter, unknowns, reach = self.fitter, self.fit.unknowns, 2 * np.pi / PHASES
-        for position in self.positions:
-            misfit = partial(self._misfit, unknowns, position)
+        for ripple, position in self.places:
+            misfit = partial(self._misfit, unknowns, ripple, position)
             best = reach * int(np.nanargmin([misfit(reach * number) for number in range(PHASES)]))
             phase = minimize_scalar(misfit, bounds=(best - reach, best + reach), method="bounded").x
-            unknowns = self._with_phase(unknowns, position, float(phase))
+            unknowns = _with_phase(unknowns, ripple, position, float(phase))
         angle = fitter.predict(self.fit.model, unknowns).angle
         values = values_at_shares(fitter.bounds(self.fit.model), unknowns.shares)
         predicted_angle = angle + fitter.offsets(angle, self.training, self.fit.sigma)
         return replace(self.fit, unknowns=unknowns, values=values, predicted_angle=predicted_angle)
 
-    def _misfit(self, unknowns: Vector, position: int, phase: float) -> float:
-        """Sum of squares, in noise, of the cells of a position with some phase of the ripple."""
+    def _misfit(self, unknowns: Vector, ripple: tuple[slice, Real], position: int, phase: float) -> float:
+        """Sum of squares, in noise, of the cells of a position with some phase of a ripple."""
         data = self.fitter.problem.data
         of_position = data.position == position
-        angle = self.fitter.predict(self.fit.model, self._with_phase(unknowns, position, phase), [position]).angle
+        angle = self.fitter.predict(self.fit.model, _with_phase(unknowns, ripple, position, phase), [position]).angle
         angle = angle + self.fitter.offsets(angle, of_position, data.sigma)
         return float(np.sum(((data.angle - angle) / data.sigma)[of_position] ** 2))
 
-    def _with_phase(self, unknowns: Vector, position: int, phase: float) -> Vector:
-        """Unknowns with another phase [rad] at a position, and those of the other positions as they are."""
-        low, high = self.bounds.T
-        values = low + unknowns.shares[self.shares] * (high - low)
-        phases = np.arctan2(values[0], values[1]) + np.append(0.0, values[3:])
-        phases[position] = phase
-        size = np.hypot(values[0], values[1])
-        values[:2] = size * np.sin(phases[0]), size * np.cos(phases[0])
-        values[3:] = (phases[1:] - phases[0] - np.pi) % (2 * np.pi) + np.pi
-        shares = unknowns.shares.copy()
-        shares[self.shares] = (values - low) / (high - low)
-        return replace(unknowns, shares=shares)
-
     def removed_from(self, jacobian: Real) -> Real:
         """Derivatives (n_cells, n_unknowns) without what a fit of these phases takes up at their positions."""
-        if not self.positions:
+        if not self.places:
             return jacobian
         data, jacobian = self.fitter.problem.data, jacobian.copy()
-        start = self.first + self.shares.start
-        low, high = self.bounds[:2].T
-        cosine, sine = low + self.fit.unknowns.shares[self.shares][:2] * (high - low)
-        for position in self.positions:
+        for (place, bounds), position in self.places:
+            start, (low, high) = self.first + place.start, bounds[:2].T
+            cosine, sine = low + self.fit.unknowns.shares[place][:2] * (high - low)
             by_phase = jacobian[:, start + 2 + position]
             if position == 0:  # its phase is that of the two amplitudes
                 by_phase = sine * jacobian[:, start] - cosine * jacobian[:, start + 1]
@@ -114,6 +102,21 @@ class OwnPhases:
             followed = in_noise @ jacobian / max(float(in_noise @ by_phase), 1e-300)
             jacobian[data.position == position] -= np.outer(by_phase[data.position == position], followed)
         return jacobian
+
+
+def _with_phase(unknowns: Vector, ripple: tuple[slice, Real], position: int, phase: float) -> Vector:
+    """Unknowns with another phase [rad] at a position, and those of the other positions as they are."""
+    place, bounds = ripple
+    low, high = bounds.T
+    values = low + unknowns.shares[place] * (high - low)
+    phases = np.arctan2(values[0], values[1]) + np.append(0.0, values[3:])
+    phases[position] = phase
+    size = np.hypot(values[0], values[1])
+    values[:2] = size * np.sin(phases[0]), size * np.cos(phases[0])
+    values[3:] = (phases[1:] - phases[0] - np.pi) % (2 * np.pi) + np.pi
+    shares = unknowns.shares.copy()
+    shares[place] = (values - low) / (high - low)
+    return replace(unknowns, shares=shares)
 
 
 def ripple_starts(screening: "Screening", effect: Candidate) -> list[tuple[float, Vector]]:
@@ -149,6 +152,10 @@ def refined_ripple(fitter: Fitter, fit: Fit, cells: Truth) -> Fit:
     return fitter.refine(fit, cells, fit.unknowns) if has_ripple and not is_well_fitted else fit
 
 
+def _is_of_angle(effect: Candidate) -> bool:
+    return isinstance(effect, InstrumentEffect) and effect.is_of_angle
+
+
 class _Search:
     """The search for a ripple beside the base of a screening, in the cells where the curve has no play.
 
@@ -164,7 +171,7 @@ class _Search:
         self.loaded, self.base, self.data = screening.of_cells(is_loaded), base.unknowns, problem.data
         self.bounds = problem.bounds(effect)
         self.model = Model((*base.model.effects, effect))
-        self.slope = screening.fitter.slopes(base)
+        self.response = np.ones(len(torque)) if _is_of_angle(effect) else -screening.fitter.slopes(base)
         self.goal = self.loaded.unfollowed_part(self.loaded.residual_left)
         self.step = WAVE_STEP * 2 * np.pi * ARCMIN / problem.span
         self.waves = np.arange(*self.bounds[2], self.step)
@@ -173,7 +180,7 @@ class _Search:
         """Fall of the sum of squares by a ripple of some waves, its size [N m], and its phase [rad] by position."""
         loaded, positions, phase = self.loaded, self.loaded.positions, wave * self.data.angle / ARCMIN
         columns = [
-            np.where(self.data.position == position, -self.slope * shape, 0.0)
+            np.where(self.data.position == position, self.response * shape, 0.0)
             for position in positions
             for shape in (np.cos(phase), np.sin(phase))
         ]

@@ -42,6 +42,7 @@ CASES = {
     "rayleigh": ((0.01,), replace(TWO, rows=100, noise=0.03), 0.05),
     "load_friction": ((0.1,), replace(TWO, cycles=1), 0.05),
     "motor_cogging": ((0.3, 0.2, 40_000.0, 4.5, 8.0), replace(THREE, rows=400, noise=0.03), 0.1),
+    "encoder_interpolation": ((0.03, 0.02, 40_000.0, 4.5, 8.0), replace(THREE, rows=400, noise=0.01), 0.1),
 }
 LONG = {"contact_friction"}
 """Every state of its path is solved by itself: half a minute; `make attack`."""

@@ -149,7 +149,7 @@ def test_a_bench_that_turns_the_output_passes_every_balance_of_a_ripple(drive, f
     rubbing = library()["coulomb"].apply(drive, [friction], Conditions.run_in(1))
     course = course_of()
     plain = read(rubbing, course=course)
-    torque_read = course.cell_torques[:, 0] + 1e-3 * STEEP.torque(plain.angle / ARCMIN)
+    torque_read = course.cell_torques[:, 0] + 1e-3 * STEEP.value(plain.angle / ARCMIN)
     rising = slice(2 * ROWS, 3 * ROWS)
     assert np.any(np.diff(torque_read[rising]) < 0)
     for noise, tolerance in ((0.0, 1e-3), (ANGLE_NOISE, 0.15 * ANGLE_NOISE)):
@@ -184,7 +184,7 @@ def test_what_a_ripple_answers_to_a_change_of_the_curve_is_its_derivative(drive)
     course, gentle = course_of(), replace(STEEP, amplitude=100.0)
     torque = course.cell_torques[:, 0]
     plain = read(drive, course=course)
-    torque_read = torque + 1e-3 * gentle.torque(plain.angle / ARCMIN)
+    torque_read = torque + 1e-3 * gentle.value(plain.angle / ARCMIN)
     reading, softer = (
         read_with_ripple(unit, torque_read, plain.angle, course, ripple=gentle)
         for unit in (drive, drive.with_elements(LinearSpring(1e-10)))
@@ -206,7 +206,7 @@ def test_what_a_ripple_answers_to_a_change_of_the_curve_is_its_derivative(drive)
 def test_the_change_by_a_ripple_is_that_of_predictions(drive, change):
     course, gentle = course_of(), replace(STEEP, amplitude=100.0)
     angle = read(drive, course=course).angle
-    course = rippled(course.cell_torques[:, 0] + 1e-3 * gentle.torque((angle + ZERO) / ARCMIN), angle, course)
+    course = rippled(course.cell_torques[:, 0] + 1e-3 * gentle.value((angle + ZERO) / ARCMIN), angle, course)
     forward = Forward([course], drive.rated_torque)
     before, after = (Instrument(ripple=ripple) for ripple in (gentle, replace(gentle, **change)))
     readings = [forward.read(drive, 0, instrument) for instrument in (before, after)]
@@ -222,6 +222,21 @@ def test_the_change_by_a_ripple_is_that_of_predictions(drive, change):
     assert np.median(np.abs(difference)) < 0.05 * np.median(np.abs(computed[is_loaded]))
     assert forward.change_by_ripple(0, before, replace(after, drift=1.0), readings[0].slope) is None
     assert forward.change_by_ripple(0, before, before, readings[0].slope) == 0.0
+
+
+def test_an_interpolation_error_is_a_wave_of_the_angle_measured_at_every_torque(drive):
+    course = course_of()
+    plain = read(drive, course=course).angle
+    course = replace(course, rows=(course.cell_torques, points(plain + ZERO)))
+    error = Ripple(0.05, 16_000.0, 0.4)
+    expected = 0.05 * np.sin(16_000.0 * (plain + ZERO) / ARCMIN + 0.4)
+    erring, forward = Instrument(interpolation=error), Forward([course, course], drive.rated_torque)
+    np.testing.assert_allclose(forward.read(drive, 0, erring).angle - plain, expected, atol=1e-9)
+    change = forward.change_by_ripple(0, Instrument(), erring, np.zeros(len(plain)))
+    np.testing.assert_allclose(change, expected, atol=1e-12)
+    of_positions = replace(erring, interpolation_phases=(1.1,))
+    expected = 0.05 * np.sin(16_000.0 * (plain + ZERO) / ARCMIN + 1.5)
+    np.testing.assert_allclose(forward.read(drive, 1, of_positions).angle - plain, expected, atol=1e-9)
 
 
 def test_the_nearest_of_several_roots_is_found_and_none_where_the_function_has_none():

@@ -16,7 +16,7 @@ from pipeline.identification.selection import ripples
 from pipeline.identification.selection import screening as screening_module
 from pipeline.identification.selection.fitted_numbers import intervals
 from pipeline.identification.selection.model_selection import Selector
-from pipeline.identification.selection.ripples import OwnPhases, _Search
+from pipeline.identification.selection.ripples import OwnPhases, _Search, _with_phase
 from pipeline.identification.selection.screening import (
     BEST_DIRECTIONS,
     PHASES,
@@ -242,7 +242,7 @@ def test_a_position_that_is_left_out_has_its_own_phase_of_a_ripple(left_out, tmp
 
     phases = OwnPhases(fitter, fit, training)
     right_phase = np.arctan2(*fit.values[:2]) + np.append(0.0, fit.values[3:])[left_out]
-    turned = phases._with_phase(fit.unknowns, left_out, right_phase + np.pi)
+    turned = _with_phase(fit.unknowns, phases.ripples[0], left_out, right_phase + np.pi)
     angle = fitter.predict(model, turned).angle
     wrong = replace(fit, unknowns=turned, predicted_angle=angle + fitter.offsets(angle, training, fit.sigma))
     own = OwnPhases(fitter, wrong, training).fitted()

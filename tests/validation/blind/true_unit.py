@@ -99,9 +99,9 @@ class TrueUnit:
             encoder_reading = turns * angle + encoder_angle
             elapsed = ramp.time + (ramp.begin if self.bench.common else 0.0)
             read = ARCMIN * angle + instrument.drift * elapsed / SECONDS_AN_HOUR
-            angles.append(
-                read + instrument.encoder[0] * np.cos(encoder_reading) + instrument.encoder[1] * np.sin(encoder_reading)
-            )
+            read += instrument.encoder[0] * np.cos(encoder_reading) + instrument.encoder[1] * np.sin(encoder_reading)
+            offset = float(self.bench.offset[number])
+            angles.append(with_interpolation(read + offset, instrument, number) - offset)
         return angles
 
     @staticmethod
@@ -121,6 +121,15 @@ class TrueUnit:
 
             angles.append(effect(Track(ramp, angle_at, float(np.ptp(single)), float(np.radians(crank)))))
         return angles
+
+
+def with_interpolation(read: Real, instrument: Instrument, number: int) -> Real:
+    """Angles (n,) [arcmin] as an encoder reads them whose error depends on what it reads; by fixed-point steps."""
+    error, phases = instrument.interpolation, (0.0, *instrument.interpolation_phases)
+    phase, angle = error.phase + (phases[number] if number < len(phases) else 0.0), read
+    for _ in range(60):
+        angle = read + error.amplitude * np.sin(error.waves * angle / ARCMIN + phase)
+    return angle
 
 
 def encoder_places(bench: Bench, lobes: int) -> Real:
