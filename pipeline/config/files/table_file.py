@@ -8,6 +8,7 @@ import csv
 import gzip
 import re
 import zlib
+from collections import Counter
 from collections.abc import Container, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -280,6 +281,12 @@ def _unequal(
     if not wrong_rows:
         return []
     advice = "give each row one field for each column"
+    if len(wrong_rows) > len(line):
+        (count, frequency), *_ = Counter(count for _, count in wrong_rows).most_common(1)
+        return [
+            f"{name}: its header has {fields} fields, {frequency} rows have {count}; is the header below other lines? "
+            "Remove the lines above it"
+        ]
     if all(field_count > fields for _, field_count in wrong_rows) and separator == ",":
         advice += "; if the decimal mark is a comma, separate the fields by another character"
     elif len(wrong_rows) == 1 and wrong_rows[0][0] > line.max(initial=0):

@@ -21,6 +21,10 @@ STANDING_SHARE = 0.4
 """Of neighbouring rows that are at one torque on a staircase, at least: half of them, less what is left out."""
 LEAST_SHARE: Rounding = 1e-9
 """Of differences that are noise or steps, and of their mean square that is noise: less is none."""
+FEWEST_COUNTS: Fineness = 10
+"""Different values of an instrument that counts, at least: fewer may be multiples of a step by chance."""
+OFF_COUNT: Rounding = 0.02
+"""Distance from a multiple of the step that a conversion between units leaves."""
 RESAMPLES: Fineness = 1000
 """Of the block bootstrap of the noise."""
 SEED: Seed = 79
@@ -83,6 +87,15 @@ def smallest_step(values: Real) -> float:
     scale = np.nanmax(np.abs(values)) if steps.size else 0.0
     steps = steps[steps > 1e-9 * scale]  # a rounded decimal times a factor differs from itself in its last digits
     return float(steps.min()) if steps.size else 0.0
+
+
+def counted_step(values: Real) -> float:
+    """The step (the unit of the values) in which an instrument counts; 0 where values are no multiples of one."""
+    places, step = np.unique(values[np.isfinite(values)]), smallest_step(values)
+    if len(places) < FEWEST_COUNTS or step == 0:
+        return 0.0
+    counts = (places - places[0]) / step
+    return step if np.max(np.abs(counts - np.round(counts))) < OFF_COUNT else 0.0
 
 
 def torque_noise(rows: Rows, instrument: InstrumentSection, runs: list[slice] | None = None) -> float:

@@ -10,7 +10,7 @@ from pipeline.identification.measurement import row_filters
 from pipeline.identification.measurement.branches import BranchBlocks, find_blocks
 from pipeline.identification.measurement.cells import Cells, are_rows_few, cells
 from pipeline.identification.measurement.enough import SURE
-from pipeline.identification.measurement.estimate import smallest_step, torque_noise
+from pipeline.identification.measurement.estimate import counted_step, smallest_step, torque_noise
 from pipeline.identification.measurement.load_history import History, history
 from pipeline.identification.measurement.repeatability import Noise, measured_noise, restrict_to_training
 from pipeline.identification.measurement.repeated_branches import UsableRows
@@ -138,7 +138,11 @@ class MeasuredRows:
         scatter = torque_noise(self.rows, self.unit.settings.instrument, runs)
         return measured_noise(blocks, restricted_cells, self.usable_rows, scatter, self._resolution)
 
-    @property
+    @cached_property
     def _resolution(self) -> float:
-        """Declared step of the angle [arcmin]; 0 if unknown."""
-        return self.unit.settings.instrument.angle_resolution_arcmin or 0.0
+        """Step of the angle [arcmin], as declared or in which all readings of every position are; 0 if unknown."""
+        steps = [
+            counted_step(self.rows.angle[self.is_fitted & (self.rows.position == position)])
+            for position in np.unique(self.rows.position[self.is_fitted])
+        ]
+        return max(self.unit.settings.instrument.angle_resolution_arcmin or 0.0, min(steps, default=0.0))

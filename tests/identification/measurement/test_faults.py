@@ -10,10 +10,11 @@ from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 from pipeline.errors import InputError
 from pipeline.identification.bench.instrument_effects import instrument_effects
 from pipeline.identification.measurement.faults.data_faults import _turning_crank
-from pipeline.identification.measurement.faults.fault import linear_algebra_faults
+from pipeline.identification.measurement.faults.fault import Fault, linear_algebra_faults
 from pipeline.identification.measurement.faults.shape_faults import DELAYED_SHARE, gains_energy
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.selection.statements.statement import fault_statement
 
 
 def judged(folder, tables, text=UNIT):
@@ -436,3 +437,40 @@ def test_a_table_without_a_good_row_says_nothing_of_a_turning_crank():
     rows = SimpleNamespace(cranks=np.array([0.0, 90.0, 180.0]))
     assert list(_turning_crank(rows, np.zeros(9, bool))) == []
     assert [fault.kind for fault in _turning_crank(rows, np.ones(3, bool))] == ["turning crank"]
+
+
+def test_an_encoder_that_starts_again_is_a_fault_of_its_own(tmp_path):
+    """The zero of the angle lies near the end of the encoder's turn: no unit of the angle explains the jumps."""
+    table = measured()
+    angle = table["angle_arcmin"] + 10_799.5
+    table["angle_arcmin"] = angle - 21_600.0 * (angle > 10_800.0)
+    faults, _ = judged(tmp_path, {"rows.csv": table})
+    assert faults["wrapped angle"].severity == "fatal"
+    jumps = np.flatnonzero((np.abs(np.diff(table["angle_arcmin"])) > 1e4) & (np.diff(table["crank_deg"]) == 0))
+    assert faults["wrapped angle"].rows[0] == f"rows.csv:{jumps[0] + 3}"
+    assert not {"unit", "sign", "swapped columns"} & set(faults)
+
+
+def test_missing_readings_that_a_logger_wrote_as_a_number_are_no_other_unit(tmp_path):
+    faults, _ = judged(tmp_path, {"rows.csv": edited(set_at("angle_arcmin", [30, 500, 900], -9999.0))})
+    assert faults["encoder jump"].severity == "note"
+    assert "unit" not in faults
+
+
+def test_an_angle_that_is_far_too_small_for_the_design_is_noted(tmp_path):
+    table = edited(lambda t: t.__setitem__("angle_arcmin", t["angle_arcmin"] / 60))
+    faults, _ = judged(tmp_path, {"rows.csv": table})
+    assert faults["unit"].severity == "note"
+    assert "at least" in faults["unit"].message
+
+
+def test_a_crank_angle_whose_reading_trembles_is_said_to(tmp_path):
+    table, rng = measured(), np.random.default_rng(0)
+    table["crank_deg"] += 0.01 * np.round(rng.normal(0, 20, len(table)))
+    faults, _ = judged(tmp_path, {"rows.csv": table})
+    assert "trembles" in faults["turning crank"].message
+
+
+def test_a_verdict_on_faulty_data_says_each_kind_once():
+    faults = [Fault("a", f"first {k}", "fatal") for k in range(50)] + [Fault("b", "second", "fatal")]
+    assert fault_statement(faults).sentence.endswith("verdict: first 0; second")

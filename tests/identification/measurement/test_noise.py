@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from measured_bench import ROOT, UNIT, measured, write_unit
 from scipy.signal import lfilter
 
-from pipeline.identification.measurement.estimate import high_frequency_scatter
+from pipeline.identification.measurement.estimate import counted_step, high_frequency_scatter
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.repeated_branches import Branch, angle_difference
 from pipeline.identification.measurement.unit_file import load_measured_unit
@@ -319,3 +319,14 @@ def test_a_cell_that_holds_the_jump_of_its_own_branch_is_not_compared():
     """The other branch jumps between the next two rows: no row of the cell lies between them."""
     difference = angle_difference(branch_that_jumps_beyond(1.5), branch_that_jumps_beyond(2.5))
     np.testing.assert_allclose(difference.angle, np.zeros(3), atol=1e-12)
+
+
+def test_an_encoder_that_counts_is_found_by_its_readings():
+    """Counts of 0.2 arcmin, read in degrees with six decimals; a few values are multiples of a step by chance."""
+    angle = np.random.default_rng(0).normal(0, 3, 400)
+    counts = 60 * np.round(0.2 * np.round((angle + 0.07) / 0.2) / 60, 6)
+    assert counted_step(counts + 1.23) == pytest.approx(0.2, abs=1e-3)
+    assert counted_step(angle) == 0
+    assert counted_step(np.round(angle, 4)) < 1e-3
+    assert counted_step(np.array([0.0, 0.3, 0.9, 2.1])) == 0
+    assert counted_step(np.zeros(50)) == 0

@@ -21,9 +21,11 @@ CLIPPED_SHARE = 0.05
 """Share of rows at the end of the angle's range from which nothing is known of the curve under load."""
 TOLERATED_SHARE = 0.01
 """Share of rows that may be no numbers or jumps of the encoder; more are a fault of the recording."""
+WRAPPED = 0.1
+"""Turns by which a step of the angle may differ from a whole turn, or from none, if the encoder starts again there."""
 SHOWN_COLUMNS: ShownCount = 12
 """Of a header that lacks one."""
-TURNING_SHARE = 0.1
+TURNING_SHARE = 0.05
 """Crank angles in rows from which the crank was not locked: a loop has tens of rows at the least."""
 
 
@@ -43,12 +45,15 @@ def data_faults(measurement: MeasuredRows) -> list[Fault]:
     faults += unread
     turning = any(fault.kind == "turning crank" for fault in unread)
     if finite.any() and not turning and not any(fault.severity == "fatal" for fault in unread):
-        faults += _implausible(unit, rows, finite)
+        unread += [*_wrapped(rows, finite)]
+        faults += unread[-1:] if unread else _implausible(unit, rows, finite & ~measurement.spikes)
     if not good.any() or any(fault.severity == "fatal" for fault in unread):
         return faults
     faults += _left_out(rows, measurement.is_saturated & good, measurement.is_clipped, measurement.spikes)
     usable, blocks = measurement.usable, measurement.branches
-    faults += [*branch_faults(rows, blocks, usable), *_offsets(unit, rows, usable)]
+    faults += branch_faults(rows, blocks, usable)
+    if not any(fault.kind == "disordered rows" for fault in faults):
+        faults += _offsets(unit, rows, usable)
     if not any(fault.severity == "fatal" for fault in faults):
         faults += [*_unknown_noise(measurement), *_standing_out(measurement)]
     return faults
@@ -172,10 +177,27 @@ def _turning_crank(rows: Rows, good: Truth) -> Iterator[Fault]:
     if good.any() and len(rows.cranks) > TURNING_SHARE * good.sum() and len(rows.cranks) > 1:
         yield Fault(
             "turning crank",
-            f"crank_deg takes {len(rows.cranks)} values in {good.sum()} rows: the crank turns within a cycle. A "
-            'record of a turning drive that has a design is read where unit.toml says locked = "neither"; of loops '
-            "give the angle of the locked position, such as a constant of the file",
+            f"crank_deg takes {len(rows.cranks)} values in {good.sum()} rows: the crank turns within a cycle, or its "
+            "reading trembles. A record of a turning drive that has a design is read where unit.toml says "
+            'locked = "neither"; of loops give the angle of the locked position, rounded or as a constant of the file',
             "fatal",
+        )
+
+
+def _wrapped(rows: Rows, good: Truth) -> Iterator[Fault]:
+    """Angles that jump by a turn from row to row, as of an encoder that starts again at its end."""
+    numbers = np.flatnonzero(good)
+    turns = np.diff(rows.angle[numbers]) / shape_faults.REVOLUTION
+    is_jump = (np.abs(np.abs(turns) - 1) < WRAPPED) & (np.diff(rows.position[numbers]) == 0)
+    others = np.abs(turns[~is_jump & (np.diff(rows.position[numbers]) == 0)])
+    if is_jump.any() and np.max(others, initial=0.0) < WRAPPED:
+        yield fault_of_rows(
+            rows,
+            numbers[1:][is_jump],
+            "wrapped angle",
+            "fatal",
+            f"the angle jumps by a turn (360 degrees) at {is_jump.sum()} rows, as of an encoder that starts again; "
+            "add or subtract a turn in the rows after each jump",
         )
 
 
@@ -193,7 +215,8 @@ def _constant(rows: Rows, good: Truth) -> Iterator[Fault]:
                     f"{quantity} is {values[rows_here][0]:g} in all rows at crank {crank:g} deg; is it the right "
                     "column?",
                 )
-    if rows.time is not None and good.sum() > 1 and np.nanmin(rows.time) == np.nanmax(rows.time):
+    time = np.empty(0) if rows.time is None else rows.time[np.isfinite(rows.time)]
+    if len(time) > 1 and np.ptp(time) == 0:
         yield Fault("constant column", "time_s does not vary: effects of time cannot be tested", "note")
 
 
@@ -229,6 +252,9 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
         and span > (likely := shape_faults.largest_span(unit.study.design, top, shape_faults.LIKELY_TWIST))
     ):
         text = f"the angle spans {span:.4g} arcmin, a drive of this design is likely to have {likely:.3g} at most"
+        yield Fault("unit", f"{text}: check unit and factor in [columns]", "note")
+    if unit.design_study and not any(findings) and span < (least := shape_faults.least_span(unit.study.design, top)):
+        text = f"the angle spans {span:.4g} arcmin, a drive of this design is likely to twist by {least:.3g} at least"
         yield Fault("unit", f"{text}: check unit and factor in [columns]", "note")
     if settings.generic and settings.side == "output" and settings.locked == "output" and not any(findings):
         doubt = shape_faults.doubtful_side(top, span, settings.generic.rated_torque_Nm, settings.generic.ratio)

@@ -101,6 +101,8 @@ LARGEST_PLAY = 0.5
 """Gap of the pins in parts of their radius that no drive has."""
 LARGEST_TWIST = 500.0
 """Twist over T / (E t r^2) of the disk that no drive has: the paper's reducer has about 10, the printed drives 100."""
+LEAST_TWIST: Shown = 1.0
+"""The same that a drive has at the least: contacts, bearing and output add to the twist of a solid disk of its size."""
 LIKELY_TWIST: Shown = 200.0
 """The same that a drive is likely to have at most: twice the printed drives'."""
 
@@ -118,11 +120,20 @@ def largest_span(design: Design, torque: float, twisted: float = LARGEST_TWIST) 
     radius, whose lever arm no contact exceeds. The twist is scaled by that of a solid disk of the design.
     """
     gear = design.cycloid
-    arm = gear.eccentricity_mm * gear.lobes
-    play = 2 * LARGEST_PLAY * gear.pin_radius_mm / arm
+    play = 2 * LARGEST_PLAY * gear.pin_radius_mm / (gear.eccentricity_mm * gear.lobes)
+    return float(ARCMIN * play + twisted * _disk_twist(design, torque))
+
+
+def least_span(design: Design, torque: float) -> float:
+    """Span of the angle [arcmin] that a reducer of a design is likely to have at the least at a torque [N m]."""
+    return LEAST_TWIST * _disk_twist(design, torque) / design.disk.count
+
+
+def _disk_twist(design: Design, torque: float) -> float:
+    """Span [arcmin] of the twist of a solid disk of the design at a torque [N m] of either sense."""
+    arm = design.cycloid.eccentricity_mm * design.cycloid.lobes
     modulus, thickness = design.materials[design.disk.material].youngs_modulus_MPa, design.disk.thickness_mm
-    twist = 2 * twisted * 1e3 * torque / (modulus * thickness * arm**2)
-    return float(ARCMIN * (play + twist))
+    return float(2 * ARCMIN * 1e3 * torque / (modulus * thickness * arm**2))
 
 
 def columns_exchanged(torque: Real, angle: Real) -> bool:

@@ -55,7 +55,8 @@ class Statement:
 
 def fault_statement(fatal: Sequence[Fault]) -> Statement:
     """The statement on data with which nothing can be fitted."""
-    reasons = "; ".join(fault.message for fault in fatal)
+    first_of_kinds = {fault.kind: fault.message for fault in reversed(fatal)}
+    reasons = "; ".join(reversed(first_of_kinds.values()))
     return Statement(f"The data do not support a verdict: {reasons}", "")
 
 
