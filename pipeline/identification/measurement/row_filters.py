@@ -1,8 +1,10 @@
 """Which rows may be fitted: numbers, not saturated, no jumps of the encoder, not at rest, not within the play."""
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from pipeline.arrays import Real, Truth
+from pipeline.constant_kinds import Fineness
 from pipeline.identification.measurement.branches import TURN_NOISE, BranchBlocks, monotone
 from pipeline.identification.measurement.enough import FEWEST_COMPARED, FEWEST_PIECE_ROWS, UNLOADED_SHARE
 from pipeline.identification.measurement.estimate import MAD_TO_STD, smallest_step
@@ -25,6 +27,8 @@ CLIPPED_SHARE = 0.1
 """Share of the range of the torque over which an angle that repeats its extreme has reached the end of its range."""
 FEWEST_STEPS = 20
 """Range of the angle in its smallest steps below which equal extremes say nothing."""
+WIDEST_SPIKE: Fineness = 3
+"""Rows of an outlier at most; what stays out longer may be the drive."""
 SPIKE_FACTOR = 8.0
 """Robust standard deviations by which a spike stands out from both neighbours."""
 
@@ -150,7 +154,7 @@ def saturated_rows(rows: Rows, instrument: InstrumentSection, torque_noise: floa
 
 
 def spikes(rows: Rows, smallest_spike: float, torque_noise: float) -> Truth:
-    """Whether the angle of each row stands out from both neighbours, which its torque does not (n,).
+    """Whether the angle of a row, or of up to three, stands out from both neighbours, and the torque does not (n,).
 
     The scale of an ordinary step is robust over the run of one cycle, and at ``smallest_spike`` the angle's step and
     noise [arcmin]. A torque that goes out and back in three rows may well take the angle along: that is a turn.
@@ -164,10 +168,17 @@ def spikes(rows: Rows, smallest_spike: float, torque_noise: float) -> Truth:
         angle, torque = rows.angle[run_rows], rows.torque[run_rows]
         step = np.diff(angle)
         limit = SPIKE_FACTOR * max(MAD_TO_STD * np.median(np.abs(step)), smallest_spike)
-        out_and_back = (step[:-1] * step[1:] < 0) & (np.minimum(np.abs(step[:-1]), np.abs(step[1:])) > limit)
-        bend = np.abs(torque[1:-1] - (torque[:-2] + torque[2:]) / 2)
-        turn = bend > np.abs(torque[2:] - torque[:-2]) + TURN_NOISE * torque_noise
-        is_spike[run_rows[1:-1]] = out_and_back & ~turn
+        for width in range(1, min(WIDEST_SPIKE, run_rows.size - 2) + 1):
+            out, back = step[:-width], step[width:]
+            height = np.minimum(np.abs(out), np.abs(back))
+            within = np.abs(sliding_window_view(step, width + 1)[:, 1:-1]).max(axis=1, initial=0.0)
+            left = np.abs(angle[width + 1 :] - angle[: -width - 1]) if width > 1 else 0.0  # no overshoot
+            out_and_back = (out * back < 0) & (height > limit) & (np.maximum(within, left) < 0.5 * height)
+            before, after = torque[: -width - 1], torque[width + 1 :]
+            inside = sliding_window_view(torque, width + 2)[:, 1:-1].mean(axis=1)
+            turn = np.abs(inside - (before + after) / 2) > np.abs(after - before) + TURN_NOISE * torque_noise
+            for first in np.flatnonzero(out_and_back & ~turn):
+                is_spike[run_rows[first + 1 : first + 1 + width]] = True
     return is_spike
 
 

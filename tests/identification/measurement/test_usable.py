@@ -250,3 +250,11 @@ def test_the_play_of_a_drive_without_a_design_is_a_knee_whose_rows_count(tmp_pat
     measurement = read(tmp_path, table, text)
     assert measurement.unit.design_study is None
     assert not measurement.is_in_play.any()
+
+
+@pytest.mark.parametrize(("width", "is_left_out"), [(1, True), (2, True), (3, True), (4, False)])
+def test_outliers_of_up_to_three_rows_are_left_out(tmp_path, width, is_left_out):
+    table = measured()
+    table.loc[99 : 98 + width, "angle_arcmin"] += 40.0
+    measurement = Measurement.read(load_measured_unit(write_unit(tmp_path / "u", {"rows.csv": table}), ROOT))
+    assert np.flatnonzero(measurement.spikes).tolist() == (list(range(99, 99 + width)) if is_left_out else [])

@@ -310,7 +310,7 @@ def _left_out(rows: Rows, cut: Truth, is_clipped: Truth, jumps: Truth) -> Iterat
             jumps,
             "encoder jump",
             "fatal" if frequent else "note",
-            f"the angle jumps out and back in {jumps.sum()} single rows; "
+            f"the angle jumps out and back in {jumps.sum()} rows, three in a row at most; "
             + ("check the encoder" if frequent else "these rows are left out"),
         )
 
