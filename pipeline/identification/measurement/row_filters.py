@@ -71,11 +71,15 @@ def _readings_at_no_torque(rows: Rows, usable: Truth, branches: BranchBlocks) ->
     A sensor with a zero offset, or one that creeps, reads another torque than zero there. At no torque the drive stays
     on its side of the play, whether the torque rises or falls. If one step of the bench is at no torque, it is the last
     one before the play in both senses; if every step is loaded, the last ones of the two senses are a step apart.
-    Friction may hold it there, too, but opens the loaded parts of the loop as well, and is seen in them.
+    Friction may hold it there, too, but opens the loaded parts of the loop as well, and is seen in them. A branch goes
+    on into the next cycle, which often begins at no torque: its first row counts for the last branch of the one before.
     """
     last, step = np.full((2, len(branches.rows)), np.nan)
-    for number, (block, direction) in enumerate(zip(branches.rows, branches.direction.tolist(), strict=True)):
-        of_branch = np.flatnonzero(usable[block]) + block.start
+    numbers = [np.flatnonzero(usable[block]) + block.start for block in branches.rows]
+    goes_on = (np.diff(branches.position, append=-1) == 0) & (np.diff(branches.direction, append=0) == 0)
+    for number, (of_branch, direction) in enumerate(zip(numbers, branches.direction.tolist(), strict=True)):
+        if goes_on[number]:
+            of_branch = np.append(of_branch, numbers[number + 1][:1])
         torque, rise = rows.torque[of_branch], direction * np.diff(rows.angle[of_branch])
         passes_zero = torque.size > 1 and torque[0] * torque[-1] < 0  # the first branch of a position does not
         if passes_zero and np.max(rise) > PLAY_SHARE * np.ptp(rows.angle[of_branch]):
@@ -84,7 +88,14 @@ def _readings_at_no_torque(rows: Rows, usable: Truth, branches: BranchBlocks) ->
     is_repeated = np.abs(last - last[:, None]) < 0.5 * np.minimum(step, step[:, None])
     is_repeated &= branches.position == branches.position[:, None]
     is_repeated &= branches.direction != branches.direction[:, None]
-    return np.where(np.any(is_repeated, axis=1), last, 0.0)
+    readings = np.where(np.any(is_repeated, axis=1), last, 0.0)
+    for number in np.flatnonzero(np.isnan(last)).tolist():  # the record may end there
+        alike = (readings != 0) & (branches.position == branches.position[number])
+        alike &= branches.direction == branches.direction[number]
+        end = rows.torque[numbers[number][-1:]]
+        if end.size and np.any(alike) and abs(end[0] - np.median(last[alike])) < 0.5 * np.median(step[alike]):
+            readings[number] = end[0]
+    return readings
 
 
 def rows_in_play(rows: Rows, usable: Truth, branches: BranchBlocks) -> Truth:

@@ -110,6 +110,17 @@ def test_rows_held_at_no_torque_are_not_usable_if_the_sensor_reads_another_torqu
     np.testing.assert_array_equal(measurement.usable, torque != 0)
 
 
+def test_rows_at_no_torque_at_the_end_of_a_cycle_are_not_usable_if_the_sensor_creeps(tmp_path):
+    """Each cycle begins with the first load after them; a coulomb friction was named for such rows beside the creep."""
+    up = np.array([4.0, 8.0, 12.0, 8.0, 4.0, 0.0])
+    torque = np.tile(np.repeat(np.concatenate([up, -up]), 4), 3)
+    side = pd.Series(np.where(torque, np.sign(torque), np.nan)).ffill()
+    creep = 0.7 * side * (np.abs(torque) < 12)
+    angle, number = 0.25 * torque + side, np.repeat(np.arange(3), 48)
+    table = pd.DataFrame({"cycle": number, "crank_deg": 0.0, "torque_Nm": torque + creep, "angle_arcmin": angle})
+    np.testing.assert_array_equal(read(tmp_path, table).usable, torque != 0)
+
+
 def test_steps_that_are_all_loaded_stay_if_the_sensor_reads_another_torque(tmp_path):
     """Also where the sensor of another position reads 2 N m more: its last row in one sense is ours in the other."""
     _, table = held_on_its_side(np.linspace(-7.0, 7.0, 8), 4)
