@@ -14,8 +14,6 @@ from pipeline.model.units import ARCMIN, NMM_PER_NM
 FEWEST_WAVES = 4
 """Waves of a ripple over the measured range of the angle: with fewer it is no staircase."""
 
-LARGEST_INTERPOLATION = 0.05
-"""Largest interpolation error over the range of the angle: a fifth of the longest period that is looked for."""
 MOST_WAVES: Fineness = 60
 """The same at most: finer ones are far from any motor's, and the search over them is long."""
 
@@ -197,8 +195,8 @@ EFFECTS = (
         own_phases=True,
         is_of_angle=True,
         bounds=lambda rated_torque, span, hours, waves: (
-            (-LARGEST_INTERPOLATION * span, LARGEST_INTERPOLATION * span),
-            (-LARGEST_INTERPOLATION * span, LARGEST_INTERPOLATION * span),
+            (-0.05 * span, 0.05 * span),  # a fifth of the longest period that is looked for
+            (-0.05 * span, 0.05 * span),
             (_waves_per_turn(FEWEST_WAVES, span), _waves_per_turn(min(waves, MOST_WAVES), span)),
         ),
         apply=_interpolation,

@@ -21,8 +21,6 @@ CLIPPED_SHARE = 0.05
 """Share of rows at the end of the angle's range from which nothing is known of the curve under load."""
 TOLERATED_SHARE = 0.01
 """Share of rows that may be no numbers or jumps of the encoder; more are a fault of the recording."""
-WRAPPED = 0.1
-"""Turns by which a step of the angle may differ from a whole turn, or from none, if the encoder starts again there."""
 SHOWN_COLUMNS: ShownCount = 12
 """Of a header that lacks one."""
 TURNING_SHARE = 0.05
@@ -187,10 +185,10 @@ def _turning_crank(rows: Rows, good: Truth) -> Iterator[Fault]:
 def _wrapped(rows: Rows, good: Truth) -> Iterator[Fault]:
     """Angles that jump by a turn from row to row, as of an encoder that starts again at its end."""
     numbers = np.flatnonzero(good)
-    turns = np.diff(rows.angle[numbers]) / shape_faults.REVOLUTION
-    is_jump = (np.abs(np.abs(turns) - 1) < WRAPPED) & (np.diff(rows.position[numbers]) == 0)
-    others = np.abs(turns[~is_jump & (np.diff(rows.position[numbers]) == 0)])
-    if is_jump.any() and np.max(others, initial=0.0) < WRAPPED:
+    is_within = np.diff(rows.position[numbers]) == 0
+    turns = np.abs(np.round(np.diff(rows.angle[numbers]) / shape_faults.REVOLUTION)) * is_within
+    is_jump = turns == 1
+    if is_jump.any() and np.max(turns) == 1:
         yield fault_of_rows(
             rows,
             numbers[1:][is_jump],
