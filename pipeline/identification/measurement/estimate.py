@@ -21,7 +21,7 @@ STANDING_SHARE = 0.4
 """Of neighbouring rows that are at one torque on a staircase, at least: half of them, less what is left out."""
 LEAST_SHARE: Rounding = 1e-9
 """Of differences that are noise or steps, and of their mean square that is noise: less is none."""
-FEWEST_COUNTS: Fineness = 10
+FEWEST_COUNTS: Fineness = 6
 """Different values of an instrument that counts, at least: fewer may be multiples of a step by chance."""
 OFF_COUNT: Rounding = 0.02
 """Distance from a multiple of the step that a conversion between units leaves."""
