@@ -23,12 +23,12 @@ class InstrumentEffect(EffectDescription):
     """An effect of the bench.
 
     ``bounds`` is a function of the rated torque [N m], of the range of the angle measured at one position [arcmin],
-    of the time that it took [h], and of the most waves over this range that its rows resolve. ``common_offset`` says
+    of the time that it took [h], and of the fewest and most waves that may be over this range. ``common_offset`` says
     that the effect is seen only where all positions share one zero of the angle, ``own_phases`` that each position has
     its own phase, ``is_of_angle`` that its ripple is one of the angle read, not of the torque.
     """
 
-    bounds: Callable[[float, float, float, float], tuple[tuple[float, float], ...]]
+    bounds: Callable[[float, float, float, tuple[float, float]], tuple[tuple[float, float], ...]]
     apply: Callable[[Instrument, Sequence[float]], Instrument]
     needs: frozenset[str] = frozenset()
     common_offset: bool = False
@@ -171,7 +171,7 @@ EFFECTS = (
         bounds=lambda rated_torque, span, hours, waves: (
             (-0.15 * rated_torque, 0.15 * rated_torque),
             (-0.15 * rated_torque, 0.15 * rated_torque),
-            (_waves_per_turn(FEWEST_WAVES, span), _waves_per_turn(min(waves, MOST_WAVES), span)),
+            (_waves_per_turn(waves[0], span), _waves_per_turn(min(waves[1], MOST_WAVES), span)),
         ),
         apply=_ripple,
         needs=frozenset({CRANKS, LOOPS}),
@@ -197,7 +197,7 @@ EFFECTS = (
         bounds=lambda rated_torque, span, hours, waves: (
             (-0.05 * span, 0.05 * span),  # a fifth of the longest period that is looked for
             (-0.05 * span, 0.05 * span),
-            (_waves_per_turn(FEWEST_WAVES, span), _waves_per_turn(min(waves, MOST_WAVES), span)),
+            (_waves_per_turn(waves[0], span), _waves_per_turn(min(waves[1], MOST_WAVES), span)),
         ),
         apply=_interpolation,
         needs=frozenset({CRANKS, LOOPS}),

@@ -12,7 +12,7 @@ from pipeline.identification.bench.instrument_effects import FEWEST_WAVES, Instr
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Forward
 from pipeline.identification.fitting.data import Data, TurningData
-from pipeline.identification.measurement.enough import FEWEST_COMPARED, FEWEST_OF_A_WAVE
+from pipeline.identification.measurement.enough import FEWEST_COMPARED, FEWEST_OF_A_WAVE, UNLOADED_SHARE
 from pipeline.model.effects import Conditions, Effect, library
 from pipeline.model.effects.effect import CRANKS, CYCLES, MOVES, TEMPERATURE, TIME
 from pipeline.model.geometry.clearance import Errors
@@ -102,13 +102,22 @@ class Problem:
         return max(float(np.ptp(self.forward.courses[p].time)) for p in trained_positions) / SECONDS_AN_HOUR or 1.0
 
     @cached_property
-    def resolved_waves(self) -> float:
-        """Waves over the range of the angle that the rows of a usual branch resolve: one for every two of them.
+    def waves(self) -> tuple[float, float]:
+        """Fewest and most waves of a ripple over the range of the angle.
 
-        By the sampling theorem finer ones look like coarser ones (Shannon, Proc. IRE 37 (1949) 10).
+        Half of the fewest lie where the drive is loaded: waves within the play are passed at once, and a part of one is
+        a bend of the curve. The rows of a usual branch resolve one for every two of them; by the sampling theorem finer
+        ones look like coarser ones (Shannon, Proc. IRE 37 (1949) 10).
         """
-        rows = np.bincount(self.data.block[self.training], self.data.count[self.training])
-        return float(np.median(rows[rows > 0])) / 2
+        data, training = self.data, self.training
+        sense = np.sign(data.torque) * (np.abs(data.torque) > UNLOADED_SHARE * np.max(np.abs(data.torque[training])))
+        loaded_range = max(
+            sum(float(np.ptp(data.angle[at & (sense == s)])) for s in (1, -1) if np.any(at & (sense == s)))
+            for at in (training & (data.position == p) for p in np.unique(data.position[training]))
+        )
+        rows = np.bincount(data.block[training], data.count[training])
+        most = float(np.median(rows[rows > 0])) / 2
+        return FEWEST_WAVES * max(1.0, 0.5 * self.span / max(loaded_range, 1e-9)), most
 
     @cached_property
     def record(self) -> Mapping[str, float]:
@@ -167,7 +176,7 @@ class Problem:
 
     def _bounds_of(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
         bounds = (
-            candidate.bounds(self.rated_torque, self.span, self.hours, self.resolved_waves)
+            candidate.bounds(self.rated_torque, self.span, self.hours, self.waves)
             if isinstance(candidate, InstrumentEffect)
             else candidate.bounds(self.nominal[0])
         )
@@ -218,8 +227,9 @@ class Problem:
             elif n_positions < FEWEST_OF_A_WAVE and self.forward.courses[0].encoder_turns <= 1:
                 reasons.append(f"offsets of {n_positions} positions lie on some wave; {FEWEST_OF_A_WAVE} can test one")
         if not reasons and not all(low < high for low, high in self.bounds(candidate)):
-            waves = isinstance(candidate, InstrumentEffect) and self.resolved_waves < FEWEST_WAVES
-            reasons.append("a branch has too few rows" if waves else "the angle of a position has no range")
+            (fewest, most), is_ripple = self.waves, isinstance(candidate, InstrumentEffect) and candidate.own_phases
+            no_range = "the angle of a position has no range" + (" outside of the play" if is_ripple else "")
+            reasons.append("a branch has too few rows" if is_ripple and most <= fewest else no_range)
         return "; ".join(reasons)
 
 

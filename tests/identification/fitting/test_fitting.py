@@ -113,9 +113,14 @@ def test_waves_are_no_finer_than_the_rows_of_a_branch_resolve(exact_unit):
     cells = np.median(np.bincount(data.block))
     for rows, waves in ((4, 2 * cells), (1, cells / 2)):
         problem = replace(exact_unit, data=replace(data, count=np.full(len(data), rows)))
-        assert problem.resolved_waves == pytest.approx(waves)
+        assert problem.waves[1] == pytest.approx(waves)
         waves_per_turn = problem.bounds(cogging)[2][1]
         assert waves_per_turn * problem.span / 21600 == pytest.approx(min(waves, MOST_WAVES))
+    play = np.where(data.torque > 0, 30.0, 0.0)  # the loaded parts keep their range, of which two waves are
+    wide = replace(exact_unit, data=replace(data, angle=data.angle + play))
+    loaded = [np.abs(data.torque) > 0.2 * np.max(np.abs(data.torque)), data.position == 0]
+    both = sum(np.ptp(data.angle[np.all([*loaded, sense * data.torque > 0], axis=0)]) for sense in (1, -1))
+    assert wide.bounds(cogging)[2][0] * both / 21600 == pytest.approx(2.0, rel=0.1)
     third = replace(exact_unit, data=replace(data, count=(np.arange(len(data)) % 12 == 0).astype(np.int64)))
     assert third.why_not(cogging) == "a branch has too few rows"
 

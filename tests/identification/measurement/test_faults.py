@@ -237,7 +237,7 @@ def test_a_torque_that_is_read_late_is_a_fault_only_where_no_time_is_told(tmp_pa
 
 
 def test_the_delay_that_is_no_fault_is_that_which_can_be_named():
-    assert instrument_effects()["torque_creep"].bounds(12.0, 3.0, 1.0, 8.0)[0] == (-DELAYED_SHARE, DELAYED_SHARE)
+    assert instrument_effects()["torque_creep"].bounds(12.0, 3.0, 1.0, (4.0, 8.0))[0] == (-DELAYED_SHARE, DELAYED_SHARE)
 
 
 def test_an_angle_that_is_likely_in_another_unit_is_noted(tmp_path):
