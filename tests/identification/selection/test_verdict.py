@@ -177,4 +177,5 @@ def test_unit_with_a_data_fault_has_no_model(tmp_path):
     assert identification.verdict.verdict == "data fault"
     assert identification.verdict.named_effects == ()
     assert isinstance(identification, FaultyUnit)
-    assert all(fault.message in identification.statement.sentence for fault in identification.measurement.fatal)
+    first_of_kinds = {fault.kind: fault.message for fault in reversed(identification.measurement.fatal)}
+    assert all(message in identification.statement.sentence for message in first_of_kinds.values())
