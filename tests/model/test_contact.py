@@ -222,6 +222,8 @@ def test_peak_pressure_carries_the_load_on_an_ellipse(relative_radius, line_load
     laws = hertz_laws(contact, [cylinder_share(contact, STRESS, 2.0)], 2.0)
     b = np.sqrt(4 * line_load * relative_radius * 2 * (1 - 0.3**2) / (np.pi * 206e3))
     assert laws.peak_pressure([line_load * length])[0] == pytest.approx(2 * line_load / (np.pi * b), rel=1e-12)
+    published = 190.6 * np.sqrt(line_load / relative_radius)  # steel: Harris, Rolling Bearing Analysis
+    assert laws.peak_pressure([line_load * length])[0] == pytest.approx(published, rel=0.005)
 
 
 @settings(max_examples=30)
