@@ -182,9 +182,8 @@ def spikes(rows: Rows, smallest_spike: float, torque_noise: float) -> Truth:
         for width in range(1, min(WIDEST_SPIKE, run_rows.size - 2) + 1):
             out, back = step[:-width], step[width:]
             height = np.minimum(np.abs(out), np.abs(back))
-            within = np.abs(sliding_window_view(step, width + 1)[:, 1:-1]).max(axis=1, initial=0.0)
             left = np.abs(angle[width + 1 :] - angle[: -width - 1]) if width > 1 else 0.0  # no overshoot
-            out_and_back = (out * back < 0) & (height > limit) & (np.maximum(within, left) < 0.5 * height)
+            out_and_back = (out * back < 0) & (height > limit) & (left < 0.5 * height)
             before, after = torque[: -width - 1], torque[width + 1 :]
             inside = sliding_window_view(torque, width + 2)[:, 1:-1].mean(axis=1)
             turn = np.abs(inside - (before + after) / 2) > np.abs(after - before) + TURN_NOISE * torque_noise

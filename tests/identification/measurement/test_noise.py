@@ -330,3 +330,10 @@ def test_an_encoder_that_counts_is_found_by_its_readings():
     assert counted_step(np.round(angle, 4)) < 1e-3
     assert counted_step(np.array([0.0, 0.3, 0.9, 2.1])) == 0
     assert counted_step(np.zeros(50)) == 0
+
+
+def test_the_floor_of_an_encoder_that_counts_is_that_of_its_counts(tmp_path):
+    table = measured(cycles=3, per_branch=80, noise=0.0)
+    noise, _ = noise_of(tmp_path, table.assign(angle_arcmin=0.2 * np.round(table["angle_arcmin"] / 0.2)))
+    assert noise.floor.value == pytest.approx(0.2 / np.sqrt(12))
+    assert noise.floor.words == "resolution of the angle"
