@@ -72,7 +72,7 @@ def _draw_curves(axes: Axes, curves: Mapping[str, Real], target: float) -> None:
     axes.xaxis.set_major_locator(FixedLocator(ticks))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xticklabels([f"{tick:g}" for tick in ticks])
-    axes.legend(loc="lower left")
+    axes.legend(loc="best")
 
 
 @with_style

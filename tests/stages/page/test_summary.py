@@ -198,6 +198,8 @@ def test_the_table_of_convergence_ends_with_the_bound_of_the_continuous_turn(fra
     assert [row[-1] for row in cells[-2:]] == ["50.0 %", "45.5 %"]
     assert len({len(row) for row in cells}) == 1
     assert "continuous turn: at worst" in written(bounded)
+    bound = "For the continuous turn finitely many angles give no unbiased estimate"
+    assert (bound in written(bounded), bound in written(failing)) == (True, False)
 
 
 def test_the_explorer_holds_the_worst_units(frames, monkeypatch):
