@@ -284,7 +284,7 @@ def _unequal(
     if len(wrong_rows) > len(line):
         (count, frequency), *_ = Counter(count for _, count in wrong_rows).most_common(1)
         return [
-            f"{name}: its header has {fields} fields, {frequency} rows have {count}; is the header below other lines? "
+            f"{name}: {frequency} rows have {count} fields, its header {fields}; is the header below other lines? "
             "Remove the lines above it"
         ]
     if all(field_count > fields for _, field_count in wrong_rows) and separator == ",":

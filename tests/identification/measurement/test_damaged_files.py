@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from measured_bench import ROOT, UNIT, measured, write_unit
 
+from pipeline.config.files.table_file import read_table
 from pipeline.errors import InputError
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
@@ -181,3 +182,11 @@ def test_a_missing_column_is_told_with_the_header_that_was_found(tmp_path: Path)
     (message,) = [fault.message for fault in read(folder).fatal if fault.kind == "missing column"]
     assert "has no column 'torque_Nm', its header is: cycle, crank_deg, angle_arcmin, extra_0," in message
     assert "extra_8, ...; name the column of torque_Nm in [columns.torque_Nm]" in message
+
+
+def test_lines_above_the_header_are_told_in_one_sentence(tmp_path):
+    (tmp_path / "bench.csv").write_text("Bench: 7\nOperator: A\ncycle,torque_Nm\n0,1.5\n0,2.5\n0,3.5\n")
+    with pytest.raises(InputError) as caught:
+        read_table(tmp_path / "bench.csv", "bench.csv")
+    (line,) = caught.value.problems
+    assert line.startswith("bench.csv: 4 rows have 2 fields, its header 1; is the header below other lines?")
