@@ -159,11 +159,6 @@ def closing(
     population : the study's samples.
     noise : standard deviation of a value of the bench over the value; None if it is not known.
 
-    Raises
-    ------
-    ValueError
-        If the comparisons are of more than one crank angle.
-
     Notes
     -----
     Linear regression of the metrics on the mean deviations of the study's own samples gives the slopes B (metric by
@@ -179,13 +174,7 @@ def closing(
     Hotelling, The generalization of Student's ratio, Ann. Math. Stat. 2 (1931) 360; Rao, Some problems involving linear
     hypotheses in multivariate analysis, Biometrika 46 (1959) 49.
     """
-    crank, *others = {comparison.crank_deg for comparison in comparisons}
-    if others:
-        raise ValueError("comparisons of one crank angle are asked for")
-    names = [comparison.metric for comparison in comparisons]
-    metrics = metrics_at(population.metrics, crank, comparisons[0].turn_statistic)[names]
-    deviations = population.deviations.loc[metrics.index]
-    deviations = deviations.loc[:, deviations.std() > 1e-9 * (1e-3 + deviations.abs().max())]
+    metrics, deviations = _compared_samples(comparisons, population)
     bias = np.array([comparison.bias.value for comparison in comparisons])
     scatter = _bias_scatter(comparisons, metrics, noise)
     if scatter is None:
@@ -214,6 +203,25 @@ def closing(
     candidates = [candidate(*of_tolerance) for of_tolerance in zip(deviations, slopes, uncertainty, strict=True)]
     candidates.sort(key=lambda one: (not one.closes, -one.explained, abs(one.shift_um)))
     return Closing(p_value, tuple(candidates))
+
+
+def _compared_samples(
+    comparisons: Sequence[MetricComparison], population: StudyPopulation
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Metrics of the samples that are compared, and those of their mean deviations that vary.
+
+    Raises
+    ------
+    ValueError
+        If the comparisons are of more than one crank angle.
+    """
+    crank, *others = {comparison.crank_deg for comparison in comparisons}
+    if others:
+        raise ValueError("comparisons of one crank angle are asked for")
+    names = [comparison.metric for comparison in comparisons]
+    metrics = metrics_at(population.metrics, crank, comparisons[0].turn_statistic)[names]
+    deviations = population.deviations.loc[metrics.index]
+    return metrics, deviations.loc[:, deviations.std() > 1e-9 * (1e-3 + deviations.abs().max())]
 
 
 def _bias_scatter(

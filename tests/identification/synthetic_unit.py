@@ -22,7 +22,7 @@ from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.model.effects import Conditions
 from pipeline.model.units import ARCMIN, NMM_PER_NM
 from pipeline.mounting import drive_of
-from pipeline.sampling.errors import draw
+from pipeline.sampling.errors import Errors, draw
 from tests.validation.blind.true_unit import with_interpolation
 
 ROOT = Path(__file__).parents[2]
@@ -142,6 +142,11 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
                 }
             )
         )
+    _write_unit(folder, tables, sampled, bench)
+    return folder
+
+
+def _write_unit(folder: Path, tables: Sequence[pd.DataFrame], sampled: Errors, bench: Bench) -> None:
     folder.mkdir(parents=True)
     pd.concat(tables).to_csv(folder / "rows.csv", index=False)
     lines = [f"{name} = {np.round(getattr(sampled, name)[0], 9).tolist()}" for name in (*LISTED, *SINGLE)]
@@ -155,7 +160,6 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
         ),
         encoding="utf-8",
     )
-    return folder
 
 
 def problem_of(folder: Path, condensed: Condensed) -> Problem:

@@ -164,8 +164,8 @@ EFFECTS = (
         changes="torque in the reducer: that read less the ripple at the angle measured",
         signature="a staircase of constant step in the angle, most where the curve is steep",
         confused_with=("encoder_interpolation",),
-        told_apart_by="the motor alone, turned slowly by hand; the waves per turn, which are multiples of the motor's "
-        "poles or of the encoder's lines",
+        told_apart_by="the torque of the motor alone, turned slowly by hand; the waves per turn are a multiple of the "
+        "number of its poles or slots",
         starts="periods",
         own_phases=True,
         bounds=lambda rated_torque, span, hours, waves: (
@@ -190,7 +190,7 @@ EFFECTS = (
         changes="angle read, by a wave of the angle measured",
         signature="a wave of constant step in the angle, as large at every torque",
         confused_with=("motor_cogging",),
-        told_apart_by="the waves per turn against the encoder's lines; the same loop with another encoder",
+        told_apart_by="the same loop with another encoder; the waves per turn are a multiple of its lines",
         starts="periods",
         own_phases=True,
         is_of_angle=True,

@@ -464,11 +464,11 @@ def test_an_angle_that_is_far_too_small_for_the_design_is_noted(tmp_path):
     assert "at least" in faults["unit"].message
 
 
-def test_a_crank_angle_whose_reading_trembles_is_said_to(tmp_path):
+def test_a_crank_angle_whose_reading_jitters_is_said_to(tmp_path):
     table, rng = measured(), np.random.default_rng(0)
     table["crank_deg"] += 0.01 * np.round(rng.normal(0, 20, len(table)))
     faults, _ = judged(tmp_path, {"rows.csv": table})
-    assert "trembles" in faults["turning crank"].message
+    assert "jitters" in faults["turning crank"].message
 
 
 def test_a_verdict_on_faulty_data_says_each_kind_once():

@@ -176,7 +176,7 @@ def _turning_crank(rows: Rows, good: Truth) -> Iterator[Fault]:
         yield Fault(
             "turning crank",
             f"crank_deg takes {len(rows.cranks)} values in {good.sum()} rows: the crank turns within a cycle, or its "
-            "reading trembles. A record of a turning drive that has a design is read where unit.toml says "
+            "reading jitters. A record of a turning drive that has a design is read where unit.toml says "
             'locked = "neither"; of loops give the angle of the locked position, rounded or as a constant of the file',
             "fatal",
         )

@@ -118,8 +118,9 @@ class _Sought:
     def _follow(self) -> None:
         """Follow the size to where it is noticed, its other parameters as they are.
 
-        Where a row jumps through the play the pattern does not grow with the size, and the steps may go to and fro:
-        they stay between the largest size that is hidden and the smallest that is noticed, which else is the answer.
+        Where a row jumps through the play, the pattern does not grow with the size, and the search might oscillate. It
+        therefore stays between the largest size that is hidden and the smallest that is noticed; if it does not settle,
+        the latter is the answer.
         """
         hidden_size, noticed_size = 0.0, np.inf
         for _ in range(STEPS):
