@@ -147,11 +147,22 @@ def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, error
         (radial_part, tangential_part, eccentric),
     )
     gap += pins.arm * _lobe_turns(profile, errors)[:, met_flank]
-    if profile.modification == NOMINAL:
-        return gap
-    modification = profile.modification
-    deviation = material_off(profile, met_flank, pins.phase)
-    return gap + (modification.equidistant + modification.moved_distance * radial_part + deviation)
+    return gap if profile.modification == NOMINAL else gap + modification_gaps(profile, reducer)
+
+
+def modification_gaps(profile: CycloidProfile, disk: DiskPose | Reducer) -> Real:
+    """Gap of each pin (n_pins,) [mm] along its normal by what the drawing takes off the flank that the pins generate.
+
+    Source
+    ------
+    To first order dr + dR n.rho + |a| delta: Li and Guan, as in ``docs/mechanics.md``.
+    """
+    pins, modification = disk.pins, profile.modification
+    lobe_before, lobe_behind = pin_lobes(profile, pins)
+    radial_part = np.real(np.conj(pins.normal) * pins.centre / np.abs(pins.centre))
+    deviation = material_off(profile, np.where(pins.phase < 0, lobe_before, lobe_behind), pins.phase)
+    gap: Real = modification.equidistant + modification.moved_distance * radial_part + deviation
+    return gap
 
 
 @entry
@@ -318,7 +329,17 @@ def pin_gaps(
     Notes
     -----
     Seen from a disk that moves its pins move the other way: exact where ``method`` is.
+
+    Without a motion the errors open a gap as ``method`` says, and the modification of the flank to first order: the
+    contacts of small motions keep their normals and arms, and a gap along them is what these close. The distance from a
+    modified flank is less near a root, where the nearest point lies beside the one that the normal meets: the paper's
+    flank, turned by 1 arcmin, would have a play of 0.3 arcmin in place of 2.
     """
+    if motion is None and method == "exact" and profile.modification != NOMINAL:
+        generated = replace(profile, modification=NOMINAL)
+        return pin_gaps(generated, disk, errors, method=method, disk_reading=disk_reading) + modification_gaps(
+            profile, disk
+        )
     errors = _with_pins_turned(disk, errors)
     if motion is not None:
         translation, rotation = (values[:, None] for values in motion)

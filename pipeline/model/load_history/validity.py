@@ -10,14 +10,17 @@ have a status of their own; their reasons here mean nothing.
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from pipeline.arrays import Real
 from pipeline.model.equilibrium.solve import Equilibria
+from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.contacts import PIN
-from pipeline.model.geometry.cycloid_profile import CycloidProfile
+from pipeline.model.geometry.cycloid_profile import NOMINAL, CycloidProfile
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.drive import NO_TORQUE, Drive
 from pipeline.model.load_history.load_cycle import BRANCHES
 from pipeline.model.load_history.response import CycleResponse
@@ -28,9 +31,14 @@ LARGEST_ROTATION = 0.1
 """Rotation of a body, over a lobe's pitch, beyond which arms and normals of the nominal pose are not its contacts' any
 more: where play alone turns the paper's disk so far, small angles give 15 % too little."""
 LARGEST_CLEARANCE = 0.1
-"""Gap that a carrying pin closes, and clearance of the bearing, over the eccentricity or, if that is less, the height
-of the lobes. Up to it small angles err by 0.3 % of the rigid play with 80 pins and by 2 % with 12 (the error is of the
-second order: 1.6 % at 100 um and 16 % at 350 um with the paper's 350 um of eccentricity)."""
+"""Gap that a carrying pin or hole closes, and clearance of the bearing, over the eccentricity or, if that is less, the
+height of the lobes. Up to it small angles err by 0.3 % of the rigid play with 80 pins and by 2 % with 12 (the error is
+of the second order: 1.6 % at 100 um and 16 % at 350 um with the paper's 350 um of eccentricity)."""
+LARGEST_PLAY_CHANGE = 0.05
+"""What finite motions add to the rigid play of a modified flank without errors, over that play: beyond it pins near the
+roots touch elsewhere than their nominal normals say, and forces and play at small loads do not hold. It is below 0.001
+of equidistant and moved flanks with room for them, and 0.3 and more of one that is turned by 1 arcmin."""
+MODIFICATION = "the modified flank touches elsewhere than at its nominal contacts"
 ROTATION = "rotation beyond a tenth of a lobe pitch"
 CLEARANCE = "clearance or interference beyond a tenth of the eccentricity"
 STUCK = "friction holds the output at the torque of its definition"
@@ -51,15 +59,32 @@ def _rotation(drive: Drive, response: CycleResponse, largest_torque: float) -> R
 
 
 def _clearance(drive: Drive, response: CycleResponse, torque: float) -> Real:
-    """Largest gap (n,) that a pin closes which carries at +-``torque``, and the largest clearance of a bearing [mm]."""
-    of_pins = drive.reducer.contacts.kind == PIN
+    """Largest gap (n,) that a pin or a hole closes which carries at +-``torque``, and the largest of a bearing [mm]."""
+    contacts = drive.reducer.contacts
+    is_round = (contacts.kind == PIN) | (contacts.hole >= 0)  # the normal of a flat does not turn with its gap
     steps = [_steps_of(response, "loading+", torque), _steps_of(response, "loading-", -torque)]
-    carries = np.any(response.equilibria.force[:, response.state[steps]][:, :, of_pins] > 0, axis=1)
-    largest_closing: Real = np.max(np.abs(drive.gap[:, of_pins]), axis=1, where=carries, initial=0.0)
+    carries = np.any(response.equilibria.force[:, response.state[steps]][:, :, is_round] > 0, axis=1)
+    largest_closing: Real = np.max(np.abs(drive.gap[:, is_round]), axis=1, where=carries, initial=0.0)
     if not drive.reducer.is_centred:
         return largest_closing
     larger: Real = np.maximum(largest_closing, np.max(drive.clearance_of_disks, axis=1))
     return larger
+
+
+def _moves_contacts(drive: Drive) -> bool:
+    """Whether finite motions change the rigid play that the flank's modification alone leaves by too much."""
+    if drive.profile.modification == NOMINAL:
+        return False
+    no_errors = Errors(**{name: np.zeros_like(values[:1]) for name, values in vars(drive.errors).items()})
+    nominal = replace(
+        drive.without_elements,
+        errors=no_errors,
+        shift=np.zeros_like(drive.shift[:1]),
+        bearing_clearance=np.zeros_like(drive.bearing_clearance[:1]),
+        known_gap=None,
+    )
+    play = rigid_play(nominal.reducer, nominal.gap, nominal.bearing_clearance).backlash[0]
+    return not abs(nominal.backlash_change[0]) <= LARGEST_PLAY_CHANGE * play
 
 
 def _stuck(drive: Drive, response: CycleResponse, torque: float) -> np.ndarray:
@@ -100,12 +125,14 @@ def invalid_metrics(drive: Drive, response: CycleResponse, definitions: Definiti
     that its bearing lets go).
     """
     largest_clearance = LARGEST_CLEARANCE * min(drive.profile.eccentricity, _height(drive.profile))
+    moves_contacts = _moves_contacts(drive)
     is_displaced = _clearance(drive, response, NMM_PER_NM * definitions.lost_motion) > largest_clearance
     torques = {name: NMM_PER_NM * metric.largest_torque(definitions) for name, metric in library().items()}
     rotations = {torque: _rotation(drive, response, torque) for torque in set(torques.values())}
     reasons = {}
     for name, metric in library().items():
-        reason = np.full(len(is_displaced), "", object)
+        reason = np.empty(len(is_displaced), object)
+        reason[:] = MODIFICATION if moves_contacts else ""
         reason[is_displaced] = CLEARANCE
         for states, text in _reason(drive, response, metric, definitions, rotations[torques[name]]):
             if np.any(states):

@@ -8,7 +8,7 @@ from drives import RATED, small_drive
 from exact_play import exact_disk_play, gaps_after_rotation
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reducers import MICROMETRE, PAPER, SMALL, errors_of, reducer_at
+from reducers import MICROMETRE, PAPER, SMALL, errors_of, laws_of, pins_in_holes, reducer_at
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
@@ -16,7 +16,8 @@ from pipeline.model.contact.friction_elements import load_slider, output_sliders
 from pipeline.model.effects.compliance import LinearSpring
 from pipeline.model.elements import Friction
 from pipeline.model.geometry.clearance import gaps
-from pipeline.model.geometry.cycloid_profile import disk_rotation
+from pipeline.model.geometry.cycloid_profile import FlankModification, disk_rotation
+from pipeline.model.geometry.reducer import nominal_reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 from pipeline.model.load_history import validity
 from pipeline.model.load_history.load_cycle import LoadCycle
@@ -110,6 +111,30 @@ def test_clearance_beyond_a_tenth_of_the_eccentricity_is_no_small_one(share):
     ):
         reasons = reasons_of(wide)
         assert all((reasons[name][0] == validity.CLEARANCE) == (share > 1) for name in library())
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_hole_that_closes_more_than_a_tenth_of_the_eccentricity_is_no_small_one(share):
+    profile = PAPER
+    output = pins_in_holes(profile, 8)
+    reducer = nominal_reducer(profile, output, 0.4)
+    drive = small_drive(1, scale=0.0, play=0.0, profile=profile)
+    in_hole = reducer.contacts.hole >= 0
+    assert np.any(in_hole)
+    laws = laws_of(profile, reducer)
+    shift = np.where(in_hole, share * 0.1 * profile.eccentricity, 0.0)[None]
+    errors = errors_of(profile, reducer, 1)
+    compliance = 1e-9 * np.eye(len(laws))
+    wide = replace(drive, reducer=reducer, laws=laws, shift=shift, errors=errors, compliance=compliance, known_gap=None)
+    reasons = reasons_of(wide)
+    assert all((reasons[name][0] == validity.CLEARANCE) == (share > 1) for name in library())
+
+
+@pytest.mark.parametrize(("modification", "is_moved"), [({"equidistant": 0.004}, False), ({"rotation": 3e-3}, True)])
+def test_a_flank_that_touches_elsewhere_than_nominally_has_no_metrics(modification, is_moved):
+    profile = replace(SMALL, modification=FlankModification(**modification))
+    reasons = reasons_of(small_drive(1, scale=0.0, play=0.0, profile=profile))
+    assert all((reasons[name][0] == validity.MODIFICATION) == is_moved for name in library())
 
 
 def test_rotation_counts_up_to_the_torque_that_a_metric_asks_for():
