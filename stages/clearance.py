@@ -20,8 +20,8 @@ from stages.sample import SAMPLED_TABLES, errors_of_columns
 from stages.tables.keys import CONTACT, CRANK, SAMPLE, repeated_axes
 
 LARGEST = 3
-"""Crank angles of a unit, of its largest backlash, at which finite motions are looked at: of 100 units of the paper's
-study the largest of all 212 angles was among them to 0.02 %."""
+"""Crank angles of a unit, of its largest backlash, at which finite motions are looked at at once; then more, until the
+largest with them is known."""
 CONTACTS = Table(
     "contacts",
     "contact, loaded crank (the nominal reducer)",
@@ -54,7 +54,7 @@ GAPS = Table(
         SAMPLE,
         CRANK,
         CONTACT,
-        Column("clearance_um", "float64", "um", "gap at the nominal pose, negative: interference"),
+        Column("clearance_um", "float64", "um", "gap at the nominal pose along the normal, negative: interference"),
     ),
 )
 KINEMATIC = Table(
@@ -129,19 +129,33 @@ def rigid_ends(study: Study, sampled_errors: Errors) -> np.ndarray:
 
 
 def _finite_motion(study: Study, sampled: Errors, plays: Sequence[RigidPlay]) -> np.ndarray:
-    """What finite motions add to the backlash (n, n_rigid_angles) [rad] at the largest ones of each unit; else 0."""
+    """What finite motions add to the backlash (n, n_rigid_angles) [rad] at the largest ones of each unit; else 0.
+
+    They may make the largest smaller than others: further angles are looked at until the largest is one with them.
+    """
     backlash = np.stack([play.backlash for play in plays], axis=1)
-    largest = np.argsort(-backlash, axis=1, kind="stable")[:, :LARGEST]
     change, units = np.zeros(backlash.shape), Units.from_errors(study, sampled)
+    preloaded = np.stack([play.preloaded for play in plays], axis=1)
     laws = assembly.contact_laws(study, assembly.reducer(study.design, 0.0))
-    for number, crank in enumerate(rigid_angles(study)):
-        rows = np.flatnonzero(np.any(largest == number, axis=1) & ~plays[number].preloaded)
-        if len(rows):
-            some = units.some(rows)
-            change[rows, number] = drive_of(
-                study, float(crank), None, some.errors, some.clearance, laws
-            ).backlash_change
+    looked_at, new = preloaded, _largest(backlash, LARGEST) & ~preloaded
+    while np.any(new):
+        for number, crank in enumerate(rigid_angles(study)):
+            rows = np.flatnonzero(new[:, number])
+            if len(rows):
+                some = units.some(rows)
+                change[rows, number] = drive_of(
+                    study, float(crank), None, some.errors, some.clearance, laws
+                ).backlash_change
+        looked_at = looked_at | new
+        new = _largest(np.nan_to_num(backlash + change, nan=np.inf), 1) & ~looked_at
     return change
+
+
+def _largest(values: np.ndarray, count: int) -> np.ndarray:
+    """Which values (n, n_angles) are the ``count`` largest of their row, the first of equal ones."""
+    is_largest = np.zeros(values.shape, bool)
+    np.put_along_axis(is_largest, np.argsort(-values, axis=1, kind="stable")[:, :count], True, axis=1)
+    return is_largest
 
 
 def _solve(study: Study, chunk: Chunk) -> Tables:
