@@ -20,7 +20,7 @@ from pipeline.config.changing import toml_of
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation_search import TRUST, Rough, Search, Tell, Trial
 from pipeline.decisions.cheapest import LinearUnits, Priced, cheapest, priced_tolerances, with_scaled_tolerances
-from pipeline.decisions.fresh_units import PRELOADED, Solve
+from pipeline.decisions.fresh_units import PRELOADED, WITHOUT_RESULT, Solve
 from pipeline.engine.store import write_tables
 from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.statistics.differences import share_difference
@@ -38,7 +38,8 @@ YIELDS = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998)
 class Choice:
     """Scales of the priced tolerances, what they cost, and what fresh units say of them by limit and of all.
 
-    The ``check`` holds the yields, and under `PRELOADED` the share of the units that is preloaded at some crank angle.
+    The ``check`` holds the yields, in which units without a result fail; under `PRELOADED` the share of the units that
+    is preloaded at some crank angle, under `WITHOUT_RESULT` the share that has no result.
     """
 
     scale: Real
@@ -213,9 +214,10 @@ CHECK = Table(
     (
         Column("tolerances", "label", "", "before; equal: all scaled alike to the yield; found: the cheapest"),
         Column("metric", "label", "", "column of metrics; all_limits: all together"),
-        Column("yield", "float64", "1", "share of fresh load-solved units within the limit"),
+        Column("yield", "float64", "1", "share of fresh units within the limit; without a result they are beyond it"),
         *interval_columns("1"),
         Column("preloaded", "float64", "1", "share of all fresh units whose gaps interfere at some crank angle"),
+        Column("without_result", "float64", "1", "share of them for which the model is not valid or found no state"),
         Column("n", "int32", "1", "units"),
         Column("cost", "float64", "as stated", "of all priced tolerances"),
     ),
@@ -261,12 +263,17 @@ def allocation_rows(allocation: Allocation) -> Columns:
 def check_rows(allocation: Allocation) -> Columns:
     """Rows of `CHECK`."""
     choices = {"before": allocation.stated_choice, "equal": allocation.equal, "found": allocation.cheapest}
+    beside = (PRELOADED, WITHOUT_RESULT)
     rows = [
-        (label, metric, share.value, share.ci_low, share.ci_high, choice.check[PRELOADED].value, share.n, choice.cost)
+        (
+            *(label, metric, share.value, share.ci_low, share.ci_high),
+            *(choice.check[name].value for name in beside),
+            *(share.n, choice.cost),
+        )
         for label, choice in choices.items()
         if choice is not None
         for metric, share in choice.check.items()
-        if metric != PRELOADED
+        if metric not in beside
     ]
     return CHECK.columns_of_rows(rows)
 
@@ -280,7 +287,9 @@ def study_text(allocation: Allocation, design: str) -> str:
     """The study with the new tolerances as a TOML file; ``design`` names its design."""
     study = allocation.study
     content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude={"name", "design"})
-    content["title"] = f"{study.title or study.name}: cheapest tolerances at {100 * allocation.target:g} %"
+    goal = f"at {100 * allocation.target:g} %"
+    found = "cheapest tolerances" if allocation.reaches_target else "best tolerances found, below the target,"
+    content["title"] = f"{study.title or study.name}: {found} {goal}"
     content["tolerances"] = {name: _rounded_lengths(section) for name, section in content["tolerances"].items()}
     if study.cycle.loaded_angles:
         content["cycle"].pop("crank_deg")
@@ -289,7 +298,7 @@ def study_text(allocation: Allocation, design: str) -> str:
     parse_study(content, name, f"{name}.toml", lambda _: study.design)
     passing = allocation.cheapest.yield_estimate
     comment = (
-        f"# The cheapest tolerances of {study.name} found for a yield of {100 * allocation.target:g} %.\n"
+        f"# {found[0].upper()}{found[1:]} {goal} yield, of {study.name}.\n"
         f"# {passing.n} fresh units: {passing.value:.4f} ({passing.ci_low:.4f} to {passing.ci_high:.4f}).\n"
     )
     return comment + toml_of(content)

@@ -14,7 +14,17 @@ from joblib import delayed
 from pipeline.arrays import Real
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.cheapest import LinearUnits, Priced, cheapest, with_scaled_tolerances
-from pipeline.decisions.fresh_units import BATCH, PRELOADED, Angles, Solve, fresh_study, fresh_values, yields
+from pipeline.decisions.fresh_units import (
+    BATCH,
+    PRELOADED,
+    WITHOUT_RESULT,
+    Angles,
+    Solve,
+    fresh_study,
+    fresh_values,
+    has_values,
+    yields,
+)
 from pipeline.engine.parallel import worker_results
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import Tail, predicted_turn
@@ -131,13 +141,21 @@ class Search:
         return [(k, min(k + BATCH, stop)) for k in range(start, stop, BATCH)]
 
     def check(self, scale: Real) -> dict[str, Estimate]:
-        """Yields of a fresh set of units at scales (n_priced,), and the share of them that is preloaded."""
+        """Yields of a fresh set of units at scales (n_priced,), and the shares preloaded and without result.
+
+        A unit without a result counts as one that fails: else tolerances so loose that the model is not valid would
+        seem good.
+        """
         at_scale = with_scaled_tolerances(self.study, self.names, scale)
         start = self.study.samples.count + next(self.sets) * self.units
         values = fresh_values(at_scale, start, self.units, self.solve, self.jobs)
-        shares = yields(self.study, values)
-        self.tell(f"check: {yield_text(shares[ALL_LIMITS], self.units)} at cost {self.cost(scale):.3g}")
-        return shares | {PRELOADED: pass_share(values[PRELOADED] != 0, self.study.metrics.confidence)}
+        shares = yields(self.study, values, missing_fail=True)
+        self.tell(f"check: {yield_text(shares[ALL_LIMITS])} at cost {self.cost(scale):.3g}")
+        flags = {
+            PRELOADED: values[PRELOADED] != 0,
+            WITHOUT_RESULT: ~has_values(self.study, values, ALL_LIMITS),
+        }
+        return shares | {name: pass_share(flag, self.study.metrics.confidence) for name, flag in flags.items()}
 
     def trial(self, scale: Real) -> Trial:
         """A fresh set of units, load-solved at scales (n_groups,), and the linear model about them."""
@@ -162,8 +180,8 @@ class Search:
         value, slope = np.stack(values, axis=1), np.stack(slopes, axis=1)
         typical = np.nan_to_num(np.nanmedian(slope, axis=0))  # of units for which the rough model has no value
         slope = np.where(np.isfinite(slope), slope, typical)
-        has_metrics = np.isfinite(value).all(axis=1)
-        return LinearUnits(scale, value[has_metrics], slope[has_metrics])
+        failing = max(float(np.nanmax(value, initial=0.0)), 1.0)  # of a unit without a result: no better than any other
+        return LinearUnits(scale, np.where(np.isfinite(value), value, failing), slope)
 
     def improve(self, best_trial: Trial, aim: float, target: float) -> Trial:
         """The best trial of a search from ``best``.
@@ -182,7 +200,7 @@ class Search:
             trial = self.trial(scale)
             is_better = trial.is_better(best_trial, target)
             self.tell(
-                f"round {number}: {yield_text(trial.yield_estimate, self.units)} at cost {trial.cost:.3g}; "
+                f"round {number}: {yield_text(trial.yield_estimate)} at cost {trial.cost:.3g}; "
                 f"{'best so far' if is_better else 'not better, shorter steps from the best'}"
             )
             best_trial, radius = (
@@ -196,11 +214,10 @@ class Search:
         return f"{worst_limit} = {self.study.limits.of_metrics[worst_limit]:g}"
 
 
-def yield_text(yield_estimate: Estimate, units: int) -> str:
-    """A yield with its interval and the units behind it; how many of them have no result, if any."""
-    missing = f" of {units:,}, the others have no result" if yield_estimate.n < units else ""
+def yield_text(yield_estimate: Estimate) -> str:
+    """A yield with its interval and the units behind it."""
     ends = f"{100 * yield_estimate.ci_low:.1f} to {100 * yield_estimate.ci_high:.1f}"
-    return f"yield {100 * yield_estimate.value:.1f} % ({ends}; {yield_estimate.n:,} units{missing})"
+    return f"yield {100 * yield_estimate.value:.1f} % ({ends}; {yield_estimate.n:,} units)"
 
 
 def tails(study: Study) -> list[Tail]:

@@ -8,6 +8,7 @@ A metric as a linear stack of the errors, and its process capability: whether a 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import norm
@@ -101,6 +102,15 @@ class Box:
         """Columns of all errors that vary, without the waves'."""
         return np.concatenate([np.empty(0, np.intp), *self.free_columns.values()])
 
+    def drawn_vertices(self, count: int) -> Real:
+        """(count, n_columns) vertices drawn at random, the same at every call; waves of full amplitude."""
+        generator = np.random.default_rng(0)
+        points = np.repeat(self.centre[None], count, axis=0)
+        points[:, self.columns] = generator.integers(0, 2, (count, len(self.columns)))
+        amplitudes, phases = self.all_waves.T
+        points[:, amplitudes], points[:, phases] = 1.0, generator.random((count, len(phases)))
+        return points
+
     def errors(self, points: Real) -> Errors:
         """Errors of points (n, n_columns)."""
         return errors_with_parts(self.study, self.measured_values, points)
@@ -124,7 +134,15 @@ def _uniform(tolerance: Distribution) -> Uniform:
     return Uniform(distribution="uniform", allowance_um=tolerance.allowance_um, lower_um=low, upper_um=high)
 
 
-def coordinate_search(box: Box, evaluate: Evaluate, start: Real) -> tuple[Real, float]:
+class Climb(NamedTuple):
+    """Where a search ended: the point (n_columns,), its value, and whether every point looked at had a value."""
+
+    point: Real
+    value: float
+    is_complete: bool
+
+
+def coordinate_search(box: Box, evaluate: Evaluate, start: Real) -> Climb:
     """A vertex of the box at which no single error makes a number larger, and the number.
 
     Parameters
@@ -136,14 +154,15 @@ def coordinate_search(box: Box, evaluate: Evaluate, start: Real) -> tuple[Real, 
     All errors are tried alone; those that help are moved together if that is better than the best of them alone. A
     lower bound of the largest value: there may be higher vertices that no single error leads to.
     """
-    point, largest_value = start, float(evaluate(start[None])[0])
+    largest_value = float(np.nan_to_num(evaluate(start[None])[0], nan=-np.inf))
+    point, is_complete = start, np.isfinite(largest_value)
     for _ in range(FLIPS):
         moves = [box.flipped_points(point, edge_share) for edge_share in (0.0, 1.0)] + [
             box.rotated_points(point, wave) for wave in box.all_waves
         ]
-        values = np.split(
-            np.nan_to_num(evaluate(np.concatenate(moves)), nan=-np.inf), np.cumsum([len(m) for m in moves])[:-1]
-        )
+        of_moves = np.nan_to_num(evaluate(np.concatenate(moves)), nan=-np.inf)
+        is_complete = is_complete and bool(np.all(np.isfinite(of_moves)))
+        values = np.split(of_moves, np.cumsum([len(m) for m in moves])[:-1])
         joint_point = point.copy()
         for edge_share, gains in zip((0.0, 1.0), values[:2], strict=True):
             joint_point[box.columns[gains > largest_value]] = edge_share
@@ -157,7 +176,7 @@ def coordinate_search(box: Box, evaluate: Evaluate, start: Real) -> tuple[Real, 
         if not value > largest_value:
             break
         point, largest_value = candidate, value
-    return point, largest_value
+    return Climb(point, largest_value, bool(is_complete))
 
 
 QUANTILE_LEVEL = 0.9973

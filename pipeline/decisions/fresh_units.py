@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from joblib import delayed
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.config.studies.study import Study
 from pipeline.engine.parallel import worker_results
 from pipeline.errors import InputError
@@ -19,6 +19,8 @@ Solve = Callable[[Errors], tuple[Angles, Angles]]
 
 PRELOADED = "preloaded"
 """Name, beside the metrics over the turn, of whether the gaps of a unit interfere at some crank angle."""
+WITHOUT_RESULT = "without result"
+"""The same of whether a unit has no value of a limited metric: the model is not valid for it, or no state was found."""
 BATCH = 500
 """Units that are solved together."""
 
@@ -55,15 +57,26 @@ def fresh_values(study: Study, start: int, units: int, solve: Solve, jobs: int) 
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def yields(study: Study, values: Mapping[str, Real]) -> dict[str, Estimate]:
-    """Yield by metric and against all limits, of the units (n,) that have a value."""
+def yields(study: Study, values: Mapping[str, Real], missing_fail: bool = False) -> dict[str, Estimate]:
+    """Yield by metric and against all limits, of the units (n,) that have a value, or of all if ``missing_fail``.
+
+    Else those without a value count in the lower end of the interval alone as if they failed.
+    """
     shares = {}
     for name, within_limits in study.limits.pass_flags(values).items():
-        has_metrics = np.all(
-            [np.isfinite(values[metric]) for metric in study.limits.limited_metrics(name, values)], axis=0
-        )
-        shares[name] = pass_share(within_limits[has_metrics], study.metrics.confidence)
+        has_metrics = has_values(study, values, name)
+        if missing_fail:
+            shares[name] = pass_share(within_limits & has_metrics, study.metrics.confidence)
+        else:
+            n_missing = int(np.count_nonzero(~has_metrics))
+            shares[name] = pass_share(within_limits[has_metrics], study.metrics.confidence, n_missing=n_missing)
     return shares
+
+
+def has_values(study: Study, values: Mapping[str, Real], limit: str) -> Truth:
+    """Whether units (n,) have every metric of a limit, by the name of its metric or ``ALL_LIMITS``."""
+    limited_metrics = study.limits.limited_metrics(limit, values)
+    return np.asarray(np.all([np.isfinite(values[metric]) for metric in limited_metrics], axis=0), bool)
 
 
 def fresh_yields(study: Study, start: int, units: int, solve: Solve, jobs: int) -> dict[str, Estimate]:

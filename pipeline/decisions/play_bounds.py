@@ -136,10 +136,10 @@ def play_bounds(box: Box, crank_deg: float, metric: str) -> Iterator[Bound]:
     for wave, weights in zip(box.all_waves, results.weights, strict=True):
         if weights.sum() > 0.5:
             start[wave] = 1.0, np.argmax(weights) / weights.size
-    _, highest_play = coordinate_search(box, lambda points: backlash(box, crank_deg, points), start)
-    yield Bound(metric, crank_deg, ATTAINED_BOUND, highest_play)
-    _, lowest = coordinate_search(box, lambda points: -np.nan_to_num(backlash(box, crank_deg, points), nan=0.0), centre)
-    yield Bound(metric, crank_deg, LEAST_FOUND, -lowest)
+    highest = coordinate_search(box, lambda points: backlash(box, crank_deg, points), start)
+    yield Bound(metric, crank_deg, ATTAINED_BOUND, highest.value)
+    lowest = coordinate_search(box, lambda points: -np.nan_to_num(backlash(box, crank_deg, points), nan=0.0), centre)
+    yield Bound(metric, crank_deg, LEAST_FOUND, -lowest.value)
     tightest = gap - 0.5 * np.abs(slopes).sum(axis=1) + sum(np.minimum(entry.min(axis=1), 0.0) for entry in patterns)
     play = rigid_play(middle.reducer, tightest[None] / UM_PER_MM, middle.bearing_clearance)
     yield Bound(metric, crank_deg, LEAST_BOUND, 0.0 if play.preloaded[0] else float(ARCMIN * play.backlash[0]))

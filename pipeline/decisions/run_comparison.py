@@ -224,6 +224,9 @@ def _metric_rows(pair: _Pair, metric: str) -> Iterator[tuple[Any, ...]]:
     (a, b), replicate = _known_values(pair, tuple(np.isfinite(entry) for entry in total), total)
     if min(a.size, b.size) == 0:
         return
+    if min(a.size, b.size) == 1:  # which has no spread, and so no interval
+        yield (metric, "mean", mean(a), mean(b), mean(b) - mean(a), -np.inf, np.inf, a.size, b.size, pair.is_paired)
+        return
     statistics: dict[str, Callable[[Real], float]] = {"mean": mean, "std": standard_deviation}
     statistics |= {name: partial(quantile, level=level) for name, level in QUANTILES.items()}
     if pair.has_replicates:

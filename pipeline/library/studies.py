@@ -9,7 +9,7 @@ import pandas as pd
 
 from pipeline import config, settings
 from pipeline.config import Design, Study
-from pipeline.config.studies.optional import Tails, without_tails
+from pipeline.config.studies.optional import Tails, limited_under_load, without_tails
 from pipeline.engine.store import Output, write_atomic
 from pipeline.errors import InputError
 from pipeline.figures.labels import METRICS
@@ -40,6 +40,25 @@ def tail_sentences(rows: pd.DataFrame) -> Iterator[str]:
             is_known = math.isfinite(row.ci_low) or math.isfinite(row.ci_high)
             text = f"{metric.title}: the {str(row.statistic).removeprefix('p')} % quantile is {value} {metric.unit}"
         yield f"{text} ({f'interval {low} to {high}' if is_known else NO_INTERVAL}; {effective})"
+
+
+def tail_remarks(rows: pd.DataFrame, study: Study) -> Iterator[str]:
+    """What the shares and quantiles of the table `tails` are of, and which units and limits they leave out."""
+    level = f"{100 * study.metrics.confidence:.3g} %"
+    yield f"Of the {study.limits.over} of {len(study.cycle.crank_deg)} loaded crank angles; intervals of {level}"
+    units = study.tails.units if study.tails else 0
+    if missing := units - int(rows["units"].min()):
+        yield (
+            f"About {missing:,} of {units:,} units have no result (the model is not valid for them, or no state was "
+            f"found) and count nowhere; if they all failed, {MILLION * missing / units:,.0f} units in a million would "
+            "be added to the shares beyond each limit"
+        )
+    covered_limits = limited_under_load(study.limits)
+    for name in (name for name in study.limits.of_metrics if name not in covered_limits):
+        yield (
+            f"The limit of {METRICS[name].inline if name in METRICS else name} is not among these: it is read over the "
+            "whole turn without load; its yield is in the report of the study"
+        )
 
 
 @dataclass(frozen=True)
@@ -164,5 +183,5 @@ def tails(
     rows = pd.DataFrame(up_to_date(asked_study, ["tails"], jobs).outputs["tails"].read("tails"))
     table = settings.RUNS / "tails" / f"{study.name}.csv"
     write_atomic(table, rows.to_csv(index=False).encode())
-    lines = (*tail_sentences(rows), f"table: {settings.shown(table)}")
+    lines = (*tail_remarks(rows, asked_study), *tail_sentences(rows), f"table: {settings.shown(table)}")
     return Answer(asked_study, lines, table.parent, {"tails": rows}, page="")

@@ -9,7 +9,7 @@ Latin hypercube are not independent; their intervals come from the spread betwee
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -88,13 +88,17 @@ def distribution(values: Real, confidence: float, replicate: NDArray[np.integer]
     return estimates
 
 
-def pass_share(passes: Truth, confidence: float, replicate: NDArray[np.integer] | None = None) -> Estimate:
+def pass_share(
+    passes: Truth, confidence: float, replicate: NDArray[np.integer] | None = None, n_missing: int = 0
+) -> Estimate:
     """Yield: the share of samples that keep a limit.
 
     Parameters
     ----------
     passes : (n_samples,) whether each sample keeps it.
     confidence, replicate : as in `distribution`.
+    n_missing : samples beside these whose values are not known. The lower end of the interval is as if all of them
+        failed: samples are often without a value because they are far from nominal.
 
     Notes
     -----
@@ -106,7 +110,12 @@ def pass_share(passes: Truth, confidence: float, replicate: NDArray[np.integer] 
         ends = share_interval(counts, confidence)
     else:
         ends = replicated_share_interval(counts, confidence, replicate)
-    return _estimate(mean(counts), ends, counts.size)
+    return with_missing(_estimate(mean(counts), ends, counts.size), n_missing)
+
+
+def with_missing(share: Estimate, n_missing: int) -> Estimate:
+    """A share of samples that keep a limit, with a lower end as if ``n_missing`` further samples failed."""
+    return replace(share, ci_low=share.ci_low * share.n / (share.n + n_missing)) if n_missing else share
 
 
 def mean_interval(values: Real, confidence: float) -> Interval:

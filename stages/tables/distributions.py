@@ -14,7 +14,7 @@ from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling.designs import replicates
-from pipeline.statistics.intervals import Estimate, distribution, pass_share
+from pipeline.statistics.intervals import Estimate, distribution, pass_share, with_missing
 from stages.tables.convergence import angles_of_turn, searched_pitches
 from stages.tables.turn import TURN_VALUES, whole_turn_estimates
 
@@ -80,9 +80,12 @@ def _part(replicate: np.ndarray | None, rows: np.ndarray) -> np.ndarray | None:
 
 
 def _rows(
-    study: Study, values: pd.DataFrame, turn_value: str, crank_deg: float, angles: Mapping[str, int]
+    study: Study, values: pd.DataFrame, turn_value: str, crank_deg: float, angles: Mapping[str, int], n_units: int
 ) -> list[dict[str, object]]:
-    """Rows of the distributions of one population, indexed by sample; ``angles`` behind each metric that is told."""
+    """Rows of the distributions of one population, indexed by sample; ``angles`` behind each metric that is told.
+
+    Of ``n_units`` units those without a value count in the lower end of a yield as if they failed.
+    """
     confidence, replicate = study.metrics.confidence, replicates(study.samples, values.index.to_numpy())
     estimates: list[tuple[str, str, Estimate]] = []
     for metric in angles:
@@ -96,7 +99,8 @@ def _rows(
             continue
         holding = ~np.isnan(values[limited_metrics].to_numpy(float)).any(axis=1)
         if holding.any():
-            estimates.append((name, "yield", pass_share(passes[holding], confidence, _part(replicate, holding))))
+            known, n_missing = _part(replicate, holding), n_units - int(np.count_nonzero(holding))
+            estimates.append((name, "yield", pass_share(passes[holding], confidence, known, n_missing)))
     if len(values) and turn_value in ("angle", TURN_VALUES[0]):
         estimates.append(("preloaded", "mean", pass_share(values["preloaded"].to_numpy(bool), confidence, replicate)))
     fewest = min(angles.values())
@@ -139,6 +143,7 @@ def distribution_rows(
     rows = []
     for turn_value, shortfall in shortfalls.items():
         for metric, name, estimate in whole_turn_estimates(study, over_turn(units, "worst"), shortfall):
+            estimate = with_missing(estimate, len(units) - estimate.n) if name == "yield" else estimate
             keys = {"metric": metric, "over": turn_value, "crank_deg": np.nan, "statistic": name}
             rows.append({**keys, **vars(estimate), "n_angles": searched_pitches(study)})
     single = dict.fromkeys(library(), 1)
@@ -146,7 +151,7 @@ def distribution_rows(
         part = pd.DataFrame(per_angle.columns_at(int(angle))).iloc[int(study.samples.nominal_first) :]
         solved_units = part[part[list(library())].notna().any(axis=1)]
         if len(solved_units):
-            rows += _rows(study, solved_units, "angle", float(study.cycle.crank_deg[angle]), single)
+            rows += _rows(study, solved_units, "angle", float(study.cycle.crank_deg[angle]), single, len(part))
     if len(units):
         counts = units.iloc[0]
         turn = {
@@ -156,7 +161,7 @@ def distribution_rows(
         for turn_value in TURN_VALUES:
             n_searched = searched_pitches(study) if turn_value == "worst" else 0
             counts_of_turn = {name: max(count, n_searched) for name, count in turn.items()}
-            rows += _rows(study, over_turn(units, turn_value), turn_value, np.nan, counts_of_turn)
+            rows += _rows(study, over_turn(units, turn_value), turn_value, np.nan, counts_of_turn, len(units))
         of_turn = {name: angles_of_turn(study, 1, metric.of_play) for name, metric in turn_library().items()}
-        rows += _rows(study, over_turn(units, TURN_VALUES[0]), OVER_ALL, np.nan, of_turn)
+        rows += _rows(study, over_turn(units, TURN_VALUES[0]), OVER_ALL, np.nan, of_turn, len(units))
     return DISTRIBUTIONS.columns_of_rows(rows)

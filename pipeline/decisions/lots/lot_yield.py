@@ -15,7 +15,7 @@ from pipeline.arrays import Real, Truth
 from pipeline.config.distributions.distribution import Distribution
 from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.studies.study import ALL_LIMITS, Study
-from pipeline.decisions.fresh_units import Solve, fresh_values, yields
+from pipeline.decisions.fresh_units import Solve, fresh_values, has_values, yields
 from pipeline.decisions.lots.dimension_fit import SMALLEST, DimensionFit, independent_parts, moments_without_each
 from pipeline.errors import InputError
 from pipeline.statistics.differences import share_difference
@@ -92,13 +92,13 @@ def lot_yield(study: Study, fits: Sequence[DimensionFit], solve: Solve, units: i
 
     drawn_values, made_values = values(study), values(lot_study)
     confidence, passes = study.metrics.confidence, limit_passes(study, made_values)
-    has_values = _has_values(study, made_values)
+    are_known = has_values(study, made_values, ALL_LIMITS)
     costs = []
     for fit in fits:
         drawing = getattr(study.tolerances, fit.dimension.name)
         perfect = lot_study.with_section("tolerances", **{fit.dimension.name: _target(drawing)})
         perfect_values = values(perfect)
-        has_both = has_values & _has_values(study, perfect_values)
+        has_both = are_known & has_values(study, perfect_values, ALL_LIMITS)
         if not has_both.any():
             continue
         pair = passes[has_both], limit_passes(study, perfect_values)[has_both]
@@ -237,10 +237,4 @@ def _target(drawing: Distribution) -> Fixed:
 
 def limit_passes(study: Study, values: Mapping[str, Real]) -> Truth:
     """Whether each unit (n,) keeps all limits; one without a value keeps none."""
-    return study.limits.pass_flags(values)[ALL_LIMITS] & _has_values(study, values)
-
-
-def _has_values(study: Study, values: Mapping[str, Real]) -> Truth:
-    """Whether each unit (n,) has a value of every metric with a limit; others count in no yield."""
-    limited_metrics = study.limits.limited_metrics(ALL_LIMITS, values)
-    return np.asarray(np.all([np.isfinite(values[name]) for name in limited_metrics], axis=0), bool)
+    return study.limits.pass_flags(values)[ALL_LIMITS] & has_values(study, values, ALL_LIMITS)

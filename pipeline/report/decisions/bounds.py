@@ -8,8 +8,17 @@ import pandas as pd
 from pipeline import assembly
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation import Allocation, Choice, allocation_rows, check_rows
-from pipeline.decisions.bounds import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS, BoundFindings, table_rows
-from pipeline.decisions.fresh_units import PRELOADED
+from pipeline.decisions.bounds import (
+    BOUNDS,
+    CAPABILITY,
+    CONTRIBUTIONS,
+    STACKS,
+    WORST_FOUND,
+    WORST_OF_VALID,
+    BoundFindings,
+    table_rows,
+)
+from pipeline.decisions.fresh_units import PRELOADED, WITHOUT_RESULT
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import bounds_figure, tradeoff_figure
 from pipeline.figures.labels import METRICS, PARAMETERS
@@ -58,20 +67,30 @@ def bounds_sentence(bounds: pd.DataFrame, stacks: pd.DataFrame) -> str:
     ----------
     bounds, stacks : rows of `BOUNDS` and `STACKS`.
     """
-    parts = []
+    parts: dict[bool, list[str]] = {True: [], False: []}
     for name, rows in bounds.groupby("metric", sort=False):
         metric = METRICS[str(name)]
         extreme, side = (pd.Series.min, "at least") if metric.smaller_is_worse else (pd.Series.max, "at most")
         far_stacks = stacks[(stacks["metric"] == name) & (stacks["statistic"] == "far")]["full"]
         unit = "" if metric.unit == "1" else f" {metric.unit}"
         drawn_text = (
-            f" (99.73 % of drawn units: {side} {number(extreme(far_stacks), metric)}{unit})" if len(far_stacks) else ""
+            f" (99.73 % of drawn units at any one of these angles: {side} {number(extreme(far_stacks), metric)}{unit})"
+            if len(far_stacks)
+            else ""
         )
-        parts.append(f"{metric.inline} {number(extreme(rows['value']), metric)}{unit}{drawn_text}")
+        is_exact = not set(rows["what"]) & {WORST_FOUND, WORST_OF_VALID}
+        parts[is_exact].append(f"{metric.inline} {number(extreme(rows['value']), metric)}{unit}{drawn_text}")
     angles = ", ".join(f"{crank:.4g}°" for crank in sorted(set(bounds["crank_deg"])))
+    invalid = (
+        " Some errors within the limits lead beyond where the model is valid; such units are in none of these values."
+        if (bounds["what"] == WORST_OF_VALID).any()
+        else ""
+    )
     return (
-        f"With every error anywhere within its limits the worst values at the crank angles looked at ({angles}) are: "
-        f"{', '.join(parts)}. At others units may be worse."
+        f"With every error anywhere within its limits, at the crank angles looked at ({angles}), the worst is "
+        f"{', '.join(parts[True])}. The worst found under load, where a search may miss worse cases, is "
+        f"{', '.join(parts[False])}.{invalid} Over a whole turn more units exceed a value than at one angle, and units "
+        "may be worse at other angles."
     )
 
 
@@ -193,7 +212,9 @@ def preload_sentence(allocation: Allocation) -> str:
 def _yield(choice: Choice) -> str:
     estimate = choice.yield_estimate
     interval = f"{100 * estimate.ci_low:.1f} to {_share(estimate.ci_high)}"
-    return f"{_share(estimate.value)} ({interval}, {estimate.n:,} new units)"
+    missing = choice.check[WITHOUT_RESULT].value
+    failed = f", {_share(missing)} of them without a result, which count as failed" if missing else ""
+    return f"{_share(estimate.value)} ({interval}, {estimate.n:,} new units{failed})"
 
 
 def _share(value: float) -> str:

@@ -24,6 +24,8 @@ KINDS = {
     FIRST_ORDER: "share of the variance, by itself",
     RANK_CORRELATION: "rank correlation",
 }
+NOT_HOW_MEASURED = ("design.", "limits.", "samples.", "tolerances.", "cases")
+"""Beginnings of keys by which units differ, or what is asked of them, but not how they are loaded and read."""
 LEADING = 3
 """Drivers of a metric that are shown, by the larger of the two runs."""
 
@@ -84,6 +86,15 @@ def warnings(a: ComparedRun, b: ComparedRun) -> list[str]:
             f"Warning: the designs differ in {count_text(len(keys), 'setting')} ({a.study.design.title} / "
             f"{b.study.design.title}), so differences are not due to tolerances alone."
         )
+    if pairs := [
+        f"{key} {value_a if value_a is not None else DASH} in A, {value_b if value_b is not None else DASH} in B"
+        for key, value_a, value_b in differing_inputs(a.study, b.study)
+        if not key.startswith(NOT_HOW_MEASURED)
+    ]:
+        texts.append(
+            f"Warning: the runs differ in how units are loaded and read ({'; '.join(pairs)}), so differences are not "
+            "due to tolerances alone."
+        )
     return texts
 
 
@@ -95,9 +106,21 @@ def yield_sentence(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> str:
     row = shares.iloc[0]
     ends = interval(100 * row["ci_low"], 100 * row["ci_high"], SHARE)
     return (
-        f"{percent(row['a'])} of the units of {a.label} meet every limit, {percent(row['b'])} of {b.label}. The "
+        f"{_compared_units(a, b, row)}{percent(row['a'])} of the units of {a.label} meet every limit, "
+        f"{percent(row['b'])} of {b.label}. The "
         f"difference of {signed_number(100 * row['difference'], 1)} percentage points (interval {ends}) is "
         f"{_significance(row)}."
+    )
+
+
+def _compared_units(a: ComparedRun, b: ComparedRun, row: pd.Series) -> str:
+    """Which units are compared where some of a run are not; empty where all are."""
+    if not row["paired"] or (row["n_a"], row["n_b"]) == (len(a.units), len(b.units)):
+        return ""
+    return (
+        f"Compared are the {count_text(int(row['n_a']), 'unit')} of the same draws that have a result in both runs, "
+        f"of {len(a.units):,} in A and {len(b.units):,} in B; yields, means and spreads of all units are in the report "
+        "of each run. Of these units: "
     )
 
 
@@ -106,20 +129,26 @@ def metric_answers(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> list[d
     answers = []
     for name, metric in METRICS.items():
         of_metric = rows[rows["metric"] == name].set_index("statistic")
-        if _constant(a, b, name) or not set(ANSWERED_STATISTICS) <= set(of_metric.index):
+        statistics = [statistic for statistic in ANSWERED_STATISTICS if statistic in of_metric.index]
+        if _constant(a, b, name) or not statistics:
             continue
         cells = {
             statistic: _row({"metric": name, "statistic": statistic, **of_metric.loc[statistic]})
-            for statistic in ANSWERED_STATISTICS
+            for statistic in statistics
         }
         parts = [
-            f"{title} {cell['a']} in A, {cell['b']} in B; the difference of {cell['difference']} (interval "
-            f"{cell['ends']}) is {_significance(of_metric.loc[statistic])}"
-            for (statistic, cell), title in zip(cells.items(), ("Mean", "Standard deviation"), strict=True)
+            f"{title} {cell['a']} in A, {cell['b']} in B; the difference of {cell['difference']} "
+            f"{_answer(cell['ends'], of_metric.loc[statistic])}"
+            for (statistic, cell), title in zip(cells.items(), ("Mean", "Standard deviation"), strict=False)
         ]
         unit = "" if metric.unit == "1" else f" [{metric.unit}]"
         answers.append({"title": f"{metric.title}{unit}", "text": ". ".join(parts)})
     return answers
+
+
+def _answer(ends: str, row: pd.Series) -> str:
+    """The interval of a difference and whether it is significant; that there is none where so few units have none."""
+    return f"(interval {ends}) is {_significance(row)}" if ends else "has no interval: too few units"
 
 
 def _significance(row: pd.Series) -> str:

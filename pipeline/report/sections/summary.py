@@ -102,7 +102,8 @@ class Verdict:
         least = float(np.sum(~self.breaks[ALL_LIMITS])) / len(samples)
         return (
             f"This leaves out {len(missing):,} of {count_text(len(samples), 'unit')} without a value of a metric that "
-            f"has a limit{reason}. If all of them failed, the yield would be {percent(least)}."
+            f"has a limit{reason}. If all of them failed, the yield would be {percent(least)}; the lower end of its "
+            "interval counts them so."
         )
 
     @property

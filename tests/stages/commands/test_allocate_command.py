@@ -15,7 +15,7 @@ from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.allocation import Choice
 from pipeline.decisions.allocation_search import Search
 from pipeline.decisions.cheapest import LinearUnits
-from pipeline.decisions.fresh_units import PRELOADED
+from pipeline.decisions.fresh_units import PRELOADED, WITHOUT_RESULT, yields
 from pipeline.report.decisions.bounds import preload_sentence, sentence
 from pipeline.statistics.intervals import Estimate, pass_share
 
@@ -53,6 +53,24 @@ def written(folder: Path, text: str) -> str:
     path = folder / "priced.toml"
     path.write_text(text)
     return str(path)
+
+
+def test_units_without_a_result_fail_where_tolerances_are_chosen_and_are_said():
+    """Else tolerances so loose that the model is not valid for most units would have the yield of the others."""
+    study = load_study("quick", ROOT)
+    values = {name: np.full(40, 0.5 * limit) for name, limit in study.limits.of_metrics.items()}
+    values["torsional_rigidity_Nm_per_arcmin"] = np.full(40, 1e3)
+    values["lost_motion_arcmin"][10:] = np.nan
+    known, all_units = (yields(study, values, missing_fail)[ALL_LIMITS] for missing_fail in (False, True))
+    assert (known.value, known.n) == (1.0, 10)
+    assert known.ci_low < 0.25 == all_units.value
+    check = {ALL_LIMITS: all_units, PRELOADED: pass_share(np.zeros(40, bool), 0.95)}
+    check[WITHOUT_RESULT] = pass_share(np.isnan(values["lost_motion_arcmin"]), 0.95)
+    choice = Choice(np.ones(1), 1.0, check)
+    answer = SimpleNamespace(
+        study=study, stated_choice=choice, cheapest=choice, reaches_target=False, target=0.9, hardest_limit="one"
+    )
+    assert "40 new units, 75.0 % of them without a result, which count as failed" in sentence(answer)
 
 
 @pytest.mark.long
@@ -112,9 +130,9 @@ def share(value: float, units: int = 4000) -> Estimate:
 )
 def test_more_preloaded_units_than_before_are_said(before: float, found: float, units: int, is_more: bool) -> None:
     """Beyond what as many units leave open, and only then."""
-    choices = [
-        Choice(np.ones(1), 1.0, {ALL_LIMITS: share(0.9), PRELOADED: share(value, units)}) for value in (before, found)
-    ]
+    other_shares = {ALL_LIMITS: share(0.9), WITHOUT_RESULT: share(0.0)}
+    checks = [{**other_shares, PRELOADED: share(value, units)} for value in (before, found)]
+    choices = [Choice(np.ones(1), 1.0, check) for check in checks]
     allocation = SimpleNamespace(study=load_study("quick", ROOT), stated_choice=choices[0], cheapest=choices[1])
     text = preload_sentence(allocation)
     assert bool(text) == is_more

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from pipeline import cli, settings
 from pipeline.config import load_study
 from pipeline.decisions.run_comparison import ComparedRun, differences, differing_inputs, shared_draws
 from pipeline.model.metrics import library as metric_library
+from pipeline.report.decisions.compare import metric_answers, warnings, yield_sentence
 from pipeline.statistics.differences import share_difference
 
 ROOT = Path(__file__).parent.parent.parent.parent
@@ -138,3 +140,25 @@ def test_yields_of_replicated_runs_have_intervals_also_where_few_units_differ(
     passes = [run.units["lost_motion_arcmin"].to_numpy() < 2.8 for run in runs]
     newcombe = share_difference(*passes, 0.95, are_paired=True)
     assert ((row["ci_low"], row["ci_high"]) == pytest.approx(newcombe)) == (yields[0] == 0.99)
+
+
+def test_a_part_of_the_units_and_another_way_of_measuring_are_said() -> None:
+    """50 of 2,000 units that two runs share have a yield of their own, and a loop read at 6 % another lost motion."""
+    whole, part = of_runs(0.9, 0.7, "monte_carlo", count=100)
+    part = replace(part, units=part.units.iloc[:40])
+    rows = pd.DataFrame(differences(whole, part))
+    assert "Compared are the 40 units of the same draws" in yield_sentence(whole, part, rows)
+    assert "of 100 in A and 40 in B" in yield_sentence(whole, part, rows)
+    assert yield_sentence(whole, whole, pd.DataFrame(differences(whole, whole))).startswith("90.0 % of the units")
+    assert not warnings(whole, part)
+    otherwise = replace(part, study=part.study.with_section("metrics", lost_motion_percent=6.0))
+    (text,) = warnings(whole, otherwise)
+    assert "metrics.lost_motion_percent 3.0 in A, 6.0 in B" in text
+
+
+def test_a_single_unit_has_a_mean_and_no_interval() -> None:
+    whole, part = of_runs(0.9, 0.7, "monte_carlo", count=100)
+    single = replace(part, units=part.units.iloc[:1])
+    answers = metric_answers(whole, single, pd.DataFrame(differences(whole, single)))
+    assert answers
+    assert all("interval )" not in answer["text"] for answer in answers)

@@ -98,7 +98,8 @@ def test_units_without_a_value_are_counted_in_the_first_screen(frames):
     assert len(verdict.breaks[ALL_LIMITS]) == 9
     assert verdict.not_counted == (
         "This leaves out 3 of 12 units without a value of a metric that has a limit (most often: clearance too large). "
-        f"If all of them failed, the yield would be {percent(passes / 12)}."
+        f"If all of them failed, the yield would be {percent(passes / 12)}; the lower end of its interval counts them "
+        "so."
     )
     assert "If all of them failed" in written(part)
 

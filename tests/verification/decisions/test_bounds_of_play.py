@@ -106,11 +106,17 @@ def test_a_climb_ends_where_no_error_alone_helps():
     weight = np.zeros(box.n_columns)
     weight[box.columns] = (1.0, -2.0)
     phase = box.waves["ovality_2"][0, 1]
-    point, value = coordinate_search(
-        box, lambda points: points @ weight + np.cos(2 * np.pi * (points[:, phase] - 0.25)), box.centre
-    )
-    np.testing.assert_allclose(point[box.columns], (1.0, 0.0))
-    assert value == pytest.approx(2.0)
+
+    def height(points):
+        return points @ weight + np.cos(2 * np.pi * (points[:, phase] - 0.25))
+
+    climb = coordinate_search(box, height, box.centre)
+    np.testing.assert_allclose(climb.point[box.columns], (1.0, 0.0))
+    assert climb.value == pytest.approx(2.0)
+    assert climb.is_complete
+    cut_off = coordinate_search(box, lambda points: np.where(height(points) > 1.8, np.nan, height(points)), box.centre)
+    assert cut_off.value <= 1.8, "a point without a value is no worst case"
+    assert not cut_off.is_complete, "and is said to have been met"
 
 
 def test_output_pins_in_their_zones_play_at_most_as_all_pins_of_a_side_at_its_edge():
