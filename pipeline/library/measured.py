@@ -284,7 +284,8 @@ def population(
     )
     every_angle = f"{over} over {len(study.cycle.crank_deg)} crank angles"
     sentences = [
-        f"{every_angle if crank is None else f'crank at {crank:g} deg'}: {population_results.sentence(of_crank)}"
+        f"{every_angle if crank is None else f'crank at {crank:g} deg'}: "
+        f"{population_results.sentence(of_crank, [entry for entry in comparisons if entry.crank_deg == crank])}"
         for crank, of_crank in closings.items()
     ]
     sentences += [group.sentence for group in single]

@@ -9,6 +9,7 @@ import pandas as pd
 
 from pipeline.config.dimensions import dimension_library
 from pipeline.engine.store import write_csv
+from pipeline.model.metrics import library
 from pipeline.populations.comparison import TESTS, MetricComparison
 from pipeline.populations.single_units import SingleUnits
 from pipeline.populations.tolerance_shift import Candidate, Closing
@@ -68,12 +69,21 @@ def quantile_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def sentence(closing: Closing) -> str:
-    """What the comparison says in one sentence."""
+def sentence(closing: Closing, comparisons: Sequence[MetricComparison]) -> str:
+    """What the comparison of a crank angle says: of all metrics together, and where these say nothing of each alone."""
     if closing.why_not:
         return f"Whether the units' means differ from the study's is not tested: {closing.why_not}."
     if not closing.has_bias:
-        return f"The units' means do not differ from the study's (p = {closing.p_value:.2g})."
+        is_alone = [one.bias.ci_low > 0 or one.bias.ci_high < 0 for one in comparisons]
+        titles = [library()[one.metric].inline for one, alone in zip(comparisons, is_alone, strict=True) if alone]
+        probability = f"(p = {closing.p_value:.2g})"
+        text = f"All metrics together show no difference of the units' means from the study's {probability}."
+        if not titles:
+            return text
+        return (
+            f"{text} Alone, the interval of the bias excludes zero for {' and '.join(titles)}: few units leave the "
+            "test of all metrics little power. Measure more units before you call them alike."
+        )
     closers = [candidate for candidate in closing.candidates if candidate.closes]
     if not closers:
         return (

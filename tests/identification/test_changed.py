@@ -1,6 +1,7 @@
 """What changed between two measurements of one drive: on generated pairs, and on a rig whose changes are known."""
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,9 +15,9 @@ from scipy import stats
 from pipeline import cli, settings
 from pipeline.errors import InputError
 from pipeline.identification.change import results
-from pipeline.identification.change.comparison import CHANGE_SHOWN, NO_CHANGE
+from pipeline.identification.change.comparison import CHANGE_SHOWN, NO_CHANGE, NOT_TESTABLE
 from pipeline.identification.change.kinds import friction_torque
-from pipeline.identification.change.loops import Loop, State
+from pipeline.identification.change.loops import Loop, LoopSize, State
 from pipeline.identification.change.pattern import pattern as pattern_of
 from pipeline.identification.change.results import ChangeAnswer, answer, write
 from pipeline.identification.change.scatter import POWER
@@ -184,7 +185,7 @@ def test_a_torque_that_reads_another_zero_is_named(tmp_path, monkeypatch):
 
 def test_one_position_claims_nothing_and_says_why(tmp_path):
     result = pair(tmp_path, {"friction": 0.5}, cranks=(0.0,))
-    assert result.comparison.verdict == NO_CHANGE
+    assert result.comparison.verdict == NOT_TESTABLE
     assert "1 position" in result.sentence
     assert "3 or more crank positions" in result.advice
 
@@ -324,6 +325,12 @@ def test_the_known_interventions_are_named_and_a_drive_measured_twice_is_not(rig
         others = [rig(name) for name in ("conic_onyx_runin", "conic_onyx_1pre")]
         assert answer(rig(state_before), rig(state_after), others).comparison.verdict == NO_CHANGE
     assert answer(rig("conic_onyx_runin"), rig("conic_onyx_runin", repeat=True)).comparison.verdict == NO_CHANGE
+
+
+def test_a_loop_is_named_by_the_torque_up_to_which_it_is_compared():
+    """Loops to 12 and to 13.2 N m are of one size, and both are read up to 12."""
+    size = LoopSize(10.0, 13.2)
+    assert (size.label, replace(size, compared=12.0).label) == ("13.2 N m", "12 N m")
 
 
 def test_the_friction_of_a_loop_is_its_loss_over_twice_its_travel():

@@ -1,6 +1,7 @@
 """Populations of units against a study: tests with their size, bias and spread, and the tolerance behind a shift."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -24,6 +25,7 @@ from pipeline.populations.tolerance_shift import (
     read_population_run,
 )
 from pipeline.sampling.errors import draw
+from pipeline.statistics.intervals import Estimate
 from stages.sample import columns_of_errors
 
 WIDTH, LOST, RIGIDITY = measurable_metrics()
@@ -285,10 +287,20 @@ def test_two_units_have_a_bias_and_no_test(population):
     assert lost_motion.bias.ci_high == np.inf
     untested = closing([width, lost_motion], population)
     assert not untested.has_bias
-    assert "4 units with every metric" in sentence(untested)
-    assert "--noise" in sentence(untested)
+    assert "4 units with every metric" in sentence(untested, [width, lost_motion])
+    assert "--noise" in sentence(untested, [width, lost_motion])
     exact, noisy = (closing([width, lost_motion], population, noise=noise).p_value for noise in (0.0, 0.1))
     assert exact < 1e-6 < noisy  # 0.2 arcmin between the metrics are 0.3 in the study
+
+
+def test_a_test_of_all_metrics_does_not_hide_the_bias_of_one():
+    """Twelve units may differ in one metric by far more than its interval, and not by all metrics together."""
+    one = SimpleNamespace(metric=LOST, bias=Estimate(0.18, 0.07, 0.29, 12))
+    other = SimpleNamespace(metric=WIDTH, bias=Estimate(0.1, -0.1, 0.3, 12))
+    text = sentence(Closing(0.062, ()), [one, other])
+    assert text.startswith("All metrics together show no difference")
+    assert "the interval of the bias excludes zero for lost motion: " in text
+    assert "Alone" not in sentence(Closing(0.062, ()), [other])
 
 
 def test_units_csv_with_empty_values(tmp_path):
@@ -344,6 +356,6 @@ def test_the_answer_says_how_much_of_a_shift_the_limits_allow():
     assert not inside.is_beyond_room
     assert beyond.is_beyond_room
     assert beyond.closes
-    text = sentence(Closing(0.001, (inside, beyond)))
+    text = sentence(Closing(0.001, (inside, beyond)), [])
     assert "disk profile (whole disk) by +2 µm (95 % interval 1 to 3);" in text
     assert text.endswith("by +2 µm (95 % interval 1 to 3; the limits allow 1.5 µm).")

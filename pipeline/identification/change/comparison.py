@@ -22,7 +22,7 @@ FAMILYWISE = 0.01
 At most 2 % is promised. Numbers of loops are not exactly normal: of 1,250 drawn pairs without a change 30 were named at
 a level of 2 %, 24 at 1.5 % and 16 at 1 %.
 """
-CHANGE_SHOWN, NO_CHANGE = "changed", "no change shown"
+CHANGE_SHOWN, NO_CHANGE, NOT_TESTABLE = "changed", "no change shown", "not testable with these data"
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,9 @@ class Comparison:
 
     @property
     def verdict(self) -> str:
-        """Changed, or no change shown."""
+        """Changed, no change shown, or not testable: from single positions the scatter of mounting is not known."""
+        if not self.freedom:
+            return NOT_TESTABLE
         return CHANGE_SHOWN if self.named_changes else NO_CHANGE
 
     @property

@@ -69,15 +69,16 @@ class State:
 
 @dataclass(frozen=True)
 class LoopSize:
-    """Loops whose largest torques [N m] lie between two values."""
+    """Loops whose largest torques [N m] lie between two values, and the torque up to which they are compared."""
 
     lowest: float
     highest: float
+    compared: float = np.inf
 
     @property
     def label(self) -> str:
-        """The largest torque in words."""
-        return f"{self.highest:.3g} N m"
+        """The torque up to which they are compared, or the largest one, in words."""
+        return f"{min(self.compared, self.highest):.3g} N m"
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Numbers of the loops of several states at all positions, as a layout of states and positions."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -120,7 +120,9 @@ def loop_table(states: Sequence[State], n_compared: int) -> LoopTable:
         raise InputError(f"no loops of one size in all states: {found_text}; measure the same loops")
     rows = [(number, place) for number, state in enumerate(states) for place in range(len(state.labels))]
     loops = [{size: curves_at(states[number], place, size) for size in sizes} for number, place in rows]
-    tops = {size: _common_reach([curves[size] for curves in loops]) for size in sizes}
+    of_sizes = {size: replace(size, compared=_common_reach([curves[size] for curves in loops])) for size in sizes}
+    loops = [{of_sizes[size]: curve for size, curve in curves.items()} for curves in loops]
+    sizes, tops = list(of_sizes.values()), {size: size.compared for size in of_sizes.values()}
     halves = [
         [
             {

@@ -70,7 +70,10 @@ def write_population_page(
         biases=_biases(comparisons),
         angles=_angles(study, turn_statistic, closings),
         repeatability="" if noise_percent is None else f"Repeatability of the bench: {noise_percent:g} % of a value.",
-        sentences=[(_where(crank, turn_statistic), sentence(closing)) for crank, closing in closings.items()],
+        sentences=[
+            (_where(crank, turn_statistic), sentence(closing, [one for one in comparisons if one.crank_deg == crank]))
+            for crank, closing in closings.items()
+        ],
         comparisons=[_comparison(row) for row in comparison_frame(comparisons).to_dict("records")],
         single=[(_where(group.crank_deg, turn_statistic), group.sentence) for group in single],
         candidates=[

@@ -23,7 +23,7 @@ def test_units_of_the_study_agree_with_it_and_shifted_ones_do_not(
     rows = metrics[(metrics["sample"] > 0) & (metrics["crank_deg"] == 0)]
     units = rows.iloc[::4][["sample", "crank_deg", *measurable_metrics()]].rename(columns={"sample": "unit"})
     capsys.readouterr()
-    for name, shift, words in (("alike", 0.0, "do not differ"), ("wide", 0.5, "The units differ")):
+    for name, shift, words in (("alike", 0.0, "show no difference"), ("wide", 0.5, "The units differ")):
         path = tmp_path / f"{name}.csv"
         units.assign(lost_motion_arcmin=units["lost_motion_arcmin"] + shift).to_csv(path, index=False)
         assert cli.main(["population", "--units", str(path), "--study", "quick", "--jobs", "1"]) == 0
