@@ -194,7 +194,9 @@ class Fitted:
     def warnings(self, names: tuple[str, ...]) -> list[str]:
         """What the data do not determine, one sentence each."""
         texts = []
-        for name, low, high in zip(names, self.low, self.high, strict=True):
+        if self.freedom <= 0:
+            texts.append(f"no intervals: {len(self.residual)} targets for {len(names)} numbers; they take more targets")
+        for name, low, high in zip(names, self.low, self.high, strict=True) if self.freedom > 0 else ():
             open_ends = [side for side, end in (("below", low), ("above", high)) if np.isnan(end)]
             if open_ends:
                 texts.append(f"{name} is not determined: nothing in the data bounds it {' or '.join(open_ends)}")

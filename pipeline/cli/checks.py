@@ -38,7 +38,8 @@ def fit_design(options: argparse.Namespace) -> None:
     print(f"singular values: {', '.join(f'{value:.3g}' for value in fit.fit.singular_values)}")
     for warning in fit.warnings:
         print(f"warning: {warning}")
-    print(f"design: {folder / 'design.toml'}")
+    if not fit.misses_targets:
+        print(f"design: {folder / 'design.toml'}")
 
 
 def verify_mechanics(options: argparse.Namespace) -> None:

@@ -136,6 +136,8 @@ def write_spreadsheet(options: argparse.Namespace) -> None:
 
 SMALLEST_COUNT, LARGEST_COUNT = 8, 100_000
 """Points of a lobe."""
+PHASE_STEP = 1e-5
+"""Step [rad] of the phase of a lobe for the tangent."""
 
 
 def write_flank(options: argparse.Namespace) -> None:
@@ -153,21 +155,27 @@ def write_flank(options: argparse.Namespace) -> None:
     write_atomic(options.out / "flank.dxf", outlines_dxf(outlines))
     for name in (*(f"{name}.csv" for name in tables), "flank.dxf"):
         print(settings.shown(options.out / name))
+    print("the flank of the design alone: allowances of a study (tolerances.disk_profile.allowance_um) are not in it")
 
 
 def flank_points(profile: CycloidProfile, points: int) -> pd.DataFrame:
-    """So many points of each lobe in the disk's frame, clockwise from the root at angle 0, equally far in phase."""
+    """So many points of each lobe in the disk's frame, clockwise from the root at angle 0, equally far in phase.
+
+    The normals, outward, are those of this flank, by central differences: one that was rotated or measured has others
+    than the curve that generates it. At a kink they halve the angle between both sides.
+    """
     lobe = np.repeat(np.arange(profile.lobes), points)
     phase = np.tile(2 * np.pi * np.arange(points) / points, profile.lobes)
     flank = drawn_flank(profile, lobe, phase)
-    inward = profile.generating.normal(-(lobe + phase / (2 * np.pi)) * profile.lobe_pitch)
+    tangent = drawn_flank(profile, lobe, phase + PHASE_STEP) - drawn_flank(profile, lobe, phase - PHASE_STEP)
+    outward = 1j * tangent / np.abs(tangent)
     return pd.DataFrame(
         {
             "lobe": lobe,
             "phase_deg": np.degrees(phase),
             "x_mm": flank.real,
             "y_mm": flank.imag,
-            "normal_x": -inward.real,
-            "normal_y": -inward.imag,
+            "normal_x": outward.real,
+            "normal_y": outward.imag,
         }
     )

@@ -73,7 +73,9 @@ def _plan_lines(study: Study, targets: Sequence[str]) -> Iterator[str]:
         remainder_line = [f"and {remainder_text} more, see: why {stage.stage}"] if remainder_text > 0 else []
         yield f"{stage.stage}  would run, {seconds}: {'; '.join([*stage.reasons[:REASONS_SHOWN], *remainder_line])}"
     total = sum(stage.seconds or 0.0 for stage in stage_plan)
-    yield f"in all about {total:.3g} s by former timings; nothing was run" if total else "nothing was run"
+    untimed = sum(1 for stage in stage_plan if stage.reasons and stage.seconds is None)
+    about = f"at least {total:.3g} s, and {untimed} without a former timing" if untimed else f"about {total:.3g} s"
+    yield f"in all {about}, by former timings; nothing was run" if total else "nothing was run"
 
 
 def show_run(options: argparse.Namespace) -> None:

@@ -74,3 +74,18 @@ def test_without_ezdxf_the_command_says_what_to_install(tmp_path, monkeypatch, c
     assert cli.main(["flank", "--design", "pham2017", "--points", "8", "--out", str(tmp_path)]) == 2
     assert "ezdxf is not installed" in (message := capsys.readouterr().err)
     assert "'cycloid-tolerance-study[cad]'" in message
+
+
+def test_the_normals_of_a_turned_flank_are_its_own(tmp_path):
+    """Those of the curve that generates it are off by up to 4 degrees near the kinks of a flank turned by 3'."""
+    raw = tomllib.loads((ROOT / "data/designs/pham2017.toml").read_text())
+    design = tmp_path / "design.toml"
+    design.write_text(toml_of({**raw, "flank": {"rotation_arcmin": 3.0}}))
+    assert cli.main(["flank", "--design", str(design), "--out", str(tmp_path), "--points", "720"]) == 0
+    points = pd.read_csv(tmp_path / "drawn.csv").iloc[:720]
+    place = (points["x_mm"] + 1j * points["y_mm"]).to_numpy()
+    normal = (points["normal_x"] + 1j * points["normal_y"]).to_numpy()
+    chord = place[2:] - place[:-2]
+    away_from_kinks = np.abs((points["phase_deg"].to_numpy()[1:-1] + 90) % 180 - 90) > 2
+    along = np.abs(np.real(chord * np.conj(normal[1:-1])) / np.abs(chord))
+    assert np.max(along[away_from_kinks]) < 3e-3

@@ -141,6 +141,13 @@ def test_disks_that_collide_or_are_not_solved_are_refused(design, key, value, li
     assert any(problem.startswith(f"d.toml: {line}") for problem in problems), problems
 
 
+def test_planets_that_run_into_each_other_are_refused():
+    data = tomllib.loads((ROOT / "data/designs/rv_40e.toml").read_text())
+    assert data["output"]["first_stage"] == {**data["output"]["first_stage"], "sun_teeth": 12, "planet_teeth": 36}
+    problems = design_problems(changed(data, "output.first_stage.planet_teeth", 80))
+    assert any("planet_teeth = 80; must be < 77.57 beside a sun of 12 teeth" in problem for problem in problems)
+
+
 def test_pins_that_overlap_on_the_circle(design_data):
     data = changed(changed(design_data, "cycloid.eccentricity_mm", 0.05), "cycloid.pin_radius_mm", 1.28)
     assert design_problems(data) == [
