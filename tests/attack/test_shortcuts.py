@@ -41,6 +41,7 @@ OFF = (
     (model_selection, "RIVAL", np.inf),
     (model_selection, "FAR_FROM_DECLARED", 0.0),
     (fitter, "FALL_OF_PASS", 0.2),
+    (fitter, "FALL_OF_LARGE_MISFIT", 0.0),
     (model_selection, "LEAST_GAIN", 0.1),
     (model_selection, "LARGEST_GAIN", 1e6),
     (model_selection, "CLOSE_ODDS", 200.0),

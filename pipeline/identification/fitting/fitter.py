@@ -28,6 +28,8 @@ PASSES: ShortcutCount = 4
 """Passes by which a fit is refined, at most."""
 FALL_OF_PASS: Shortcut = 2.0
 """Fall of the sum of squares, that of one nat, from which a further pass is tried."""
+FALL_OF_LARGE_MISFIT: Shortcut = 0.02
+"""The same as a share of the sum of squares beyond noise: a fit that misses much need be no better than that."""
 WELL_FITTED: Shortcut = 1.1
 """Mean square of a cell, in noise, below which further starts are not refined: one start of the model without effects
 is then enough, and so is a plain fit of a ripple."""
@@ -238,7 +240,8 @@ class Fitter:
                 further = fit_further(fit.model, is_fitted, start)
                 best = further if further.sound and further.cost < best.cost - FALL_OF_PASS else best
                 start = best.unknowns
-            if best.cost == cost_before:
+            beyond_noise = best.cost - np.count_nonzero(is_fitted)
+            if cost_before - best.cost <= max(FALL_OF_PASS, FALL_OF_LARGE_MISFIT * beyond_noise):
                 break
         return best
 

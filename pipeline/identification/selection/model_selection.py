@@ -1,6 +1,6 @@
 """What is tried on a unit: every effect that the data can test, and the most promising pairs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -78,7 +78,7 @@ class Selector:
         fold.testable = self.testable
         return fold
 
-    def screen(self, cells: Truth, base: Fit, offered_names: Sequence[str] = ()) -> dict[str, Promise]:
+    def screen(self, cells: Truth, base: Fit, offered_names: Collection[str] = ()) -> dict[str, Promise]:
         """What effects (all, or those offered) promise beside ``base``, and beside the declared scales if far off."""
         bases = [base]
         if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
@@ -107,11 +107,13 @@ class Selector:
         """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most.
 
         A fit with an effect may lead to numbers that are more probable without it. If a name does not hold beside them,
-        or if some effect lacks less than their gain to a name, everything is tried anew: its start must not decide.
+        everything is tried anew: its start must not decide. Where nothing was named, only the effects are that lack
+        less than the gain of these numbers to a name.
         """
-        base_fit, former = self.recalibrate(cells), -np.inf
+        base_fit, former, selection = self.recalibrate(cells), -np.inf, None
+        close_names: set[str] = set()
         while True:
-            selection = self._beside(base_fit, cells)
+            selection = self._beside(base_fit, cells, selection if close_names else None, close_names)
             base, value = self._without_effects(selection, cells), selection.base.evidence.value
             if base is selection.base or value <= former:
                 return selection
@@ -119,7 +121,8 @@ class Selector:
             gained_odds = max(selection.odds.values(), default=-np.inf) + base.evidence.value - value
             if challenged.members == selection.members and (selection.members or gained_odds < NAMED_ODDS):
                 return challenged
-            base_fit, former = base.fit, value
+            base_fit, former, gain = base.fit, value, base.evidence.value - value
+            close_names = set() if selection.members else _close_effects(selection, gain)
 
     def _without_effects(self, selection: Selection, cells: Truth) -> Trial:
         """The most probable model without effects: the base, or a fit that starts where models with effects ended.
@@ -153,17 +156,28 @@ class Selector:
         start = replace(self.fitter.start(Model()), scales=fit.unknowns.scales, modes=fit.unknowns.modes)
         return self.fitter.fit(Model(), cells, start, iterations)
 
-    def _beside(self, base_fit: Fit, cells: Truth) -> Selection:
-        """The selection beside a fit without effects."""
+    def _beside(
+        self, base_fit: Fit, cells: Truth, former: Selection | None = None, names: Collection[str] = ()
+    ) -> Selection:
+        """The selection beside a fit without effects: of all effects, or of those named beside what was tried before.
+
+        The more probable fit of a model counts, from this base or from the ``former`` one.
+        """
         tries = self.tries(cells)
         base = self.trial(base_fit, cells, tries.covariance)
-        promises = self.screen(cells, base.fit)
+        promises = self.screen(cells, base.fit, names)
         fits = self.fits(base.fit, cells, promises)
-        fall = least_fall(MOST_NAMED, len(self.testable))
-        for model, start in promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, fall):
+        fall, further_fall = (least_fall(MOST_NAMED, len(self.testable), n_before) for n_before in (0, MOST_NAMED - 1))
+        pairs = promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, fall, further_fall)
+        for model, start in pairs:
             fits.append(self.fitter.fit_from_best(model, cells, [start], None, _rival_cost(fits, base.fit.cost - fall)))
         trials = {f.model.name: self.trial(f, cells, tries.covariance, base) for f in fits if np.isfinite(f.cost)}
-        selection = tries.judge.select(base, trials, {name: promise.misfit for name, promise in promises.items()})
+        promised_misfits = {name: promise.misfit for name, promise in promises.items()}
+        if former is not None:
+            known = {name: [trial, trials[name]] for name, trial in former.trials.items() if name in trials}
+            trials = {**former.trials, **trials, **{name: most_probable(both) for name, both in known.items()}}
+            promised_misfits = {**former.promised_misfits, **promised_misfits}
+        selection = tries.judge.select(base, trials, promised_misfits)
         selection = self._with_all_solutions(selection, promises, tries)
         selection = self._with_refined_fits(selection, tries)
         selection = self._with_additions(selection, tries)
@@ -257,12 +271,13 @@ class Selector:
         for n_effects in range(1, MOST_NAMED + 1):
             names = [name for name in odds if trials[name].fit.model.n_effects == n_effects]
             leading_names = sorted(names, key=lambda name: -odds[name])[:MOST_REFINED]
+            rival_cost = _rival_cost([trials[name].fit for name in names], np.inf)
             for name in dict.fromkeys([*leading_names, *(name for name in names if name == known_leader)]):
                 known, best = trials[name], max(odds[other] for other in names)
                 least = max(NAMED_ODDS, odds_over_fewer(name, odds))
                 largest_gain = max(ODDS, 0.5 * (known.fit.cost - np.count_nonzero(tries.cells)))
                 asked = best - NAMED_ODDS if best >= least else least
-                leads = name == known_leader or odds[name] + largest_gain >= asked
+                leads = name == known_leader or (odds[name] + largest_gain >= asked and known.fit.cost <= rival_cost)
                 if leads and not known.is_refined:
                     fit = self.fitter.refine(known.fit, tries.cells, known.fit.unknowns)
                     solutions = [self.trial(fit, tries.cells, tries.covariance, base), known, *known.other_solutions]
@@ -393,6 +408,11 @@ def _promising(selection: Selection) -> list[str]:
     rivals = [name for name in odds if trials[name].fit.model.n_effects == n_effects]
     gains = {name: np.clip(trials[name].evidence.promise, CLOSE_ODDS, LARGEST_GAIN) for name in rivals}
     return [name for name in rivals if odds[name] + gains[name] >= odds[leader] - NAMED_ODDS]
+
+
+def _close_effects(selection: Selection, gain: float) -> set[str]:
+    """The effects of models that lack less than a gain of the logarithm of the evidence to a name."""
+    return {effect for name, odds in selection.odds.items() if odds + gain >= NAMED_ODDS for effect in name.split("+")}
 
 
 def _rival_cost(fits: Sequence[Fit], least_cost: float) -> float:

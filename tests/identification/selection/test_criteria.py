@@ -27,7 +27,7 @@ from pipeline.identification.selection.criteria import (
     without_names,
 )
 from pipeline.identification.selection.evidence import Evidence
-from pipeline.identification.selection.model_selection import Selector, Tries
+from pipeline.identification.selection.model_selection import Selector, Tries, _close_effects
 
 TRIED = 20
 SINGLE, PAIR = -prior_log_odds(1, TRIED), -prior_log_odds(2, TRIED)
@@ -470,12 +470,18 @@ def test_a_close_name_is_held_against_fits_without_effects_from_drawn_unknowns(o
     assert (found.evidence.value > base.evidence.value) == bool(n_refined)
 
 
+def test_beside_a_new_base_only_close_effects_are_tried_where_nothing_was_named():
+    """``preload`` lacks two nats, ``coulomb`` thirty, and the base has gained five."""
+    selection = SimpleNamespace(odds={"preload": NAMED_ODDS - 2, "coulomb": NAMED_ODDS - 30})
+    assert _close_effects(selection, 5.0) == {"preload"}
+
+
 @pytest.mark.parametrize(("odds", "is_tried_anew"), [(-2.0, False), (3.0, False), (5.0, True), (60.0, True)])
 def test_everything_is_tried_anew_beside_a_new_base_only_where_its_gain_could_decide(odds, is_tried_anew):
     """Of effects that lack more than the three nats which the base has gained, none could be named beside it."""
     selection, selector = judged({"coulomb": trial("coulomb", Known(odds + SINGLE))}), Selector.__new__(Selector)
     new_base, bases = trial("", Known(3.0, gain=0.0)), []
-    selector._beside = lambda base_fit, cells: bases.append(base_fit) or selection
+    selector._beside = lambda base_fit, *_: bases.append(base_fit) or selection
     selector._without_effects = lambda *_: new_base
     challenged = replace(selection, base=new_base, members=())
     judge = SimpleNamespace(select=lambda base, *_: challenged if base is new_base else None)
