@@ -188,11 +188,13 @@ def sentence(allocation: Allocation) -> str:
     text = f"{text} {preload_sentence(allocation)}".rstrip()
     if allocation.equal is None:
         return f"{text} Scaling all priced tolerances alike does not reach the target."
+    alike = f"Scaling all of them alike costs {allocation.equal.cost:.3g} and gives {_yield(allocation.equal)}"
+    reached = [choice.yield_estimate.value >= allocation.target for choice in (cheapest, allocation.equal)]
+    if reached[0] != reached[1]:  # what costs less gives less
+        missing = "the tolerances found" if reached[1] else "scaling alike"
+        return f"{text} {alike}: by these checks {missing} miss{'' if reached[1] else 'es'} the target."
     saving = 1 - cheapest.cost / allocation.equal.cost
-    return (
-        f"{text} Scaling all of them alike costs {allocation.equal.cost:.3g} and gives {_yield(allocation.equal)}: the "
-        f"allocation is {100 * saving:.1f} % {'cheaper' if saving >= 0 else 'dearer'}."
-    )
+    return f"{text} {alike}: the allocation is {100 * abs(saving):.1f} % {'cheaper' if saving >= 0 else 'dearer'}."
 
 
 def preload_sentence(allocation: Allocation) -> str:

@@ -73,6 +73,29 @@ def test_units_without_a_result_fail_where_tolerances_are_chosen_and_are_said():
     assert "40 new units, 75.0 % of them without a result, which count as failed" in sentence(answer)
 
 
+@pytest.mark.parametrize(
+    ("found", "alike", "words"),
+    [
+        ((0.98, 1.0), (0.97, 1.25), "the allocation is 20.0 % cheaper."),
+        ((0.98, 1.0), (0.97, 0.8), "the allocation is 25.0 % dearer."),
+        ((0.98, 1.0), (0.93, 0.8), "by these checks scaling alike misses the target."),
+        ((0.94, 0.7), (0.97, 1.0), "by these checks the tolerances found miss the target."),
+    ],
+)
+def test_costs_are_compared_of_tolerances_that_both_reach_the_target(
+    found: tuple[float, float], alike: tuple[float, float], words: str
+) -> None:
+    choices = []
+    for value, cost in (found, alike):
+        check = {ALL_LIMITS: Estimate(value, value - 0.01, value + 0.01, 600), PRELOADED: share(0.0)}
+        choices.append(Choice(np.ones(1), cost, {**check, WITHOUT_RESULT: share(0.0)}))
+    answer = SimpleNamespace(
+        study=load_study("quick", ROOT), stated_choice=choices[0], cheapest=choices[0], equal=choices[1], target=0.95
+    )
+    answer.reaches_target = True
+    assert sentence(answer).endswith(words)
+
+
 @pytest.mark.long
 def test_an_allocation_is_cheaper_than_scaling_alike_and_runs(
     outputs: dict, own_runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
