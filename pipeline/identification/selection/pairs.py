@@ -1,6 +1,6 @@
 """Which two effects together promise most: neither of them need be the best one alone."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -50,14 +50,13 @@ def promising_pairs(
     promises: Mapping[str, Promise],
     effects: Mapping[str, Candidate],
     count: int,
-    least_fall: float,
-    least_further_fall: float,
+    least_falls: Sequence[float],
 ) -> list[tuple[Model, Vector]]:
     """The ``count`` pairs that leave least of the base's misfit, each with a start of its fit.
 
     Two sizes of at least zero are fitted linearly for every two effects, beside all that the base fits. A pair that
-    lowers the sum of squares, in the noise, by less than ``least_fall`` cannot be named and is not fitted. Neither is
-    one that lowers it by less than ``least_further_fall`` more than one of its members alone.
+    lowers the sum of squares, in the noise, by less than the first of ``least_falls`` cannot be named, so is not fitted.
+    Neither is one that lowers it by less than the second one more than one of its members alone.
     """
     screening = Screening(fitter, cells, base, base.sigma)
     probes = [probe for name, promise in promises.items() for probe in _probes(screening, effects[name], promise)]
@@ -69,11 +68,11 @@ def promising_pairs(
             amounts = _amounts(first_probe.change, second.change, goal)
             goal_left = goal - amounts[0] * first_probe.change - amounts[1] * second.change
             further_fall = float(goal @ goal - goal_left @ goal_left) - max(of_single[first_probe], of_single[second])
-            if further_fall * in_noise >= least_further_fall:
+            if further_fall * in_noise >= least_falls[1]:
                 ranked_pairs.append((float(goal_left @ goal_left), first_probe, second, amounts))
     best_vectors: dict[str, tuple[Model, Vector]] = {}
     for misfit_left, first_probe, second, amounts in sorted(ranked_pairs, key=lambda pair: pair[0]):
-        if (float(goal @ goal) - misfit_left) * in_noise < least_fall:
+        if (float(goal @ goal) - misfit_left) * in_noise < least_falls[0]:
             break
         model = Model((first_probe.effect, second.effect))
         start = replace(
