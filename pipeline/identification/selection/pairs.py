@@ -55,8 +55,8 @@ def promising_pairs(
     """The ``count`` pairs that leave least of the base's misfit, each with a start of its fit.
 
     Two sizes of at least zero are fitted linearly for every two effects, beside all that the base fits. A pair that
-    lowers the sum of squares, in the noise, by less than the first of ``least_falls`` cannot be named: it is not fitted.
-    Neither is one that lowers it by less than the second one more than one of its members alone.
+    lowers the sum of squares, in the noise, by less than the first of ``least_falls`` cannot be named; it is not
+    fitted, nor is one that lowers it by less than the second one more than one of its members alone.
     """
     screening = Screening(fitter, cells, base, base.sigma)
     probes = [probe for name, promise in promises.items() for probe in _probes(screening, effects[name], promise)]
