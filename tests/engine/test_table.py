@@ -67,6 +67,11 @@ def test_labels_of_parts_with_different_categories_are_joined(tmp_path) -> None:
     assert list(columns_of(pq.read_table(tmp_path))["kind"]) == ["pin", "roller"]
 
 
+def test_the_ends_of_32_bits_fit() -> None:
+    ends = [-(2**31), 0, 2**31 - 1]
+    assert TABLE.to_arrow(rows(3) | {"sample": ends})["sample"].to_pylist() == ends
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.load_history.backbone import backbone, torque_levels
 from pipeline.model.load_history.friction.output_path import output_path
-from pipeline.model.load_history.turning_crank import CurvesOverCrank
+from pipeline.model.load_history.turning_crank import CurvesOverCrank, stored_energy
 
 TORQUE = np.concatenate([-np.linspace(30, 0.01, 60), np.linspace(0.01, 30, 60)])
 RATIO = -13.0
@@ -163,6 +163,20 @@ def test_the_motor_of_a_preloaded_drive_feels_its_energy_over_the_crank_angle():
     assert locked.crank[node] == pytest.approx(0.4, abs=1e-9)
     assert locked.torque[node] == pytest.approx(case.torque[node] + 9.0 * work, rel=5e-4)
     assert abs(locked.torque[node] / case.torque[node] - 1) > 0.004
+
+
+def test_the_energy_of_preload_falls_with_each_gap_by_the_force_there():
+    """Whatever the laws of contacts, bodies and bearings: dU/dgap = -F at equilibrium without torque."""
+    drive, shares = small_drive(1, play=-4e-3), torque_levels(4, 1.0)
+    curve = backbone(drive, shares)
+    force = curve.limits.force[0, 0]
+    assert np.count_nonzero(force) > 3
+    for contact in np.argsort(-force)[:3]:
+        step = np.zeros_like(drive.shift)
+        step[0, contact] = 1e-6
+        wider, closer = (drive.with_added_gap(sign * step) for sign in (1.0, -1.0))
+        energies = [stored_energy(one, backbone(one, shares), 0)[1] for one in (wider, closer)]
+        assert (energies[0] - energies[1]) / 2e-6 == pytest.approx(-force[contact], rel=2e-3)
 
 
 def test_the_energy_without_torque_acts_on_its_own_side_of_the_play():
