@@ -167,10 +167,9 @@ class Selector:
         base = self.trial(base_fit, cells, tries.covariance)
         promises = self.screen(cells, base.fit, names)
         fits = self.fits(base.fit, cells, promises)
-        falls = tuple(least_fall(MOST_NAMED, len(self.testable), n_before) for n_before in (0, MOST_NAMED - 1))
-        for model, start in promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, falls):
-            rival_cost = _rival_cost(fits, base.fit.cost - falls[0])
-            fits.append(self.fitter.fit_from_best(model, cells, [start], None, rival_cost))
+        fall = least_fall(MOST_NAMED, len(self.testable))
+        for model, start in promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, fall):
+            fits.append(self.fitter.fit_from_best(model, cells, [start], None, _rival_cost(fits, base.fit.cost - fall)))
         trials = {f.model.name: self.trial(f, cells, tries.covariance, base) for f in fits if np.isfinite(f.cost)}
         promised_misfits = {name: promise.misfit for name, promise in promises.items()}
         if former is not None:

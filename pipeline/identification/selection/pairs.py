@@ -1,6 +1,6 @@
 """Which two effects together promise most: neither of them need be the best one alone."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -17,7 +17,7 @@ LARGEST_AMOUNT: Shortcut = 1.5
 """Size of an effect, in that which it would need alone, up to which its change of the curves is scaled."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class _Probe:
     """One effect at the size that it would need alone.
 
@@ -33,11 +33,6 @@ class _Probe:
     zero: Real
     change: Real
 
-    def fall(self, goal: Real) -> float:
-        """Fall of the square of a ``goal`` (n_cells + n_priors,) by the effect alone."""
-        amount = np.clip(self.change @ goal / (self.change @ self.change), 0.0, LARGEST_AMOUNT)
-        return float(goal @ goal - np.sum((goal - amount * self.change) ** 2))
-
     def shares_at(self, amount: float) -> Real:
         """Shares of the bounds at a share of this size."""
         return np.clip(self.zero + amount * (self.shares - self.zero), 0.0, 1.0)
@@ -50,29 +45,25 @@ def promising_pairs(
     promises: Mapping[str, Promise],
     effects: Mapping[str, Candidate],
     count: int,
-    least_falls: Sequence[float],
+    least_fall: float,
 ) -> list[tuple[Model, Vector]]:
     """The ``count`` pairs that leave least of the base's misfit, each with a start of its fit.
 
     Two sizes of at least zero are fitted linearly for every two effects, beside all that the base fits. A pair that
-    lowers the sum of squares, in the noise, by less than the first of ``least_falls`` cannot be named; it is not
-    fitted, nor is one that lowers it by less than the second one more than one of its members alone.
+    lowers the sum of squares, in the noise, by less than ``least_fall`` cannot be named and is not fitted.
     """
     screening = Screening(fitter, cells, base, base.sigma)
     probes = [probe for name, promise in promises.items() for probe in _probes(screening, effects[name], promise)]
     goal = screening.unfollowed_part(screening.residual_left)
     ranked_pairs, in_noise = [], base.cost / max(float(goal @ goal), 1e-300)
-    of_single = {probe: probe.fall(goal) for probe in probes}
     for first_probe, second in combinations(probes, 2):
         if first_probe.effect is not second.effect:
             amounts = _amounts(first_probe.change, second.change, goal)
             goal_left = goal - amounts[0] * first_probe.change - amounts[1] * second.change
-            further_fall = float(goal @ goal - goal_left @ goal_left) - max(of_single[first_probe], of_single[second])
-            if further_fall * in_noise >= least_falls[1]:
-                ranked_pairs.append((float(goal_left @ goal_left), first_probe, second, amounts))
+            ranked_pairs.append((float(goal_left @ goal_left), first_probe, second, amounts))
     best_vectors: dict[str, tuple[Model, Vector]] = {}
     for misfit_left, first_probe, second, amounts in sorted(ranked_pairs, key=lambda pair: pair[0]):
-        if (float(goal @ goal) - misfit_left) * in_noise < least_falls[0]:
+        if (float(goal @ goal) - misfit_left) * in_noise < least_fall:
             break
         model = Model((first_probe.effect, second.effect))
         start = replace(

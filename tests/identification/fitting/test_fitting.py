@@ -380,7 +380,7 @@ def test_what_is_named_is_still_so_beside_a_better_fit_without_effects(exact_uni
     declared, beside, bases = selector.fitter.fit(Model(), cells, start, 0), selector._beside, []
     better = selector.trial(selector.recalibrate(cells), cells, Covariance(unit.data, cells, unit.data.position))
     monkeypatch.setattr(selector, "recalibrate", lambda _: declared)
-    monkeypatch.setattr(selector, "_beside", lambda base, cells: bases.append(base) or beside(base, cells))
+    monkeypatch.setattr(selector, "_beside", lambda base, *known: bases.append(base) or beside(base, *known))
     monkeypatch.setattr(selector, "_without_effects", lambda selection, _: selection.base if bases[1:] else better)
     selection = selector.select(cells)
     assert selection.members == names

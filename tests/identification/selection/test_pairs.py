@@ -50,10 +50,7 @@ def test_a_pair_is_found_though_a_third_effect_is_the_best_alone(monkeypatch):
     bounds = {"coulomb": (0.0, 5.0), "torque_zero": (-5.0, 5.0), "bearing_clearance": (0.0, 5.0)}
     fitter = SimpleNamespace(problem=SimpleNamespace(bounds=lambda effect: (bounds[effect.name],)))
     promises = {name: Promise(0.5, (Vector(np.zeros(0), np.array([0.9]), np.zeros(0)),)) for name in NAMES}
-    of_all = fitter, np.ones(50, bool), base, promises, effects, 3
-    (model, start), *remaining = promising_pairs(*of_all, (0.0, -1.0))
+    (model, start), *remaining = promising_pairs(fitter, np.ones(50, bool), base, promises, effects, 3, 0.0)
     assert model.name == "coulomb+torque_zero"
     np.testing.assert_allclose(start.shares, [0.7 * 0.9, 0.5 + 0.4 * (0.9 - 0.5)], atol=1e-9)
     assert len(remaining) == 2
-    (further,) = promising_pairs(*of_all, (0.0, 0.1))  # the third effect alone leaves 5 % of the misfit
-    assert further[0].name == "coulomb+torque_zero"
