@@ -86,9 +86,8 @@ def _flank(frames: Frames) -> Drawing:
         "flank",
         "Gap of the drawn flank",
         f"What the drawn flank leaves to nominal pins before any take-up, {flank_fact(design)}; crank angle of the "
-        f"pins {plain_number(frames.crank_deg)}°. First order fails at the roots, where the centre of "
-        "curvature of the flank "
-        "is close to the pin's.",
+        f"pins {plain_number(frames.crank_deg)}°. Small motions close the gap along the nominal normal. The distance "
+        "is less near the roots, where the nearest point of the flank lies beside the one that the normal meets.",
         partial(nominal_gap_figure, nominal_gap_curve(design), nominal_gaps(design, frames.crank_deg), lobes_differ),
     )
 
