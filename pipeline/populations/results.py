@@ -14,6 +14,10 @@ from pipeline.populations.comparison import TESTS, MetricComparison
 from pipeline.populations.single_units import SingleUnits
 from pipeline.populations.tolerance_shift import Candidate, Closing
 
+OTHER_UNIT = 5.0
+"""Ratio of the means of units and study, or its inverse, from which a metric may be in another unit: one arcmin is 60
+arcsec, and one kgf m 9.8 N m. No tolerance makes a fifth of a rigidity."""
+
 
 def comparison_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
     """One row a metric and crank angle (empty: `turn_statistic` the crank angles of the study)."""
@@ -70,7 +74,19 @@ def quantile_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
 
 
 def sentence(closing: Closing, comparisons: Sequence[MetricComparison]) -> str:
-    """What the comparison of a crank angle says: of all metrics together, and where these say nothing of each alone."""
+    """What the comparison of a crank angle says, and which metrics may be in another unit."""
+    far_off = [
+        f"{library()[one.metric].inline} ({ratio:.3g} times the study's)"
+        for one in comparisons
+        if (usual := float(np.mean(one.samples))) > 0  # play is zero where all units are preloaded
+        and not 1 / OTHER_UNIT < (ratio := float(np.mean(one.units)) / usual) < OTHER_UNIT
+    ]
+    check = f" Check the unit of {' and '.join(far_off)}." if far_off else ""
+    return f"{_means_sentence(closing, comparisons)}{check}"
+
+
+def _means_sentence(closing: Closing, comparisons: Sequence[MetricComparison]) -> str:
+    """Of all metrics together, and where these say nothing of each alone."""
     if closing.why_not:
         return f"Whether the units' means differ from the study's is not tested: {closing.why_not}."
     if not closing.has_bias:

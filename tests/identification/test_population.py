@@ -295,12 +295,16 @@ def test_two_units_have_a_bias_and_no_test(population):
 
 def test_a_test_of_all_metrics_does_not_hide_the_bias_of_one():
     """Twelve units may differ in one metric by far more than its interval, and not by all metrics together."""
-    one = SimpleNamespace(metric=LOST, bias=Estimate(0.18, 0.07, 0.29, 12))
-    other = SimpleNamespace(metric=WIDTH, bias=Estimate(0.1, -0.1, 0.3, 12))
+    values = {"units": np.full(3, 1.2), "samples": np.ones(3)}
+    one = SimpleNamespace(metric=LOST, bias=Estimate(0.18, 0.07, 0.29, 12), **values)
+    other = SimpleNamespace(metric=WIDTH, bias=Estimate(0.1, -0.1, 0.3, 12), **values)
     text = sentence(Closing(0.062, ()), [one, other])
     assert text.startswith("All metrics together show no difference")
     assert "the interval of the bias excludes zero for lost motion: " in text
     assert "Alone" not in sentence(Closing(0.062, ()), [other])
+    assert "Check the unit" not in text
+    in_seconds = SimpleNamespace(**{**vars(one), "units": np.full(3, 72.0)})
+    assert sentence(Closing(0.062, ()), [in_seconds]).endswith("Check the unit of lost motion (72 times the study's).")
 
 
 def test_units_csv_with_empty_values(tmp_path):

@@ -75,7 +75,6 @@ STUDY, FORCES = "li_guan", Path("data") / "published" / "li_guan_forces.csv"
 LIMIT = 5e-4
 """Of the largest force: the published ones are rounded to 0.1 N."""
 VARIANTS = (
-    ("exact distances for their first order", {"clearance": {"method": "exact"}}),
     ("Hertz on a solid disk for their linear law", {"springs": {"law": "hertz", "stiffness_N_per_mm": None}}),
     ("an elastic disk for their rigid one", {"reduce": {"disk": "elastic"}}),
 )
