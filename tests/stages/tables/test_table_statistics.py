@@ -1,5 +1,7 @@
 """Statistics of the tables: what they are of, and what failed samples and missing numbers leave of them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,6 +12,7 @@ from pipeline.model.load_history.response import respond
 from pipeline.model.metrics import library
 from stages import hysteresis
 from stages.tables.convergence import convergence_rows, worst_of_stride
+from stages.tables.distributions import distribution_rows
 from stages.tables.turn import Turn
 
 
@@ -94,6 +97,23 @@ def test_a_number_without_meaning_is_no_unit_beyond_the_limit(study):
     rows = convergence_rows(study, strides, np.full(4, True), {})
     rows = pd.DataFrame(rows).set_index("metric")
     assert rows.loc[["lost_motion_arcmin", "all_limits"], "yield"].isna().all()
+
+
+def test_units_without_a_result_lower_the_lower_end_of_a_yield(frames, study):
+    """Three of eight units have no metrics; the others keep a limit that none reaches. Of one angle none is known."""
+    units = frames["aggregate/units"].iloc[1:].copy()
+    lost = [f"{name}_{value}" for name in library() for value in ("worst", "mean", "best")]
+    units.loc[units.index[:3], lost] = np.nan
+    study = study.model_copy(update={"limits": study.limits.model_copy(update={"lost_motion_arcmin": 1e3})})
+    no_result = {name: np.full(len(units) + 1, np.nan) for name in (*library(), "preloaded")}
+    shortfalls = {"whole_turn": pd.DataFrame(0.0, index=range(2), columns=list(library()))}
+    rows = distribution_rows(study, SimpleNamespace(columns_at=lambda _: no_result), units, shortfalls)
+    table = pd.DataFrame(rows).query("metric == 'lost_motion_arcmin' and statistic == 'yield'").set_index("over")
+    of_five = 0.025 ** (1 / 5)  # Clopper and Pearson, of five that all pass
+    for over in ("worst", "whole_turn"):
+        row = table.loc[over]
+        assert (row["value"], row["n"]) == (1.0, 5)
+        assert row["ci_low"] == pytest.approx(of_five * 5 / 8, rel=1e-6), over
 
 
 @pytest.mark.long
