@@ -180,8 +180,7 @@ class Search:
         value, slope = np.stack(values, axis=1), np.stack(slopes, axis=1)
         typical = np.nan_to_num(np.nanmedian(slope, axis=0))  # of units for which the rough model has no value
         slope = np.where(np.isfinite(slope), slope, typical)
-        failing = max(float(np.nanmax(value, initial=0.0)), 1.0)  # of a unit without a result: no better than any other
-        return LinearUnits(scale, np.where(np.isfinite(value), value, failing), slope)
+        return LinearUnits(scale, with_failures(value), slope)
 
     def improve(self, best_trial: Trial, aim: float, target: float) -> Trial:
         """The best trial of a search from ``best``.
@@ -212,6 +211,12 @@ class Search:
         """The limit that most units break, as the study states it."""
         worst_limit = tails(self.study)[int(np.argmax(np.mean(units.value > 0, axis=0)))].metric
         return f"{worst_limit} = {self.study.limits.of_metrics[worst_limit]:g}"
+
+
+def with_failures(badness: Real) -> Real:
+    """Badness (n, n_limits) in which units without a value fail, and no less than any other unit."""
+    failing = max(float(np.nanmax(badness, initial=0.0)), 1.0)
+    return np.where(np.isfinite(badness), badness, failing)
 
 
 def yield_text(yield_estimate: Estimate) -> str:

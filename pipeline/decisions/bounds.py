@@ -137,10 +137,8 @@ def findings(
             evaluate = partial(_metric_at, solve, box, crank, metric)
             if metric not in rigid:
                 sign = -1.0 if library()[metric].smaller_is_worse else 1.0
-                signed = partial(_signed_value, evaluate, sign)
-                climbs = [coordinate_search(box, signed, start) for start in (box.centre, *box.drawn_vertices(STARTS))]
-                quantity = WORST_FOUND if all(climb.is_complete for climb in climbs) else WORST_OF_VALID
-                bounds.append(Bound(metric, crank, quantity, sign * max(climb.value for climb in climbs)))
+                quantity, worst_value = _worst_found(box, partial(_signed_value, evaluate, sign))
+                bounds.append(Bound(metric, crank, quantity, sign * worst_value))
             linear = stack(study, box, evaluate, numbers)
             is_finite = np.isfinite(drawn_metrics[metric])
             full, of_stack = (
@@ -157,6 +155,13 @@ def findings(
         if name in library() and units[name].notna().sum() > 1
     ]
     return BoundFindings(study, tuple(bounds), tuple(stacks), tuple(contributions), tuple(capabilities))
+
+
+def _worst_found(box: Box, evaluate: Evaluate) -> tuple[str, float]:
+    """The largest value that a search from the centre or from a drawn vertex finds, and what it is."""
+    climbs = [coordinate_search(box, evaluate, start) for start in (box.centre, *box.drawn_vertices(STARTS))]
+    quantity = WORST_FOUND if all(climb.is_complete for climb in climbs) else WORST_OF_VALID
+    return quantity, max(climb.value for climb in climbs)
 
 
 def _metric_at(solve: SolveAt, box: Box, crank_deg: float, metric: str, points: Real) -> Real:

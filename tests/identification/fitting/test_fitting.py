@@ -388,6 +388,21 @@ def test_what_is_named_is_still_so_beside_a_better_fit_without_effects(exact_uni
     assert selection.base.fit.cost == better.fit.cost < 0.9 * declared.cost
 
 
+@pytest.mark.parametrize(("fall", "passes"), [(1.0, 1), (5.0, 1), (400.0, 4)])
+def test_a_fit_that_misses_much_is_refined_while_passes_take_a_share_of_it(fall, passes):
+    """Of 100 cells with a sum of squares of 10,100 a pass goes on if it takes more than 2 % of 10,000."""
+    fitter, done = Fitter.__new__(Fitter), []
+
+    def further(*_):
+        done.append(1)
+        return SimpleNamespace(cost=10_100 - 0.5 * fall * len(done), sound=True, unknowns=None, model=None)
+
+    fitter.fit_averaged = fitter.fit_by_load = further
+    start = SimpleNamespace(cost=10_100.0, sound=True, unknowns=None, model=None)
+    fitter.refine(start, np.ones(100, bool), None)
+    assert len(done) == 2 * passes
+
+
 @pytest.mark.long
 def test_of_fits_without_effects_that_miss_as_much_the_most_probable_counts(unknown):
     """One where contacts hold the numbers more closely is less probable by what they may then be."""

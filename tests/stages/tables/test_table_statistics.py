@@ -8,9 +8,12 @@ import pytest
 from small_study import run_study
 
 from pipeline import assembly
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.load_history.response import respond
 from pipeline.model.metrics import library
-from stages import hysteresis
+from pipeline.sampling.errors import draw
+from stages import clearance, hysteresis
 from stages.tables.convergence import convergence_rows, worst_of_stride
 from stages.tables.distributions import distribution_rows
 from stages.tables.turn import Turn
@@ -97,6 +100,19 @@ def test_a_number_without_meaning_is_no_unit_beyond_the_limit(study):
     rows = convergence_rows(study, strides, np.full(4, True), {})
     rows = pd.DataFrame(rows).set_index("metric")
     assert rows.loc[["lost_motion_arcmin", "all_limits"], "yield"].isna().all()
+
+
+def test_the_largest_backlash_is_one_with_finite_motions(study, monkeypatch):
+    """They take a tenth of an arcmin off: then further angles may have the largest, until one of them is looked at."""
+    monkeypatch.setattr(clearance, "LARGEST", 1)
+    monkeypatch.setattr(Drive, "backlash_change", property(lambda drive: np.full(len(drive.gap), -0.1 / ARCMIN)))
+    units = draw(study, 1, 5)
+    plays = [play for _, _, play in clearance.rigid_plays(study, units)]
+    backlash = np.stack([play.backlash for play in plays], axis=1)
+    change = clearance._finite_motion(study, units, plays)
+    leading = np.argmax(backlash + change, axis=1)
+    assert np.all(change[np.arange(4), leading] < 0)
+    assert np.any(np.count_nonzero(change, axis=1) > 1)
 
 
 def test_units_without_a_result_lower_the_lower_end_of_a_yield(frames, study):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.decisions import allocation as allocation
-from pipeline.decisions.allocation_search import Search, Trial, yield_text
+from pipeline.decisions.allocation_search import Search, Trial, with_failures, yield_text
 from pipeline.decisions.cheapest import LinearUnits, _log_loss, _soft_yield
 from pipeline.statistics.intervals import pass_share
 
@@ -78,6 +78,12 @@ def test_slopes_of_the_soft_yield_and_the_loss_are_their_derivatives(value):
     slope = value(units, logs)[1]
     ends = [[value(units, logs + sign * step * axis)[0] for sign in (1, -1)] for axis in np.eye(3)]
     np.testing.assert_allclose(slope, [(high - low) / (2 * step) for high, low in ends], rtol=1e-5)
+
+
+def test_a_unit_without_a_value_fails_as_much_as_the_worst():
+    badness = np.array([[-1.0, 0.5], [np.nan, -2.0], [3.0, np.nan]])
+    np.testing.assert_array_equal(with_failures(badness), [[-1.0, 0.5], [3.0, -2.0], [3.0, 3.0]])
+    assert np.all(with_failures(np.array([[-1.0], [np.nan]])) == [[-1.0], [1.0]]), "where all others pass too"
 
 
 def test_no_two_rounds_or_checks_share_a_unit(search):

@@ -9,6 +9,7 @@ import pytest
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.studies.tolerances import Tolerances
+from pipeline.decisions.bounds import WORST_FOUND, WORST_OF_VALID, _worst_found
 from pipeline.decisions.box import Box, coordinate_search
 from pipeline.decisions.play_bounds import (
     ATTAINED_BOUND,
@@ -140,3 +141,18 @@ def test_output_pins_in_their_zones_play_at_most_as_all_pins_of_a_side_at_its_ed
     values = backlash(box, 50.0, points)
     assert values.max() <= bounds[ATTAINED_BOUND] * (1 + 1e-9)
     assert bounds[LEAST_BOUND] <= bounds[LEAST_FOUND] <= values.min()
+
+
+def test_the_worst_under_load_is_sought_from_vertices_too():
+    """A ridge that no single error leads to from the centre: both errors at one end together."""
+    box = Box.from_study(few_errors(disk_profile={}, eccentricity={}))
+    first, second = box.columns[:2]
+
+    def height(points):
+        both = (points[:, first] > 0.9) & (points[:, second] < 0.1)
+        return np.where(both, 5.0, -np.abs(points[:, first] - 0.5) - np.abs(points[:, second] - 0.5))
+
+    assert coordinate_search(box, height, box.centre).value == 0.0
+    assert _worst_found(box, height) == (WORST_FOUND, 5.0)
+    cut_off = _worst_found(box, lambda points: np.where(height(points) < -0.9, np.nan, height(points)))
+    assert cut_off[0] == WORST_OF_VALID
