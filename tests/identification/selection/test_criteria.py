@@ -380,6 +380,21 @@ def test_what_leads_with_no_more_beside_it_than_the_form_leaves_is_fitted_from_a
     assert set(refined) == {"coulomb", "presliding"}
 
 
+def test_a_fit_that_misses_many_times_as_much_as_the_best_is_not_refined():
+    """Its passes would take seconds; beyond three times the best sum of squares fits end early elsewhere, too."""
+    costs = {"coulomb": (9000.0, 24.0), "presliding": (8985.0, 60.0), "rayleigh": (100.0, 20_000.0)}
+    trials = {name: trial(name, Known(value)) for name, (value, _) in costs.items()}
+    trials = {name: replace(one, fit=replace(one.fit, cost=costs[name][1])) for name, one in trials.items()}
+    refined, selector = [], Selector.__new__(Selector)
+    selector.fitter = SimpleNamespace(refine=lambda fit, *_: refined.append(fit.model.name) or fit)
+    selector.trial = lambda fit, *_: trials[fit.model.name]
+    problem = SimpleNamespace(data=SimpleNamespace(block=np.arange(24)), record={"time": 9.0, "cycles": 9.0})
+    fitter = SimpleNamespace(problem=problem, bounds=lambda model: [(-2.0, 8.0)] * model.n_parameters)
+    cells = np.ones(24, bool)
+    selector._with_refined_fits(judged(trials), Tries(cells, None, Judge(fitter, cells, TRIED)))
+    assert set(refined) == {"coulomb", "presliding"}
+
+
 def test_a_rival_whose_fit_is_far_from_its_most_probable_unknowns_is_predicted_there_too():
     """Its linear evidence may be too small by as much as it promises, or by 25 nats; one that lacks more stays behind.
 
