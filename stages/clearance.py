@@ -20,8 +20,8 @@ from stages.sample import SAMPLED_TABLES, errors_of_columns
 from stages.tables.keys import CONTACT, CRANK, SAMPLE, repeated_axes
 
 LARGEST = 3
-"""Crank angles of a unit, of its largest backlash, at which finite motions are looked at at once; then more, until the
-largest with them is known."""
+"""Crank angles of a unit, those of its largest backlash, at which finite motions are computed first. More follow until
+the largest backlash is one with finite motions."""
 CONTACTS = Table(
     "contacts",
     "contact, loaded crank (the nominal reducer)",

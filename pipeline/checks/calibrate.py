@@ -37,7 +37,7 @@ file in other units is off by a factor."""
 
 @dataclass(frozen=True)
 class Target:
-    """A published metric of one case; the tolerances, as published [um], say which case that is and enter no fit."""
+    """A published metric of one case; the published tolerances [um] only identify the case."""
 
     case: str
     tolerance_disk_um: float

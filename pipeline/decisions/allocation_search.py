@@ -214,7 +214,7 @@ class Search:
 
 
 def with_failures(badness: Real) -> Real:
-    """Badness (n, n_limits) in which units without a value fail, and no less than any other unit."""
+    """Badness (n, n_limits) with the worst known value, at least 1, for a missing one, so that the unit fails."""
     failing = max(float(np.nanmax(badness, initial=0.0)), 1.0)
     return np.where(np.isfinite(badness), badness, failing)
 

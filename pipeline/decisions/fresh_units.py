@@ -20,7 +20,7 @@ Solve = Callable[[Errors], tuple[Angles, Angles]]
 PRELOADED = "preloaded"
 """Name, beside the metrics over the turn, of whether the gaps of a unit interfere at some crank angle."""
 WITHOUT_RESULT = "without result"
-"""The same of whether a unit has no value of a limited metric: the model is not valid for it, or no state was found."""
+"""Name, as ``PRELOADED``, of whether a unit lacks a metric with a limit: invalid for the model, or no state found."""
 BATCH = 500
 """Units that are solved together."""
 
@@ -58,9 +58,10 @@ def fresh_values(study: Study, start: int, units: int, solve: Solve, jobs: int) 
 
 
 def yields(study: Study, values: Mapping[str, Real], missing_fail: bool = False) -> dict[str, Estimate]:
-    """Yield by metric and against all limits, of the units (n,) that have a value, or of all if ``missing_fail``.
+    """Yield by metric and against all limits of units (n,).
 
-    Else those without a value count in the lower end of the interval alone as if they failed.
+    Units without a value fail if ``missing_fail``. Otherwise they are left out, but the lower end of the interval
+    counts them as failed.
     """
     shares = {}
     for name, within_limits in study.limits.pass_flags(values).items():

@@ -43,9 +43,9 @@ def tail_sentences(rows: pd.DataFrame) -> Iterator[str]:
 
 
 def tail_remarks(rows: pd.DataFrame, study: Study) -> Iterator[str]:
-    """What the shares and quantiles of the table `tails` are of, and which units and limits they leave out."""
+    """Which crank angles the rows of the table `tails` count, and which units and limits they do not."""
     level = f"{100 * study.metrics.confidence:.3g} %"
-    yield f"Of the {study.limits.over} of {len(study.cycle.crank_deg)} loaded crank angles; intervals of {level}"
+    yield f"For the {study.limits.over} value over {len(study.cycle.crank_deg)} loaded crank angles; {level} intervals"
     units = study.tails.units if study.tails else 0
     if missing := units - int(rows["units"].min()):
         yield (

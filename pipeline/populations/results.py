@@ -97,8 +97,8 @@ def _means_sentence(closing: Closing, comparisons: Sequence[MetricComparison]) -
         if not titles:
             return text
         return (
-            f"{text} Alone, the interval of the bias excludes zero for {' and '.join(titles)}: few units leave the "
-            "test of all metrics little power. Measure more units before you call them alike."
+            f"{text} The 95 % interval of a single metric excludes zero: {' and '.join(titles)}. With few units the "
+            "test of all metrics has little power. Measure more units before you call them alike."
         )
     closers = [candidate for candidate in closing.candidates if candidate.closes]
     if not closers:

@@ -33,7 +33,7 @@ def test_units_and_limits_that_the_shares_leave_out_are_said():
     study = load_study("quick", ROOT)
     study = study.model_copy(update={"tails": Tails(units=20_000, solve=1_500)})
     whole, part = (list(tail_remarks(pd.DataFrame({"units": [units]}), study)) for units in (20_000, 19_320))
-    assert whole[0].startswith("Of the worst of 2 loaded crank angles")
+    assert whole[0].startswith("For the worst value over 2 loaded crank angles")
     assert "About 680 of 20,000 units have no result" in part[1]
     assert "34,000 units in a million" in part[1]
     assert [line for line in whole if "clearance backlash is not among these" in line] == whole[1:]

@@ -145,7 +145,8 @@ def test_planets_that_run_into_each_other_are_refused():
     data = tomllib.loads((ROOT / "data/designs/rv_40e.toml").read_text())
     assert data["output"]["first_stage"] == {**data["output"]["first_stage"], "sun_teeth": 12, "planet_teeth": 36}
     problems = design_problems(changed(data, "output.first_stage.planet_teeth", 80))
-    assert any("planet_teeth = 80; must be < 77.57 beside a sun of 12 teeth" in problem for problem in problems)
+    requirement = "planet_teeth = 80; must be < 77.57, or the pitch circles of the 3 planets overlap"
+    assert any(requirement in problem for problem in problems)
 
 
 def test_pins_that_overlap_on_the_circle(design_data):

@@ -115,14 +115,9 @@ class Carrier(OutputMechanism):
                 f"must be < {pitch / 2:.4g} mm, half the distance of the {self.cranks} cranks, or the holes overlap",
             )
         if pitch <= 2 * self.planet_pitch_radius_mm:
-            stage = self.first_stage
-            most = stage.sun_teeth * sin(pi / self.cranks) / (1 - sin(pi / self.cranks))
-            yield Mistake(
-                "output.first_stage.planet_teeth",
-                stage.planet_teeth,
-                f"must be < {most:.4g} beside a sun of {stage.sun_teeth} teeth, or the {self.cranks} planets run into "
-                "each other (their pitch circles overlap)",
-            )
+            most = self.first_stage.sun_teeth / (1 / sin(pi / self.cranks) - 1)
+            requirement = f"must be < {most:.4g}, or the pitch circles of the {self.cranks} planets overlap"
+            yield Mistake("output.first_stage.planet_teeth", self.first_stage.planet_teeth, requirement)
         if cycloid and circle + hole >= cycloid.root_radius_mm:
             yield Mistake(
                 "output.crank_circle_radius_mm",

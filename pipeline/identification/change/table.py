@@ -122,26 +122,11 @@ def loop_table(states: Sequence[State], n_compared: int) -> LoopTable:
     loops = [{size: curves_at(states[number], place, size) for size in sizes} for number, place in rows]
     of_sizes = {size: replace(size, compared=_common_reach([curves[size] for curves in loops])) for size in sizes}
     loops = [{of_sizes[size]: curve for size, curve in curves.items()} for curves in loops]
-    sizes, tops = list(of_sizes.values()), {size: size.compared for size in of_sizes.values()}
-    halves = [
-        [
-            {
-                size: loop_of(curve.half(first_point), tops[size])
-                for size, curve in curves.items()
-                if curve.reach >= tops[size] > 0
-            }
-            for curves in loops
-        ]
-        for first_point in (0, 1)
-    ]
-    read = [
-        {size: loop_of(curve, tops[size]) for size, curve in curves.items() if curve.reach >= tops[size] > 0}
-        for curves in loops
-    ]
-    every = tuple(LoopNumber(kind, size) for size in sizes for kind in KINDS)
+    read = [_loops_read(curves) for curves in loops]
+    every = tuple(LoopNumber(kind, size) for size in of_sizes.values() for kind in KINDS)
     values, first_point, second = (
         np.array([[_value(number, curves) for number in every] for curves in part]).reshape(len(rows), len(every))
-        for part in (read, *halves)
+        for part in (read, *([_loops_read(curves, first_point) for curves in loops] for first_point in (0, 1)))
     )
     state = np.array([number for number, _ in rows])
     complete = np.isfinite(values[state < n_compared]).all(axis=0)
@@ -164,6 +149,15 @@ def loop_table(states: Sequence[State], n_compared: int) -> LoopTable:
         loops=tuple(curves for curves, is_kept in zip(read, is_complete, strict=True) if is_kept),
         curves=tuple(curves for curves, is_kept in zip(loops, is_complete, strict=True) if is_kept),
     )
+
+
+def _loops_read(curves: dict[LoopSize, Curves], first_point: int | None = None) -> dict[LoopSize, Loop]:
+    """Loops up to the torque of comparison: of all points, or of every second one from ``first_point`` on."""
+    return {
+        size: loop_of(curve if first_point is None else curve.half(first_point), size.compared)
+        for size, curve in curves.items()
+        if curve.reach >= size.compared > 0
+    }
 
 
 def _shared_error(errors: Real) -> Real:

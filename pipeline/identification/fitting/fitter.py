@@ -29,7 +29,7 @@ PASSES: ShortcutCount = 4
 FALL_OF_PASS: Shortcut = 2.0
 """Fall of the sum of squares, that of one nat, from which a further pass is tried."""
 FALL_OF_LARGE_MISFIT: Shortcut = 0.02
-"""The same as a share of the sum of squares beyond noise: a fit that misses much need be no better than that."""
+"""The same as a share of the sum of squares beyond noise: where a fit misses much, smaller falls do not matter."""
 WELL_FITTED: Shortcut = 1.1
 """Mean square of a cell, in noise, below which further starts are not refined: one start of the model without effects
 is then enough, and so is a plain fit of a ripple."""

@@ -410,7 +410,7 @@ def _promising(selection: Selection) -> list[str]:
 
 
 def _close_effects(selection: Selection, gain: float) -> set[str]:
-    """The effects of models that lack less than a gain of the logarithm of the evidence to a name."""
+    """Effects of the models that could be named if the logarithm of their evidence grew by ``gain``."""
     return {effect for name, odds in selection.odds.items() if odds + gain >= NAMED_ODDS for effect in name.split("+")}
 
 

@@ -330,16 +330,14 @@ def pin_gaps(
     -----
     Seen from a disk that moves its pins move the other way: exact where ``method`` is.
 
-    Without a motion the errors open a gap as ``method`` says, and the modification of the flank to first order: the
-    contacts of small motions keep their normals and arms, and a gap along them is what these close. The distance from a
-    modified flank is less near a root, where the nearest point lies beside the one that the normal meets: the paper's
-    flank, turned by 1 arcmin, would have a play of 0.3 arcmin in place of 2.
+    Without a motion a modification of the flank opens the gap to first order, whatever the method for errors: small
+    motions keep normals and arms, and close gaps along them. Near a root the nearest point of a modified flank lies
+    beside that normal: by distances the paper's flank, rotated by 1 arcmin, would play by 0.3 arcmin, not by 2.
     """
     if motion is None and method == "exact" and profile.modification != NOMINAL:
         generated = replace(profile, modification=NOMINAL)
-        return pin_gaps(generated, disk, errors, method=method, disk_reading=disk_reading) + modification_gaps(
-            profile, disk
-        )
+        gap = pin_gaps(generated, disk, errors, method=method, disk_reading=disk_reading)
+        return gap + modification_gaps(profile, disk)
     errors = _with_pins_turned(disk, errors)
     if motion is not None:
         translation, rotation = (values[:, None] for values in motion)

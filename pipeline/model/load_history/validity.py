@@ -59,7 +59,7 @@ def _rotation(drive: Drive, response: CycleResponse, largest_torque: float) -> R
 
 
 def _clearance(drive: Drive, response: CycleResponse, torque: float) -> Real:
-    """Largest gap (n,) that a pin or a hole closes which carries at +-``torque``, and the largest of a bearing [mm]."""
+    """Largest gap (n,) that a loaded pin or hole closes at +-``torque``, or clearance of a bearing if larger [mm]."""
     contacts = drive.reducer.contacts
     is_round = (contacts.kind == PIN) | (contacts.hole >= 0)  # the normal of a flat does not turn with its gap
     steps = [_steps_of(response, "loading+", torque), _steps_of(response, "loading-", -torque)]
