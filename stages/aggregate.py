@@ -288,6 +288,7 @@ AGGREGATE = Stage(
         "cycle.has_turn_search",
         "cycle.turn_deg",
         "cycle.rigid_crank_deg",
+        "cycle.even_crank_deg",
     ),
     tables=(METRICS, UNITS, DISTRIBUTIONS, CONVERGENCE, SAMPLE_CONVERGENCE, SENSITIVITY, TRANSMISSION, ORDERS),
     module="stages.aggregate",

@@ -138,6 +138,7 @@ DRIVERS = Stage(
         "cycle.evenly_loaded",
         "cycle.turn_deg",
         "cycle.rigid_crank_deg",
+        "cycle.even_crank_deg",
     ),
     tables=(UNITS,),
     module="stages.drivers",

@@ -3,20 +3,20 @@ An RV turn
 ==========
 
 An RV reducer has a planetary stage and several crankshafts that carry two disks. Its transmission error
-repeats with the planets, the cranks and the pins: orders of the turn. The disks are rigid here, as in many published
-models; ``"reduce.disk": "elastic"`` meshes them.
+repeats with the planets, the cranks and the pins: orders of the output's turn. The disks are rigid here, as in many
+published models; ``"reduce.disk": "elastic"`` meshes them.
 """
 
 from matplotlib import pyplot as plt
 
 from pipeline import load_study, run
 
+angles = 323  # at least eight in each of the 39 turns of the crank, and no common factor with the 40 pins
 study = load_study("rv_two_disks").with_(
     {
         "name": "gallery_rv",
         "samples.count": 4,
-        "cycle.turn": "crank",
-        "cycle.crank_deg": [15.0 * k for k in range(24)],
+        "cycle.crank_deg": [39 * 360.0 * k / angles for k in range(angles)],
         "cycle.levels_per_branch": 2,
         "reduce.disk": "rigid",
         "run.jobs": 1,
@@ -27,12 +27,16 @@ transmission = finished.table("aggregate/transmission")
 transmission.head()
 
 # %%
-# The angle error of the nominal reducer over the turn.
+# The error of the angle at the end of the play in one sense, over a turn of the output.
+free = transmission[(transmission["torque_Nm"] == 0) & (transmission["sense"] == "+")]
 figure, axes = plt.subplots(figsize=(7, 3.5), layout="constrained")
-for sample, rows in transmission.groupby("sample"):
-    axes.plot(rows["crank_deg"], rows.iloc[:, -1], ".", label=f"unit {sample}")
-axes.set(xlabel="crank angle (degrees)", ylabel=transmission.columns[-1])
+for sample, rows in free.groupby("sample"):
+    axes.plot(rows["crank_deg"] / 39, rows["error_arcsec"], label=f"unit {sample}")
+axes.set(xlabel="output turn (degrees)", ylabel="error (arcsec)")
 axes.legend()
 
 # %%
-finished.table("aggregate/orders").head(10)
+# The largest orders without load.
+orders = finished.table("aggregate/orders")
+unloaded = orders[(orders["torque_Nm"] == 0) & (orders["sense"] == "+") & (orders["sample"] == 1)]
+unloaded.sort_values("amplitude_arcsec", ascending=False).head(8)

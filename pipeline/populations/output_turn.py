@@ -88,7 +88,7 @@ def free_error(study: Study, unit: Errors, advance: Advance = lambda items, fail
     Raises
     ------
     ArithmeticError
-        If its contacts interfere at some crank angle: it has no play there.
+        If its contacts interfere at some crank angle: rigid bodies have no place there.
     """
     cranks, lobes = rigid_cranks(study), study.design.cycloid.lobes
     laws = assembly.contact_laws(study, assembly.reducer(study.design, 0.0))  # rigid bodies know none: any will do
@@ -104,7 +104,7 @@ def free_error(study: Study, unit: Errors, advance: Advance = lambda items, fail
         if np.any(play.preloaded):
             crank_deg = crank + 360.0 * np.argmax(play.preloaded)
             raise ArithmeticError(
-                f"contacts interfere at crank angle {crank_deg:.6g} degrees, so that there is no play"
+                f"contacts interfere at crank angle {crank_deg:.6g} degrees, so that rigid bodies have no place there"
             )
         ends.append(play.ends)
         advance(lobes if one_batch else 1, 0)

@@ -43,7 +43,7 @@ def angles_of_turn(study: Study, stride: int, of_play: bool) -> int:
     """Crank angles that a metric of the turn rests on, if every so many of the even ones are looked at."""
     if stride == 1:
         return len(rigid_angles(study) if of_play else study.cycle.crank_deg)
-    return -(-len(study.cycle.rigid_crank_deg if of_play else study.cycle.crank_deg) // stride)
+    return -(-len(study.cycle.even_crank_deg if of_play else study.cycle.crank_deg) // stride)
 
 
 def searched_pitches(study: Study) -> int:
@@ -55,7 +55,7 @@ def strides_of(study: Study) -> list[int]:
     """Strides over the crank angles of a study that leave enough of them, descending to 1; 1 alone of uneven angles."""
     if not study.cycle.evenly_loaded:
         return [1]
-    fewest = min(len(study.cycle.crank_deg), len(study.cycle.rigid_crank_deg))
+    fewest = min(len(study.cycle.crank_deg), len(study.cycle.even_crank_deg))
     return [stride for stride in STRIDES if stride == 1 or fewest // stride >= FEWEST_ANGLES]
 
 

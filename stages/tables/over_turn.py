@@ -71,7 +71,8 @@ def transmission_rows(study: Study, samples: np.ndarray, readings: TurnReadings)
 def order_rows(study: Study, samples: np.ndarray, readings: TurnReadings) -> Columns:
     """Rows of the table of orders: of the play from the angles of rigid bodies, under load from the loaded ones.
 
-    None where the angles are not even, or fewer than `FEWEST_ANGLES` to a turn of the crank.
+    None where the angles are not even, or fewer than `FEWEST_ANGLES` to a turn of the crank, or where the cranks of a
+    carrier do not come back after the study's turn.
     """
     held_torque, parts = assembly.definitions(study).rigidity_high, [pd.DataFrame(ORDERS.empty())]
     curves = (
@@ -79,7 +80,8 @@ def order_rows(study: Study, samples: np.ndarray, readings: TurnReadings) -> Col
         (held_torque, readings.loaded_angle[..., readings.loaded_even]),
     )
     turns = study.cycle.crank_turns
-    for torque, angle in (curve for curve in curves if curve[1].shape[2] >= FEWEST_ANGLES * turns):
+    is_closed = turns > 1 or not study.design.output.carries_disks
+    for torque, angle in (curve for curve in curves if is_closed and curve[1].shape[2] >= FEWEST_ANGLES * turns):
         harmonics = orders(ARCSEC_PER_ARCMIN * angle, turns)
         sample, sense, order = repeated_axes(samples, np.arange(2), harmonics.order)
         parts.append(

@@ -106,7 +106,7 @@ def metric_turns(
 
 def _rigid_even(study: Study) -> np.ndarray:
     """Which of the `rigid_angles` stand evenly over the turn (n_rigid_angles,)."""
-    return np.isin(rigid_angles(study), study.cycle.rigid_crank_deg)
+    return np.isin(rigid_angles(study), study.cycle.even_crank_deg)
 
 
 def _with_rigid(study: Study, loaded_values: np.ndarray, rigid: np.ndarray) -> np.ndarray:

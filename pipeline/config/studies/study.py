@@ -223,6 +223,12 @@ class Cycle(Section):
         """Crank angles [deg] at which rigid bodies are looked at beside the loaded ones, evenly over the turn."""
         return tuple(self.turn_deg * k / self.rigid_angles for k in range(self.rigid_angles))
 
+    @property
+    def even_crank_deg(self) -> tuple[float, ...]:
+        """Crank angles [deg] evenly over the turn at which the play is known: the loaded ones, if they are more."""
+        loaded_are_more = self.evenly_loaded and len(self.crank_deg) > self.rigid_angles
+        return self.crank_deg if loaded_are_more else self.rigid_crank_deg
+
 
 class Metrics(Section):
     """Definitions of the numbers read off a curve, in percent of the rated torque, and the level of their intervals."""

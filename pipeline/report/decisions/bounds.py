@@ -205,8 +205,8 @@ def preload_sentence(allocation: Allocation) -> str:
     shares = [_share(choice.check[PRELOADED].value) for choice in (cheapest, stated_choice)]
     return (
         f"Of the units with the cheapest tolerances found {shares[0]} are preloaded, of those with the tolerances of "
-        f"the study {shares[1]}: at some crank angle parts interfere without load. A preloaded unit has no free play "
-        "and may keep every limit, because none counts preload itself. Before these tolerances are used, narrow those "
+        f"the study {shares[1]}: at some crank angle parts interfere without load. A preloaded unit may keep "
+        "every limit, because none counts preload itself. Before these tolerances are used, narrow those "
         "that were loosened most, or enlarge an allowance."
     )
 

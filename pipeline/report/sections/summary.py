@@ -152,11 +152,25 @@ class Verdict:
         if self.frames.turn_statistic != "worst":
             return f"It counts the {self.frames.turn_statistic} value of each unit over {self.results.angles}."
         if self.results.n_searched:
-            return "It holds for the whole turn of the output."
+            return f"It holds for the whole turn of the output{self._not_searched}."
         angles = count_text(int(self.frames.units.iloc[0]["n_angles"]), "loaded crank angle")
         doubled_yield = self.results.doubled_yield
         doubling_text = f" (with twice as many an estimated {doubled_yield})" if doubled_yield else ""
         return f"It counts {angles}{doubling_text}; over the whole turn of the output the yield is at most this."
+
+    @property
+    def _not_searched(self) -> str:
+        """Which limits of metrics of the turn are read at the study's angles alone, as the end of a sentence."""
+        of_play = {name: turn_library()[name].of_play for name in self.frames.limits if name in turn_library()}
+        if not of_play:
+            return ""
+        counts = self.frames.units.iloc[0]
+        angles = sorted({int(counts["n_rigid_angles" if is_of_play else "n_angles"]) for is_of_play in of_play.values()})
+        titles = " and the ".join(LIMITED_METRICS[name].inline for name in of_play)
+        return (
+            f", but for the {titles}: of {' and '.join(f'{number:,}' for number in angles)} crank angles, between which "
+            "the worst may be larger"
+        )
 
     @property
     def rigidity_note(self) -> str:

@@ -212,7 +212,7 @@ def _transmission(frames: Frames) -> Drawing:
 def _orders(frames: Frames) -> Drawing:
     pins, panels = frames.study.design.cycloid.pins, {}
     cycle, under_load = frames.study.cycle, bool((frames.orders["torque_Nm"] != 0).any())
-    angles = len(cycle.crank_deg) if under_load else cycle.rigid_angles
+    angles = len(cycle.crank_deg) if under_load else len(cycle.even_crank_deg)
     lowest = (angles - 1) // 2 // cycle.crank_turns
     folded_text = f" Orders beyond {lowest} fold back onto these" if under_load else ""
     for title, torque in _panels(frames).items():
