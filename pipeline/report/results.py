@@ -261,8 +261,8 @@ def preload_warning(distributions: pd.DataFrame) -> str:
     if share.empty or share.iloc[0] < MOSTLY_PRELOADED:
         return ""
     return (
-        f"{100 * share.iloc[0]:.3g} % of the units are preloaded: at some crank angle parts interfere without load. Check "
-        "the signs of the tolerances (python -m pipeline keys tolerances) and the allowances (allowance_um)."
+        f"{100 * share.iloc[0]:.3g} % of the units are preloaded: at some crank angle parts interfere without load. "
+        "Check the signs of the tolerances (python -m pipeline keys tolerances) and the allowances (allowance_um)."
     )
 
 

@@ -165,12 +165,10 @@ class Verdict:
         if not of_play:
             return ""
         counts = self.frames.units.iloc[0]
-        angles = sorted({int(counts["n_rigid_angles" if is_of_play else "n_angles"]) for is_of_play in of_play.values()})
+        columns = {"n_rigid_angles" if is_of_play else "n_angles" for is_of_play in of_play.values()}
+        angles = " and ".join(f"{int(counts[column]):,}" for column in sorted(columns))
         titles = " and the ".join(LIMITED_METRICS[name].inline for name in of_play)
-        return (
-            f", but for the {titles}: of {' and '.join(f'{number:,}' for number in angles)} crank angles, between which "
-            "the worst may be larger"
-        )
+        return f", but for the {titles}: of {angles} crank angles, between which the worst may be larger"
 
     @property
     def rigidity_note(self) -> str:
