@@ -1,6 +1,5 @@
 """Arrays by the kind of their elements. Shapes and units are in the docstrings of the functions that take them."""
 
-
 import numpy as np
 from numpy.typing import NDArray
 

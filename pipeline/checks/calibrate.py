@@ -169,18 +169,14 @@ def calibrate(
         If there are more parameters than targets other than zero.
     """
     keys = [parameter.key for parameter in parameters]
-    value, is_counted = (
-        np.array([target.value for target in targets]),
-        np.array([target.value != 0 for target in targets]),
-    )
+    value = np.array([target.value for target in targets])
+    is_counted = np.array([target.value != 0 for target in targets])
     if np.count_nonzero(is_counted) < len(keys):
         raise InputError(
             f"{len(keys)} numbers cannot be fitted to {np.count_nonzero(is_counted)} targets other than zero"
         )
-    lower, upper = (
-        np.array([number.lower for number in parameters]),
-        np.array([number.upper for number in parameters]),
-    )
+    lower = np.array([number.lower for number in parameters])
+    upper = np.array([number.upper for number in parameters])
     best_numbers = np.array([number_at(study.design, key) for key in keys])
     for turn in range(1 if disk else ROUNDS):
         body = disk or response.condense_disk(response.with_numbers(study, dict(zip(keys, best_numbers, strict=True))))

@@ -91,10 +91,8 @@ def _summary_lines(folder: Path) -> list[str]:
     outputs = {stage.name: output for stage in STAGES if (output := Output.open(folder / stage.name))}
     if "aggregate" not in outputs:
         raise InputError(f"{settings.shown(folder)}: no results; run: python -m pipeline run --study {folder.name}")
-    distributions, known_statistics = (
-        pd.DataFrame(outputs["aggregate"].read("distributions")),
-        outputs["aggregate"].record["settings"],
-    )
+    distributions = pd.DataFrame(outputs["aggregate"].read("distributions"))
+    known_statistics = outputs["aggregate"].record["settings"]
     lines = []
     if warning := preload_warning(distributions):
         lines.append(f"Warning: {warning}")

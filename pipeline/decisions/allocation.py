@@ -114,11 +114,9 @@ def allocate(
     not. No two rounds or checks share a unit, and the reported checks decide nothing.
     """
     priced_dimensions, unmoved_reasons = priced_tolerances(study)
-    groups, one_group, sets = (
-        tuple((k,) for k in range(len(priced_dimensions))),
-        (tuple(range(len(priced_dimensions))),),
-        count(),
-    )
+    groups = tuple((k,) for k in range(len(priced_dimensions)))
+    one_group = (tuple(range(len(priced_dimensions))),)
+    sets = count()
     search, equal_search = (
         Search(
             study=study,

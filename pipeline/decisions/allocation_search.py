@@ -68,10 +68,8 @@ class Trial:
 
     def is_better(self, other_trial: "Trial", target: float) -> bool:
         """Whether it is cheaper where both reach the target; else whether it reaches it, or comes nearer."""
-        reaches_target, other_reaches_target = (
-            self.yield_estimate.value >= target,
-            other_trial.yield_estimate.value >= target,
-        )
+        reaches_target = self.yield_estimate.value >= target
+        other_reaches_target = other_trial.yield_estimate.value >= target
         if reaches_target and other_reaches_target:
             return self.cost < other_trial.cost
         return reaches_target or (
@@ -151,10 +149,7 @@ class Search:
         values = fresh_values(at_scale, start, self.units, self.solve, self.jobs)
         shares = yields(self.study, values, missing_fail=True)
         self.tell(f"check: {yield_text(shares[ALL_LIMITS])} at cost {self.cost(scale):.3g}")
-        flags = {
-            PRELOADED: values[PRELOADED] != 0,
-            WITHOUT_RESULT: ~has_values(self.study, values, ALL_LIMITS),
-        }
+        flags = {PRELOADED: values[PRELOADED] != 0, WITHOUT_RESULT: ~has_values(self.study, values, ALL_LIMITS)}
         return shares | {name: pass_share(flag, self.study.metrics.confidence) for name, flag in flags.items()}
 
     def trial(self, scale: Real) -> Trial:

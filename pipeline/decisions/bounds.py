@@ -141,10 +141,8 @@ def findings(
                 bounds.append(Bound(metric, crank, quantity, sign * worst_value))
             linear = stack(study, box, evaluate, numbers)
             is_finite = np.isfinite(drawn_metrics[metric])
-            full, of_stack = (
-                statistics_of(metric, drawn_metrics[metric][is_finite]),
-                statistics_of(metric, linear.values[is_finite]),
-            )
+            full = statistics_of(metric, drawn_metrics[metric][is_finite])
+            of_stack = statistics_of(metric, linear.values[is_finite])
             of_stack["std"] = linear.rss
             stacks += [(metric, crank, name, of_stack[name], full[name]) for name in full]
             contributions += [(metric, crank, name, 100 * share) for name, share in linear.shares.items()]

@@ -277,8 +277,7 @@ def limit_sentence(unit: Certificate) -> str:
     share = unit.meets_all
     return (
         f"{unit.label}: with {dimension_count} the unit meets every limit with a probability of "
-        f"{100 * share.value:.3g} % "
-        f"(95 % CI {100 * share.ci_low:.3g} to {100 * share.ci_high:.3g}, {share.n} draws of the other dimensions), "
-        f"at the {len(unit.loops.crank_deg)} crank angles that were solved, its clearance backlash also at "
-        f"{unit.study.cycle.rigid_angles} over the turn; at all angles of the turn it may be lower."
+        f"{100 * share.value:.3g} % (95 % CI {100 * share.ci_low:.3g} to {100 * share.ci_high:.3g}, {share.n} draws of "
+        f"the other dimensions), at the {len(unit.loops.crank_deg)} crank angles that were solved, its clearance "
+        f"backlash also at {unit.study.cycle.rigid_angles} over the turn; at all angles of the turn it may be lower."
     )

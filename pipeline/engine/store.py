@@ -227,9 +227,7 @@ class Output:
         path.replace(target)
 
 
-def read_parquet(
-    path: Path, items: tuple[int, int] | None = None, names: Sequence[str] | None = None
-) -> pa.Table:
+def read_parquet(path: Path, items: tuple[int, int] | None = None, names: Sequence[str] | None = None) -> pa.Table:
     """Rows of one file; only those of the given items (start, stop), or columns of the given names, if given.
 
     Decodes the row groups that hold the items and cuts the range out, which the order of the rows allows.

@@ -66,9 +66,7 @@ def _crank(axes: Axes, crank_index: int, bounds: pd.DataFrame, stacks: pd.DataFr
 
 
 @with_style
-def certificate_figure(
-    torque: Real, angle: Real, band: tuple[float, float], crank_deg: float
-) -> Figure:
+def certificate_figure(torque: Real, angle: Real, band: tuple[float, float], crank_deg: float) -> Figure:
     """Median loop and band of the output's angle over the torque at one crank angle.
 
     Parameters

@@ -24,11 +24,7 @@ NUMBER_RADIUS = 1.07
 
 @with_style
 def reducer_figure(
-    contacts: pd.DataFrame,
-    flanks: Sequence[Complex],
-    crank_deg: float,
-    pin_radius: float,
-    panels: Sequence[Panel],
+    contacts: pd.DataFrame, flanks: Sequence[Complex], crank_deg: float, pin_radius: float, panels: Sequence[Panel]
 ) -> Figure:
     """Pins and disk, and the output mechanism, numbered as in the tables.
 

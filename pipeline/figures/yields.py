@@ -20,9 +20,7 @@ CURVES = 5
 
 
 @with_style
-def failures_figure(
-    breaks: Mapping[str, Truth], curves: Mapping[str, Real], target: float
-) -> Figure:
+def failures_figure(breaks: Mapping[str, Truth], curves: Mapping[str, Real], target: float) -> Figure:
     """Share of all units that break each limit, most first; beside it yield against the scale of each tolerance.
 
     Parameters

@@ -173,10 +173,7 @@ def tails(
     if reason := without_tails(study.samples, study.limits):
         raise InputError(f"study {study.name}: {reason}")
     of_study = study.tails or Tails()
-    numbers = {
-        "units": of_study.units if units is None else units,
-        "solve": of_study.solve if solve is None else solve,
-    }
+    numbers = {"units": of_study.units if units is None else units, "solve": of_study.solve if solve is None else solve}
     if not 0 < numbers["solve"] <= numbers["units"]:
         raise InputError(f"--solve = {numbers['solve']}; must be from 1 to --units = {numbers['units']}")
     asked_study = study.model_copy(update={"tails": of_study.model_copy(update=numbers)})

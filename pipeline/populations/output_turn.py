@@ -137,9 +137,7 @@ def _mounted_unit(study: Study, unit: Errors) -> tuple[ModelErrors, Real]:
     return assembly.errors(unit), assembly.bearing_clearance(study.design, unit.bearing_clearance)
 
 
-def loaded_error(
-    drives: TurnDrives, unit: Errors, advance: Advance = lambda items, failed_items: None
-) -> OutputTurn:
+def loaded_error(drives: TurnDrives, unit: Errors, advance: Advance = lambda items, failed_items: None) -> OutputTurn:
     """Error of one unit while the torque of the metrics is held.
 
     Parameters

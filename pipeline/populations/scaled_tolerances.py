@@ -128,10 +128,8 @@ def scaled_yields(
         has_both = (moved_values.notna() & solved_values.notna()).all(axis=1).to_numpy()
         if tolerance == AS_STATED or not has_both.any():
             continue
-        passes_before, passes_after = (
-            study.limits.pass_flags(solved_values[has_both]),
-            study.limits.pass_flags(moved_values[has_both]),
-        )
+        passes_before = study.limits.pass_flags(solved_values[has_both])
+        passes_after = study.limits.pass_flags(moved_values[has_both])
         for name, estimate in stated_yields.items():
             if name in correlations and name in passes_before:
                 shifted_yield = _shifted_yield(
@@ -149,9 +147,7 @@ def _squared_correlation(values: pd.Series, predictions: pd.Series) -> float:
     return float(pairs["solved"].corr(pairs["predicted"]) ** 2) if varies else np.nan
 
 
-def _shifted_yield(
-    stated_yield: Estimate, passes_before: Truth, passes_after: Truth, confidence: float
-) -> Estimate:
+def _shifted_yield(stated_yield: Estimate, passes_before: Truth, passes_after: Truth, confidence: float) -> Estimate:
     """A yield plus the difference of pairs; its interval from both, which are taken to be independent."""
     passes_before, passes_after = np.asarray(passes_before), np.asarray(passes_after)
     difference = float(np.mean(passes_after) - np.mean(passes_before))

@@ -139,13 +139,7 @@ def _solve_units(population: Population, solve: Solve, selected_units: Index) ->
 
 
 def _rows(
-    tail: Tail,
-    bad: Real,
-    probability: Real,
-    units: int,
-    confidence: float,
-    expected_counts: list[float],
-    slope: float,
+    tail: Tail, bad: Real, probability: Real, units: int, confidence: float, expected_counts: list[float], slope: float
 ) -> list[TailRow]:
     """Share and quantile of one metric; units without equilibrium, and those that they stand for, are left out.
 

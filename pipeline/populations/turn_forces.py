@@ -121,10 +121,8 @@ class PinForces:
         """By least squares on true forces (n, n_pitches, 2, n_places) [N]."""
         first, second = [], []
         for sense in range(2):
-            sources, true = (
-                _Sources.from_gaps(springs, gaps, sense).at(pitches),
-                force[:, :, sense, springs.closing(sense)],
-            )
+            sources = _Sources.from_gaps(springs, gaps, sense).at(pitches)
+            true = force[:, :, sense, springs.closing(sense)]
             finite = np.isfinite(true).all(axis=2)
             sources, true = sources[finite], true[finite]
             first.append(fitted_slopes(sources, true))

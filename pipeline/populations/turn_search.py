@@ -286,10 +286,8 @@ class _Pool:
         is_repeated = np.zeros(best_pitches.shape, bool)
         is_repeated[:, 1:] = best_pitches[:, 1:] == best_pitches[:, :-1]
         columns = np.argsort(is_repeated, axis=1, kind="stable")[:, : int((~is_repeated).sum(axis=1).max())]
-        best_pitches, is_repeated = (
-            np.take_along_axis(best_pitches, columns, axis=1),
-            np.take_along_axis(is_repeated, columns, axis=1),
-        )
+        best_pitches = np.take_along_axis(best_pitches, columns, axis=1)
+        is_repeated = np.take_along_axis(is_repeated, columns, axis=1)
         predicted_values = np.take_along_axis(bad, best_pitches[None], axis=2).astype(np.float32)
         pitches = np.where(is_repeated, -1, best_pitches).astype(np.int32)
         best_columns = np.argpartition(np.where(is_repeated, np.inf, -predicted_values), count - 1, axis=2)[..., :count]

@@ -223,10 +223,8 @@ class Springs:
         features = np.empty((n, n_pins * gaps.of_lobes.shape[1], 2 * OF_SENSE))
         for sense in range(2):
             rows = self.closing(sense)
-            size, counts = (
-                np.abs(self.arm[rows]),
-                np.bincount(self.disk[rows], minlength=self.output_stiffness.shape[1]),
-            )
+            size = np.abs(self.arm[rows])
+            counts = np.bincount(self.disk[rows], minlength=self.output_stiffness.shape[1])
             of_pins = np.ascontiguousarray(gaps.of_pins[:, :, rows] / size)
             of_lobes = np.ascontiguousarray(gaps.of_lobes[:, :, rows] / size)
             stiffness, behind = np.ascontiguousarray(self.stiffness[rows]), gaps.output[:, :, sense]

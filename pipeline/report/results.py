@@ -219,9 +219,8 @@ class Results:
         if len(doubtful):
             limits = (
                 f" Of {count_text(len(doubtful), 'load cycle')} of "
-                f"{count_text(doubtful['sample'].nunique(), 'sample')} a "
-                "value is outside its range of validity; it is missing and in no statistic: "
-                f"{'; '.join(sorted(set(doubtful['status'].astype(str))))}."
+                f"{count_text(doubtful['sample'].nunique(), 'sample')} a value is outside its range of validity; it is "
+                f"missing and in no statistic: {'; '.join(sorted(set(doubtful['status'].astype(str))))}."
             )
         if not len(failed_rows):
             return f"Every load cycle of every sample has reached equilibrium.{limits}"

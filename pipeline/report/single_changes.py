@@ -149,9 +149,8 @@ class SingleChanges:
         cost = f"{cost}, by the prices under [costs]" if priced else " The study states no price for it under [costs]"
         return (
             f"{verb} the {PARAMETERS[change.tolerance]} alone from {stated_text} µm to {scaled_text} µm "
-            f"({change.scale:.3g} times its limits{self._moved_middle(change)}): "
-            f"estimated yield {percent(change.value)} "
-            f"(interval {percent_interval(change.ci_low, change.ci_high)}).{cost}"
+            f"({change.scale:.3g} times its limits{self._moved_middle(change)}): estimated yield "
+            f"{percent(change.value)} (interval {percent_interval(change.ci_low, change.ci_high)}).{cost}"
         )
 
     def _moved_middle(self, change: SingleChange) -> str:

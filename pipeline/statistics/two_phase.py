@@ -111,9 +111,7 @@ def count_slope(chance: Real, probability: Real) -> float:
     return float(np.sum(chance * spread)) / total if total > 0 else 0.0
 
 
-def tail_share(
-    in_tail: Truth, probability: Real, units: int, confidence: float, slope: float = 0.0
-) -> TailEstimate:
+def tail_share(in_tail: Truth, probability: Real, units: int, confidence: float, slope: float = 0.0) -> TailEstimate:
     """Share of all units that lie beyond a limit.
 
     Parameters

@@ -286,10 +286,8 @@ def whole_turn_estimates(
         return
     for name in study.limits.pass_flags({column: values[column].to_numpy(float) for column in values}):
         limited_metrics = study.limits.limited_metrics(name, values)
-        counted_values, missed_values = (
-            values[limited_metrics].dropna(),
-            shortfall[[m for m in limited_metrics if m in shortfall]].dropna(),
-        )
+        counted_values = values[limited_metrics].dropna()
+        missed_values = shortfall[[m for m in limited_metrics if m in shortfall]].dropna()
         if len(counted_values) and len(missed_values):
             yield name, "yield", audited_share(_passes(study, name, counted_values, missed_values), confidence)
 

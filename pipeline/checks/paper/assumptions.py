@@ -98,9 +98,7 @@ def _definitions(study: Study) -> Iterator[Assumption]:
     yield Assumption("clearances to first order", study.with_section("clearance", method="first_order"))
     pitch = 360 / study.design.cycloid.pins
     for name, share in (("half a pin pitch", HALF_PIN_PITCH), ("a quarter of a turn", study.design.cycloid.pins / 4)):
-        yield Assumption(
-            f"crank {name} on", study.with_section("cycle", crank_deg=(share * pitch,)), remesh=True
-        )
+        yield Assumption(f"crank {name} on", study.with_section("cycle", crank_deg=(share * pitch,)), remesh=True)
 
 
 def _bearing_and_contacts(study: Study) -> Iterator[Assumption]:
@@ -147,9 +145,7 @@ def _stations(study: Study) -> Iterator[Assumption]:
     yield Assumption(name, small, remesh=True, tied=_touching)
     thick = _with_design_values(_touching(study), "disk", thickness_mm=3.8)
     name = "rollers touching, disk 3.8 mm thick, rigidity between 6 and 100 %"
-    yield Assumption(
-        name, thick.with_section("metrics", rigidity_percent=(6.0, 100.0)), remesh=True, tied=_touching
-    )
+    yield Assumption(name, thick.with_section("metrics", rigidity_percent=(6.0, 100.0)), remesh=True, tied=_touching)
 
 
 def _with_roller_pitch(study: Study, pitch: float) -> Study:

@@ -106,10 +106,8 @@ def refit(
     body = with_elastic_plate(change.study, body, change.plate) if change.plate else body
     free_numbers = (*parameters, *change.freed_numbers)
     keys = [parameter.key for parameter in free_numbers]
-    lower, upper = (
-        np.array([number.lower for number in free_numbers]),
-        np.array([number.upper for number in free_numbers]),
-    )
+    lower = np.array([number.lower for number in free_numbers])
+    upper = np.array([number.upper for number in free_numbers])
 
     def refit_at(fitted_to: str, numbers: Real) -> Refit:
         study = response.with_numbers(change.study, dict(zip(keys, numbers.tolist(), strict=True)))

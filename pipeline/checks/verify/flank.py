@@ -173,10 +173,8 @@ class TurnedFlank(CycloidProfile):
 def _gaps(specimen: Specimen, modification: FlankModification, crank: float) -> tuple[Real, Real, Real, Real]:
     """Phase, arm, exact and first-order gap of the nominal pins about the first disk."""
     profile, design = replace(specimen.profile, modification=modification), specimen.study.design
-    disk, no_errors = (
-        assembly.reducer(design, crank).disks[0],
-        Errors.zero(profile.pins, profile.lobes, design.output.contacts),
-    )
+    disk = assembly.reducer(design, crank).disks[0]
+    no_errors = Errors.zero(profile.pins, profile.lobes, design.output.contacts)
     exact, first_order = (method(profile, disk, no_errors, "radial")[0] for method in (exact_gaps, first_order_gaps))
     return disk.pins.phase, disk.pins.arm, exact, first_order
 

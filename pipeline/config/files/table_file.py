@@ -275,9 +275,7 @@ def _open_quotes(columns: list[pa.ChunkedArray], line: Whole, name: str) -> list
     return []
 
 
-def _unequal(
-    wrong_rows: list[tuple[int, int]], fields: int, line: Whole, separator: str, name: str
-) -> list[str]:
+def _unequal(wrong_rows: list[tuple[int, int]], fields: int, line: Whole, separator: str, name: str) -> list[str]:
     if not wrong_rows:
         return []
     advice = "give each row one field for each column"

@@ -137,10 +137,8 @@ class CyclicBody:
         reaction = np.fft.fft(_sector_components(reference, sectors, freedoms), axis=1)[:, [0, 1], [2, 0]].T
         reaction *= np.abs(ends).max() / np.abs(reaction).max()  # its unit is free: one that suits the inverse
         held_force = factors.solve(np.vstack([reaction.real, reaction.imag])[:, n_cut:].T.copy(order="F")).T
-        held_force, yielding = (
-            held_force[:2] + 1j * held_force[2:],
-            np.stack([yielding[:, :n_cut], yielding[:, n_cut:]]),
-        )
+        held_force = held_force[:2] + 1j * held_force[2:]
+        yielding = np.stack([yielding[:, :n_cut], yielding[:, n_cut:]])
         bordered_stiffness = _bordered_stiffness(ends, yielding, reaction, held_force, _phases(len(sectors.nodes)))
         flexibility = np.asarray(np.linalg.inv(bordered_stiffness), complex)
         return cls(sectors, freedoms, factors.solve, yielding, held_force, flexibility)

@@ -89,9 +89,8 @@ def boundary_patches(
     if distance.max() > longest_edge:
         worst_patch = np.argmax(distance)
         raise ModelError(
-            f"contact {worst_patch} at {contacts[worst_patch]:.6g} mm lies {distance[worst_patch]:.3g} mm "
-            f"off boundary {boundary}; "
-            f"must be within an edge's length of it, {longest_edge:.3g} mm"
+            f"contact {worst_patch} at {contacts[worst_patch]:.6g} mm lies {distance[worst_patch]:.3g} mm off boundary "
+            f"{boundary}; must be within an edge's length of it, {longest_edge:.3g} mm"
         )
     abscissa, weights = _elliptical_rule()
     arc = _spread(polygon, arc, -1j * normal, half_width * abscissa)

@@ -352,13 +352,7 @@ def pin_gaps(
 
 
 def gaps(
-    profile: CycloidProfile,
-    reducer: Reducer,
-    errors: Errors,
-    *,
-    method: str,
-    disk_reading: str,
-    roller_reading: str,
+    profile: CycloidProfile, reducer: Reducer, errors: Errors, *, method: str, disk_reading: str, roller_reading: str
 ) -> Real:
     """Raw gap of every contact, (n, n_contacts) [mm].
 

@@ -52,11 +52,9 @@ def deviation_table(profile: CycloidProfile) -> Real:
         measured_material, slope = _measured_material(
             modification.measured_flank.phase, modification.measured_flank.material, grid
         )
-        value, slope_after, slope_before = (
-            value - measured_material,
-            slope_after - slope[:, :-1],
-            slope_before - slope[:, 1:],
-        )
+        value = value - measured_material
+        slope_after = slope_after - slope[:, :-1]
+        slope_before = slope_before - slope[:, 1:]
     rise = np.diff(value, axis=1)
     slope_after, slope_before = width * slope_after, width * slope_before
     second, third = 3 * rise - 2 * slope_after - slope_before, slope_after + slope_before - 2 * rise

@@ -221,9 +221,7 @@ def _refined_distance(
 
 
 @part
-def _nearest_distance(
-    first_point: int, last_point: int, valley: _Valley, cx: float, cy: float, squares: Real
-) -> float:
+def _nearest_distance(first_point: int, last_point: int, valley: _Valley, cx: float, cy: float, squares: Real) -> float:
     """Smallest distance of c from a flank, points ``first_point`` to ``last_point``; every minimum refined."""
     points, circle, offset, _ = valley
     for k in range(first_point, last_point + 1):

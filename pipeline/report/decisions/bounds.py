@@ -173,11 +173,9 @@ def sentence(allocation: Allocation) -> str:
     if not allocation.reaches_target:
         return (
             f"The target of {_share(allocation.target)} is not reached. The best tolerances found give "
-            f"{_yield(cheapest)} "
-            f"and cost {cheapest.cost:.3g}; those of the study give {_yield(stated_choice)} and cost "
-            f"{stated_choice.cost:.3g}. Most "
-            f"failing units break {allocation.hardest_limit}: loosen this limit, change an allowance, or state the "
-            f"cost of further tolerances. {preload_sentence(allocation)}"
+            f"{_yield(cheapest)} and cost {cheapest.cost:.3g}; those of the study give {_yield(stated_choice)} and "
+            f"cost {stated_choice.cost:.3g}. Most failing units break {allocation.hardest_limit}: loosen this limit, "
+            f"change an allowance, or state the cost of further tolerances. {preload_sentence(allocation)}"
         ).rstrip()
     text = (
         f"The cheapest tolerances found for a yield of {_share(allocation.target)} cost {cheapest.cost:.3g} and give "

@@ -107,9 +107,8 @@ def yield_sentence(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> str:
     ends = interval(100 * row["ci_low"], 100 * row["ci_high"], SHARE)
     return (
         f"{_compared_units(a, b, row)}{percent(row['a'])} of the units of {a.label} meet every limit, "
-        f"{percent(row['b'])} of {b.label}. The "
-        f"difference of {signed_number(100 * row['difference'], 1)} percentage points (interval {ends}) is "
-        f"{_significance(row)}."
+        f"{percent(row['b'])} of {b.label}. The difference of {signed_number(100 * row['difference'], 1)} percentage "
+        f"points (interval {ends}) is {_significance(row)}."
     )
 
 

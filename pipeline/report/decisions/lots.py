@@ -32,10 +32,9 @@ def sentences(lot_result: LotFindings) -> list[str]:
     first_cost = costly[0]
     return [
         text,
-        f"{PARAMETERS[first_cost.name].capitalize()} costs most yield: at the drawing's mean in every part the "
-        "yield would "
-        f"be {_percent(first_cost.yield_at_target)} ({_points(first_cost.gain.value)} percentage points more, 95 % CI "
-        f"{_points(first_cost.gain.ci_low)} to {_points(first_cost.gain.ci_high)}).",
+        f"{PARAMETERS[first_cost.name].capitalize()} costs most yield: at the drawing's mean in every part the yield "
+        f"would be {_percent(first_cost.yield_at_target)} ({_points(first_cost.gain.value)} percentage points more, 95 "
+        f"% CI {_points(first_cost.gain.ci_low)} to {_points(first_cost.gain.ci_high)}).",
     ]
 
 

@@ -60,9 +60,8 @@ def _clearances(frames: Frames) -> Drawing:
     return Drawing(
         "clearances",
         "Clearance between disk and pins",
-        f"At crank angle {plain_number(frames.crank_deg)}°, before any load. Equal errors of the pins do not "
-        "give equal "
-        f"clearances. Negative values are interference.{band_sentence(frames, spread)}",
+        f"At crank angle {plain_number(frames.crank_deg)}°, before any load. Equal errors of the pins do not give "
+        f"equal clearances. Negative values are interference.{band_sentence(frames, spread)}",
         partial(pin_clearances_figure, traces, spread),
     )
 

@@ -84,9 +84,8 @@ class Published:
         units = self.frames.study.published
         outside = [
             f"{unit.label}: the measured {LIMITED_METRICS[name].title[:1].lower()}{LIMITED_METRICS[name].title[1:]} is "
-            f"{'larger' if value > self.predicted_values[name].max() else 'smaller'} than that of every "
-            "predicted unit; the "
-            "stated tolerances and this model do not predict it."
+            f"{'larger' if value > self.predicted_values[name].max() else 'smaller'} than that of every predicted "
+            "unit; the stated tolerances and this model do not predict it."
             for unit in units
             for name, value in unit.of_metrics.items()
             if len(self.predicted_values[name])

@@ -160,10 +160,9 @@ def _distributions(frames: Frames, metrics: list[str]) -> Drawing:
     return Drawing(
         "distributions",
         "Distributions of the metrics over the samples",
-        f"{frames.turn_statistic.capitalize()} value of each of {count_text(len(frames.over_turn), 'sample')} "
-        "over the turn. "
-        f"Below each histogram: 5 % quantile, mean and 95 % quantile with their {level} % intervals; an arrowhead "
-        "marks an end that the samples do not determine. Beyond the limit the ground is shaded.",
+        f"{frames.turn_statistic.capitalize()} value of each of {count_text(len(frames.over_turn), 'sample')} over the "
+        f"turn. Below each histogram: 5 % quantile, mean and 95 % quantile with their {level} % intervals; an "
+        "arrowhead marks an end that the samples do not determine. Beyond the limit the ground is shaded.",
         partial(distributions_figure, frames.over_turn[metrics], worst_rows, frames.limits, nominal),
     )
 
@@ -180,9 +179,8 @@ def _units(frames: Frames) -> Iterator[Drawing]:
         "units",
         "Single units",
         f"{count_text(len(units), 'unit').capitalize()}{_choice(frames, units)}: their values over the turn, and their "
-        f"loops at crank angle {plain_number(frames.crank_deg)}°. Point at a unit, or go from unit to unit "
-        "with the arrow "
-        "keys, to see its loop and the forces on its pins (filled points).",
+        f"loops at crank angle {plain_number(frames.crank_deg)}°. Point at a unit, or go from unit to unit with the "
+        "arrow keys, to see its loop and the forces on its pins (filled points).",
         partial(units_figure, pair, units[pair].to_numpy(), frames.limits, torque, angles),
     )
 

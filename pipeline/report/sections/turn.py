@@ -270,10 +270,9 @@ def _curve_drawings(frames: Frames) -> Iterator[Drawing]:
     yield Drawing(
         "hysteresis",
         "Torsion angle against torque",
-        f"At crank angle {plain_number(frames.crank_deg)}°, input held; marked are the definitions of the "
-        "metrics. Without "
-        "friction loading and unloading coincide outside the free play."
-        f"{centre}{band_sentence(frames, spreads)}",
+        f"At crank angle {plain_number(frames.crank_deg)}°, input held; marked are the definitions of the metrics. "
+        "Without friction loading and unloading coincide outside the free "
+        f"play.{centre}{band_sentence(frames, spreads)}",
         partial(
             hysteresis_figure,
             loop_traces(frames),

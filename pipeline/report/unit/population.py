@@ -94,9 +94,8 @@ def _angles(study: Study, turn_statistic: str, cranks: Iterable[float | None]) -
     other_statistic = "worst" if turn_statistic == "mean" else "mean"
     return (
         f"The units name no crank angle, so each sample is taken as its {turn_statistic} over the "
-        f"{len(study.cycle.crank_deg)} "
-        f"crank angles of the study. A bench that measures at known angles gives them in a column crank_deg; --over "
-        f"{other_statistic} takes the {other_statistic} value instead."
+        f"{len(study.cycle.crank_deg)} crank angles of the study. A bench that measures at known angles gives them in "
+        f"a column crank_deg; --over {other_statistic} takes the {other_statistic} value instead."
     )
 
 

@@ -27,10 +27,7 @@ def _program(objective: Real, rows: Real, limits: Real, radii: Real) -> np.ndarr
     """
     bounds: list[tuple[float | None, float | None]] = [(-radius, radius) for radius in np.repeat(radii, 2)]
     bounds += [(None, None)] * (len(objective) - len(bounds))
-    options = {
-        "primal_feasibility_tolerance": PROGRAM_TOLERANCE,
-        "dual_feasibility_tolerance": PROGRAM_TOLERANCE,
-    }
+    options = {"primal_feasibility_tolerance": PROGRAM_TOLERANCE, "dual_feasibility_tolerance": PROGRAM_TOLERANCE}
     linear_program = scipy.optimize.linprog
     solution = linear_program(-objective, A_ub=rows, b_ub=limits, bounds=bounds, method="highs", options=options)
     if solution.status == 2:

@@ -226,12 +226,7 @@ def _shifting_ends(
 
 
 def finite_ends(
-    profile: CycloidProfile,
-    reducer: Reducer,
-    errors: Errors,
-    disk_reading: str,
-    gap: Real,
-    bearing_clearance: Real,
+    profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_reading: str, gap: Real, bearing_clearance: Real
 ) -> Real:
     """Ends +, - (2, n) [rad] of the output's play under finite motions, from its nominal position.
 
@@ -273,12 +268,7 @@ def _moved_ends(
 
 
 def backlash_change(
-    profile: CycloidProfile,
-    reducer: Reducer,
-    errors: Errors,
-    disk_reading: str,
-    gap: Real,
-    bearing_clearance: Real,
+    profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_reading: str, gap: Real, bearing_clearance: Real
 ) -> Real:
     """What finite motions add to the backlash of small ones (n,) [rad]; missing where it is not found.
 

@@ -336,10 +336,7 @@ def general_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidP
         strict=True,
     )
     return RigidPlay(
-        np.array(plus) / UM_PER_MM,
-        np.array(minus) / UM_PER_MM,
-        np.array(overlap) / UM_PER_MM,
-        reducer.output_motion,
+        np.array(plus) / UM_PER_MM, np.array(minus) / UM_PER_MM, np.array(overlap) / UM_PER_MM, reducer.output_motion
     )
 
 

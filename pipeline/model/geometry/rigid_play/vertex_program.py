@@ -34,14 +34,7 @@ MOST_PIVOTS = 200
 
 @algebraic_part
 def _exchange(
-    row: Real,
-    entering: int,
-    violation: float,
-    basis: Index,
-    inverse: Real,
-    duals: Real,
-    share: Real,
-    x: Real,
+    row: Real, entering: int, violation: float, basis: Index, inverse: Real, duals: Real, share: Real, x: Real
 ) -> bool:
     """Let a violated ``row`` into the basis, and ``x`` onto it, for the one whose dual falls to zero first.
 
@@ -189,9 +182,7 @@ def _solve(
                 if entering < 0:
                     break
                 pivots += 1
-                can_leave = _exchange(
-                    rows[entering], entering, worst, last_basis, own_inverse, own_duals, share, x=x
-                )
+                can_leave = _exchange(rows[entering], entering, worst, last_basis, own_inverse, own_duals, share, x=x)
             if not can_leave:
                 state[s] = 1
                 break

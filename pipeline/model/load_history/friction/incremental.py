@@ -217,7 +217,5 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
             progress=progress,
         )
     ) is not None:
-        _, progress.afresh[0] = solved_afresh(
-            system, friction, n_unsolved, gap, clearance, with_axis_of_blocks(work)
-        )
+        _, progress.afresh[0] = solved_afresh(system, friction, n_unsolved, gap, clearance, with_axis_of_blocks(work))
     return path.motion, path.force[:, position_of_contact], float(progress.largest_residual[0])

@@ -194,11 +194,7 @@ def output_path(turns: Real, nodes: Real, angles: Real, sliders: Sliders) -> Out
     while room <= MOST_STEPS:
         corners = np.empty((3, room))
         count = _trace_path(
-            turns,
-            (nodes, rising),
-            (sliders.stiffness, sliders.limit, sliders.coefficient),
-            corners,
-            corner_of_turn,
+            turns, (nodes, rising), (sliders.stiffness, sliders.limit, sliders.coefficient), corners, corner_of_turn
         )
         if count >= 0:
             return OutputPath(corners[:, :count], corner_of_turn)
