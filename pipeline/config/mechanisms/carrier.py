@@ -16,7 +16,7 @@ from pipeline.config.files.section import Millimetres, Mistake, Positive
 from pipeline.config.mechanisms.crankshaft import Crankshaft, FirstStage, kept_flexibility
 from pipeline.config.mechanisms.mechanism import Circles, Holes, LawInputs, OutputMechanism, Panel, Points, Words
 from pipeline.model.contact.laws import ContactLaws, Material, concatenated_laws
-from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined_contacts
+from pipeline.model.geometry.contacts import Contacts, DiskPose, contact_list, joined_contacts
 
 if TYPE_CHECKING:
     from pipeline.config.designs.design import Disk
@@ -171,20 +171,14 @@ class Carrier(OutputMechanism):
         """Rollers between an eccentric of a crank and the disk named ``body``, on the axis at rotation 0."""
         n = self.bearing_rollers
         centre, outwards = self.centres()[crank], np.exp(2j * np.pi * np.arange(n) / n)
-        return Contacts(
-            kind=np.full(n, OUTPUT),
-            body_a=np.full(n, body),
-            body_b=np.full(n, "output"),
-            interface=np.full(n, RING),
-            face=np.zeros(n, int),
-            end=np.full(n, crank),
+        return contact_list(
+            (body, "output"),
+            [f"crank {crank} roller {k}" for k in range(n)],
+            interface=RING,
+            end=crank,
             station=np.arange(n),
-            hole=np.full(n, crank),
-            label=np.array([f"crank {crank} roller {k}" for k in range(n)]),
-            gap=np.zeros(n),
-            two_sided=np.zeros(n, bool),
-            per_eccentricity=np.zeros(n),
-            curvature=np.full(n, -1 / self.bearing_radius_mm),
+            hole=crank,
+            curvature=-1 / self.bearing_radius_mm,
             point=centre + self.bearing_radius_mm * outwards,
             normal=-outwards,
             arm=np.imag(np.conj(centre) * -outwards),

@@ -12,7 +12,7 @@ from pipeline.arrays import Complex, Real
 from pipeline.config.files.section import Clearance, Millimetres, Mistake, Section
 from pipeline.model.contact.laws import Material
 from pipeline.model.elastic.beam import LONGEST, SHORTEST, shaft_flexibility, support_shares
-from pipeline.model.geometry.contacts import OUTPUT, Contacts
+from pipeline.model.geometry.contacts import Contacts, contact_list
 
 Stiffness = Annotated[float, Field(ge=1, le=1e12)]
 
@@ -135,25 +135,18 @@ class FirstStage(Section):
         When the carrier turns by phi, the planet on the held sun has psi = (1 + z1/z2) phi, and
         r2 (psi - (1 + z1/z2) phi) = r2 psi - r_c phi is what the mesh yields to either side.
         """
-        n = 2 * len(centres)
         crank, flank = np.repeat(np.arange(len(centres)), 2), np.tile([0, 1], len(centres))
         distance = np.abs(centres[crank])
         direction = centres[crank] / distance
         side = 1 - 2 * flank
-        return Contacts(
-            kind=np.full(n, OUTPUT),
-            body_a=np.full(n, "sun"),
-            body_b=np.full(n, "output"),
-            interface=np.full(n, interface),
+        return contact_list(
+            ("sun", "output"),
+            [f"planet {j} flank {k}" for j, k in zip(crank, flank, strict=True)],
+            interface=interface,
             face=flank,
             end=crank,
             station=flank,
-            hole=np.full(n, -1),
-            label=np.array([f"planet {j} flank {k}" for j, k in zip(crank, flank, strict=True)]),
-            gap=np.full(n, 0.5e-3 * self.backlash_um),
-            two_sided=np.zeros(n, bool),
-            per_eccentricity=np.zeros(n),
-            curvature=np.zeros(n),
+            gap=0.5e-3 * self.backlash_um,
             point=(1 - self.planet_share) * distance * direction,
             normal=1j * side * direction,
             arm=side * distance,

@@ -14,7 +14,7 @@ from pipeline.config.files.section import Clearance, Millimetres, Mistake, Secti
 from pipeline.config.mechanisms.mechanism import Circles, Holes, LawInputs, OutputMechanism, Panel, Points, Words
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, in_series, scaled_laws
 from pipeline.model.elastic.beam import LONGEST, SHORTEST, pin_flexibility
-from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose
+from pipeline.model.geometry.contacts import Contacts, DiskPose, contact_list
 
 if TYPE_CHECKING:
     from pipeline.config.designs.design import Disk
@@ -210,25 +210,16 @@ class PinInHole(OutputMechanism):
         n, direction = self.pins, disk.eccentric / abs(disk.eccentric)
         hole = self.hole_radius(disk.eccentricity)
         centre = self.centres() * np.exp(1j * disk.rotation)
-        zero = np.zeros(n, int)
-        return Contacts(
-            kind=np.full(n, OUTPUT),
-            body_a=np.full(n, disk.body),
-            body_b=np.full(n, "output"),
-            interface=zero,
-            face=zero,
-            end=zero,
+        return contact_list(
+            (disk.body, "output"),
+            [f"output pin {k}" for k in range(n)],
             station=np.arange(n),
             hole=np.arange(n),
-            label=np.array([f"output pin {k}" for k in range(n)]),
-            gap=np.full(
-                n, hole - self.outer_radius_mm - abs(disk.eccentric) + 1e-3 * (self.loose_um - self.hole_clearance_um)
-            ),
-            two_sided=np.zeros(n, bool),
-            per_eccentricity=np.full(n, -1.0),
-            curvature=np.full(n, -1 / hole),
+            gap=hole - self.outer_radius_mm - abs(disk.eccentric) + 1e-3 * (self.loose_um - self.hole_clearance_um),
+            per_eccentricity=-1.0,
+            curvature=-1 / hole,
             point=disk.eccentric + centre - hole * direction,
-            normal=np.full(n, direction),
+            normal=direction,
             arm=np.imag(np.conj(centre) * direction),
         )
 

@@ -14,7 +14,7 @@ from pipeline.arrays import Complex, Index, Real
 from pipeline.config.files.section import Millimetres, Mistake
 from pipeline.config.mechanisms.mechanism import Circles, LawInputs, OutputMechanism, Panel, Part, RowLabel, Words
 from pipeline.model.contact.laws import ContactLaws, LineContact, concatenated_laws
-from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined_contacts
+from pipeline.model.geometry.contacts import Contacts, DiskPose, contact_list, joined_contacts
 
 if TYPE_CHECKING:
     from pipeline.config.designs.design import Disk
@@ -168,21 +168,14 @@ class RollerPlate(OutputMechanism):
         (face, end, station), labels = _places(bodies, self.stations)
         side, reach = 1 - 2 * face, (1 - 2 * end) * self.stations_mm[station]
         normal: Complex = np.multiply(1j * direction, side)
-        n = len(side)
-        return Contacts(
-            kind=np.full(n, OUTPUT),
-            body_a=np.full(n, bodies[0]),
-            body_b=np.full(n, bodies[1]),
-            interface=np.full(n, interface),
+        return contact_list(
+            bodies,
+            labels,
+            interface=interface,
             face=face,
             end=end,
             station=station,
-            hole=np.full(n, -1),
-            label=labels,
-            gap=np.zeros(n),
-            two_sided=np.ones(n, bool),
-            per_eccentricity=np.zeros(n),
-            curvature=np.zeros(n),
+            two_sided=True,
             point=centre + reach * direction + self.face_offset_mm * normal,
             normal=normal,
             arm=(side * reach).astype(float),
@@ -232,12 +225,12 @@ class RollerPlate(OutputMechanism):
 
 
 @lru_cache(maxsize=64)
-def _places(bodies: tuple[str, str], stations: int) -> tuple[tuple[Index, ...], Index]:
+def _places(bodies: tuple[str, str], stations: int) -> tuple[tuple[Index, ...], list[str]]:
     """Face, end and station (n,) of the rollers between two bodies, and their labels."""
     grids = np.meshgrid([0, 1], [0, 1], np.arange(stations), indexing="ij")
     places = tuple(grid.ravel() for grid in grids)
-    names = [f"{'-'.join(bodies)} face {'+-'[f]} end {'+-'[e]} roller {s}" for f, e, s in zip(*places, strict=True)]
-    return places, np.array(names)
+    labels = [f"{'-'.join(bodies)} face {'+-'[f]} end {'+-'[e]} roller {s}" for f, e, s in zip(*places, strict=True)]
+    return places, labels
 
 
 MECHANISM = RollerPlate

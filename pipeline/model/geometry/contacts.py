@@ -1,5 +1,6 @@
 """The contacts of a reducer as lists: where two bodies touch, their normals and arms; how several disks stand."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,51 +93,33 @@ class Contacts:
         return Contacts(*(getattr(self, name)[rows] for name in Contacts.__dataclass_fields__))
 
 
+def contact_list(bodies: tuple[str, str], labels: Sequence[str], **columns: object) -> Contacts:
+    """The contacts between two bodies, as many as they have labels.
+
+    Parameters
+    ----------
+    columns : of ``Contacts``, (n_contacts,) each; a single value stands for every contact. What is not given is that of
+        flat output contacts without a gap or a hole, whose diameters open one contact each; point, normal and arm have
+        no such value.
+    """
+    bare: dict[str, object] = {"kind": OUTPUT, "interface": 0, "face": 0, "end": 0, "hole": -1, "two_sided": False}
+    bare |= {"gap": 0.0, "per_eccentricity": 0.0, "curvature": 0.0, "body_a": bodies[0], "body_b": bodies[1]}
+    full_columns = {name: np.full(len(labels), value) for name, value in (bare | columns).items()}
+    return Contacts(label=np.array(labels, str), **full_columns)
+
+
 def pin_list(disk: DiskPose) -> Contacts:
     """The nominal contacts of the pins with a disk."""
-    pins, n = disk.pins, len(disk.pins.arm)
-    no_motion = np.full(n, -1)
-    return Contacts(
-        kind=np.full(n, PIN),
-        body_a=np.full(n, HOUSING),
-        body_b=np.full(n, disk.body),
-        interface=no_motion,
-        face=no_motion,
-        end=no_motion,
-        station=no_motion,
-        hole=no_motion,
-        label=np.array([f"pin {i}" for i in range(n)]),
-        gap=np.zeros(n),
-        two_sided=np.zeros(n, bool),
-        per_eccentricity=np.zeros(n),
-        curvature=pins.flank_curvature,
-        point=pins.point,
-        normal=pins.normal,
-        arm=pins.arm,
-    )
+    pins = disk.pins
+    no_place = dict.fromkeys(("interface", "face", "end", "station"), -1)
+    shape = {"curvature": pins.flank_curvature, "point": pins.point, "normal": pins.normal, "arm": pins.arm}
+    labels = [f"pin {i}" for i in range(len(pins.arm))]
+    return contact_list((HOUSING, disk.body), labels, kind=PIN, **no_place, **shape)
 
 
 def no_contacts() -> Contacts:
     """A list without contacts."""
-    text, integer, real, point = np.full(0, ""), np.zeros(0, int), np.zeros(0), np.zeros(0, complex)
-    return Contacts(
-        kind=text,
-        body_a=text,
-        body_b=text,
-        interface=integer,
-        face=integer,
-        end=integer,
-        station=integer,
-        hole=integer,
-        label=text,
-        gap=real,
-        two_sided=np.zeros(0, bool),
-        per_eccentricity=real,
-        curvature=real,
-        point=point,
-        normal=point,
-        arm=real,
-    )
+    return contact_list(("", ""), [], station=0, point=0j, normal=0j, arm=0.0)
 
 
 def joined_contacts(lists: list[Contacts]) -> Contacts:
