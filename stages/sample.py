@@ -1,9 +1,10 @@
 """Stage 1: manufacturing errors of every sample, per disk, pin, lobe and roller."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from pipeline.arrays import Index
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.dimensions.dimension import DISKS as OF_DISKS
 from pipeline.config.dimensions.dimension import REDUCER as OF_REDUCER
@@ -93,7 +94,7 @@ SAMPLED_TABLES = tuple(table.name for table in TABLES)
 def columns_of_errors(errors: Errors, start: int, interfaces: int) -> Tables:
     """The tables of errors whose first sample is ``start``."""
     number = np.arange(start, start + len(errors))
-    disks = np.arange(errors.eccentricity.size // max(len(errors), 1))
+    disks = errors.eccentricity.size // max(len(errors), 1)
     columns = {table: _fields(table).items() for table in SAMPLED_TABLES}
     values = {
         table: {name: getattr(errors, field).ravel() for name, field in columns[table]} for table in SAMPLED_TABLES
@@ -101,25 +102,23 @@ def columns_of_errors(errors: Errors, start: int, interfaces: int) -> Tables:
     values[OF_REDUCER] = {
         name: getattr(errors, field).reshape(len(errors), -1)[:, 0] for name, field in columns[OF_REDUCER]
     }
-    holes = errors.hole_diameter.shape[1] // len(disks)
-    lobes, per_interface = errors.lobe_profile.shape[1] // len(disks), errors.roller_diameter.shape[1] // interfaces
-    cranks = np.arange(errors.planet_backlash.shape[1])
-    keys = {
-        OF_REDUCER: {"sample": number},
-        OF_DISKS: dict(zip(("sample", "disk"), repeated_axes(number, disks), strict=True)),
-        "pins": dict(zip(("sample", "pin"), repeated_axes(number, np.arange(errors.pin_radial.shape[1])), strict=True)),
-        "lobes": dict(zip(("sample", "disk", "lobe"), repeated_axes(number, disks, np.arange(lobes)), strict=True)),
-        "holes": dict(zip(("sample", "disk", "hole"), repeated_axes(number, disks, np.arange(holes)), strict=True)),
-        "cranks": dict(zip(("sample", "crank"), repeated_axes(number, cranks), strict=True)),
-        "rollers": dict(
-            zip(
-                ("sample", "interface", "roller"),
-                repeated_axes(number, np.arange(interfaces), np.arange(per_interface)),
-                strict=True,
-            )
-        ),
+    elements = {
+        OF_REDUCER: {},
+        OF_DISKS: {"disk": disks},
+        "pins": {"pin": errors.pin_radial.shape[1]},
+        "lobes": {"disk": disks, "lobe": errors.lobe_profile.shape[1] // disks},
+        "holes": {"disk": disks, "hole": errors.hole_diameter.shape[1] // disks},
+        "cranks": {"crank": errors.planet_backlash.shape[1]},
+        "rollers": {"interface": interfaces, "roller": errors.roller_diameter.shape[1] // interfaces},
     }
+    keys = {table: _keys(number, counts) for table, counts in elements.items()}
     return {table: {**keys[table], **values[table]} for table in SAMPLED_TABLES}
+
+
+def _keys(samples: Index, counts: Mapping[str, int]) -> dict[str, np.ndarray]:
+    """Columns of the samples and of so many elements of each kind."""
+    axes = {"sample": samples} | {name: np.arange(count) for name, count in counts.items()}
+    return dict(zip(axes, repeated_axes(*axes.values()), strict=True))
 
 
 def errors_of_columns(tables: Tables) -> Errors:

@@ -110,19 +110,10 @@ def read_targets(path: Path, study: Study) -> tuple[Target, ...]:
     _raise_faults(table, names, ("tolerance_disk_um", "tolerance_roller_um", "value"))
     if negative := table.faults("value", table.numbers("value") < 0, "must be >= 0, as every metric"):
         raise InputError(shortened_list(negative, table.name))
-    columns = {"source": table.texts("source"), **{column: table.texts(column) for column in names}}
-    return tuple(
-        Target(case, disk, roller, metric, value, source)
-        for case, disk, roller, metric, value, source in zip(
-            columns["case"],
-            table.numbers("tolerance_disk_um").tolist(),
-            table.numbers("tolerance_roller_um").tolist(),
-            columns["metric"],
-            table.numbers("value").tolist(),
-            columns["source"],
-            strict=True,
-        )
-    )
+    columns = [
+        table.texts(name) if name in NAMES else table.numbers(name).tolist() for name in Target.__dataclass_fields__
+    ]
+    return tuple(Target(*row) for row in zip(*columns, strict=True))
 
 
 def read_parameters(path: Path, design: Design) -> tuple[FittedNumber, ...]:

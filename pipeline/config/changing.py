@@ -51,6 +51,21 @@ def changed_study(study: Study, changes: Mapping[str, Any]) -> Study:
     return parse_study(with_tuples(raw) | {"design": "design"}, name, f"study {name}", lambda _: design)
 
 
+def study_file(study: Study, name: str, design: str, changes: Mapping[str, Any]) -> str:
+    """The file of a study under another name, with other top-level settings; ``design`` names its design.
+
+    Raises
+    ------
+    InputError : with everything that is wrong with the settings.
+    """
+    content = study.model_dump(exclude_defaults=True, exclude={"name", "design"}) | dict(changes)
+    if study.cycle.loaded_angles:
+        content["cycle"].pop("crank_deg", None)
+    content = {"design": design, **{key: value for key, value in content.items() if value != {}}}
+    parse_study(content, name, f"{name}.toml", lambda _: study.design)
+    return toml_of(content)
+
+
 def toml_of(content: Mapping[str, object]) -> str:
     """Tables of plain values, lists and tables as TOML, which has no null: a key whose value is None is left out."""
     return tomli_w.dumps(_without_none(content))

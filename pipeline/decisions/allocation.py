@@ -7,6 +7,7 @@ file that runs.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.arrays import Real
-from pipeline.config import parse_study
-from pipeline.config.changing import toml_of
+from pipeline.config.changing import study_file
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation_search import TRUST, Rough, Search, Tell, Trial
 from pipeline.decisions.cheapest import LinearUnits, Priced, cheapest, priced_tolerances, with_scaled_tolerances
@@ -117,20 +117,8 @@ def allocate(
     groups = tuple((k,) for k in range(len(priced_dimensions)))
     one_group = (tuple(range(len(priced_dimensions))),)
     sets = count()
-    search, equal_search = (
-        Search(
-            study=study,
-            priced_dimensions=priced_dimensions,
-            groups=g,
-            units=units,
-            solve=solve,
-            rough=rough,
-            jobs=jobs,
-            tell=tell,
-            sets=sets,
-        )
-        for g in (groups, one_group)
-    )
+    new_search = partial(Search, study, priced_dimensions, units=units, solve=solve, rough=rough, jobs=jobs, tell=tell)
+    search, equal_search = (new_search(groups=g, sets=sets) for g in (groups, one_group))
     best_trial = _confirmed_trial(search, target)
     equal = _confirmed_trial(equal_search, target)
     low, high = search.bounds
@@ -232,29 +220,18 @@ TRADEOFF = Table(
 
 def allocation_rows(allocation: Allocation) -> Columns:
     """Rows of `ALLOCATION`."""
-    limits = np.array(
-        [getattr(allocation.study.tolerances, tolerance.name).limits_um for tolerance in allocation.priced_dimensions]
-    )
+    tolerances, scales = allocation.priced_dimensions, allocation.cheapest.scale
+    limits = np.array([getattr(allocation.study.tolerances, tolerance.name).limits_um for tolerance in tolerances])
+    scaled_tolerances = list(zip(tolerances, scales, strict=True))
     return {
-        "dimension": np.array([tolerance.name for tolerance in allocation.priced_dimensions], object),
+        "dimension": np.array([tolerance.name for tolerance in tolerances], object),
         "lower_um": limits[:, 0],
         "upper_um": limits[:, 1],
-        "was": np.array([tolerance.width_um for tolerance in allocation.priced_dimensions]),
+        "was": np.array([tolerance.width_um for tolerance in tolerances]),
         "width_um": limits[:, 1] - limits[:, 0],
-        "was_cost": np.array([float(tolerance.cost_at(np.array(1.0))) for tolerance in allocation.priced_dimensions]),
-        "cost": np.array(
-            [
-                float(tolerance.cost_at(f))
-                for tolerance, f in zip(allocation.priced_dimensions, allocation.cheapest.scale, strict=True)
-            ]
-        ),
-        "price_per_um": np.array(
-            [
-                price.price_per_um(f)
-                for price, f in zip(allocation.priced_dimensions, allocation.cheapest.scale, strict=True)
-            ],
-            float,
-        ),
+        "was_cost": np.array([float(tolerance.cost_at(np.array(1.0))) for tolerance in tolerances]),
+        "cost": np.array([float(tolerance.cost_at(scale)) for tolerance, scale in scaled_tolerances]),
+        "price_per_um": np.array([tolerance.price_per_um(scale) for tolerance, scale in scaled_tolerances], float),
     }
 
 
@@ -284,22 +261,19 @@ def study_name(study: Study) -> str:
 def study_text(allocation: Allocation, design: str) -> str:
     """The study with the new tolerances as a TOML file; ``design`` names its design."""
     study = allocation.study
-    content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude={"name", "design"})
     goal = f"at {100 * allocation.target:g} %"
     found = "cheapest tolerances" if allocation.reaches_target else "best tolerances found, below the target,"
-    content["title"] = f"{study.title or study.name}: {found} {goal}"
-    content["tolerances"] = {name: _rounded_lengths(section) for name, section in content["tolerances"].items()}
-    if study.cycle.loaded_angles:
-        content["cycle"].pop("crank_deg")
-    content = {"design": design, **{key: value for key, value in content.items() if value != {}}}
-    name = study_name(study)
-    parse_study(content, name, f"{name}.toml", lambda _: study.design)
+    tolerances = study.tolerances.model_dump(exclude_defaults=True)
+    changes = {
+        "title": f"{study.title or study.name}: {found} {goal}",
+        "tolerances": {name: _rounded_lengths(section) for name, section in tolerances.items()},
+    }
     passing = allocation.cheapest.yield_estimate
     comment = (
         f"# {found[0].upper()}{found[1:]} {goal} yield, of {study.name}.\n"
         f"# {passing.n} fresh units: {passing.value:.4f} ({passing.ci_low:.4f} to {passing.ci_high:.4f}).\n"
     )
-    return comment + toml_of(content)
+    return comment + study_file(study, study_name(study), design, changes)
 
 
 def _rounded_lengths(section: dict[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Figures of decisions: worst cases, certificates, lots of measured parts, pairs of parts, costs against yields."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,18 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from pipeline.arrays import Real
 from pipeline.config.distributions import Distribution
 from pipeline.figures.labels import METRICS, PARAMETERS
-from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MARKERS, MUTED_INK, legend_below, new_figure, with_style
+from pipeline.figures.style import (
+    ACCENT,
+    ALARM,
+    COLOURS,
+    INK,
+    MARKERS,
+    MUTED_INK,
+    legend_below,
+    new_figure,
+    paired_panels,
+    with_style,
+)
 
 ROWS = {"full": ("Monte Carlo", ACCENT), "linear": ("linear stack (RSS)", COLOURS[2])}
 """Columns of the stacks, with their labels and colours."""
@@ -30,12 +42,8 @@ def bounds_figure(bounds: pd.DataFrame, stacks: pd.DataFrame) -> Figure:
     """
     metrics = list(dict.fromkeys(stacks["metric"]))
     cranks = sorted(set(stacks["crank_deg"]))
-    lines = -(-len(metrics) // 2)
-    figure = new_figure(lines * (1.3 + 0.42 * len(cranks)))
-    panels = figure.subplots(lines, 2, squeeze=False).flat
-    for axes in panels[len(metrics) :]:
-        axes.set_visible(False)
-    for axes, metric in zip(panels, metrics, strict=False):
+    figure, panels = paired_panels(len(metrics), 1.3 + 0.42 * len(cranks))
+    for axes, metric in zip(panels, metrics, strict=True):
         for column_index, crank in enumerate(cranks):
             selections = (
                 table[(table["metric"] == metric) & (table["crank_deg"] == crank)] for table in (bounds, stacks)
@@ -101,12 +109,8 @@ def lots_figure(dimensions: Sequence[tuple[str, Sequence[LotValues], Distributio
     ----------
     dimensions : name, lots that measured it, and the tolerance of the drawing.
     """
-    lines = -(-len(dimensions) // 2)
-    figure = new_figure(2.6 * lines)
-    panels = list(figure.subplots(lines, 2, squeeze=False).flat)
-    for axes in panels[len(dimensions) :]:
-        axes.set_visible(False)
-    for axes, (name, lots, drawing) in zip(panels, dimensions, strict=False):
+    figure, panels = paired_panels(len(dimensions), 2.6)
+    for axes, (name, lots, drawing) in zip(panels, dimensions, strict=True):
         _dimension(axes, lots, drawing)
         axes.set(title=PARAMETERS[name], xlabel="deviation (µm)", ylabel="share of parts below")
     legend_below(figure, panels[0])
@@ -117,24 +121,17 @@ def _dimension(axes: Axes, lots: Sequence[LotValues], drawing: Distribution) -> 
     """Steps of the measured values and lines of the fits of one dimension."""
     probability = (np.arange(POINTS) + 0.5) / POINTS
     for (lot, values, distribution), colour in zip(lots, COLOURS, strict=False):
-        ordered_values = np.sort(values)
-        axes.step(
-            ordered_values,
-            (np.arange(len(ordered_values)) + 0.5) / len(ordered_values),
-            color=colour,
-            alpha=0.6,
-            label=f"{lot}: parts",
-        )
-        axes.plot(
-            distribution.allowance_um + distribution.deviation(probability),
-            probability,
-            "--",
-            color=colour,
-            label=f"{lot}: fit",
-        )
+        _draw_shares(axes, values, color=colour, alpha=0.6, label=f"{lot}: parts")
+        fitted_values = distribution.allowance_um + distribution.deviation(probability)
+        axes.plot(fitted_values, probability, "--", color=colour, label=f"{lot}: fit")
     for k, limit in enumerate(drawing.limits_um if drawing.varies else ()):
         label = "limits of the drawing" if k == 0 else None
         axes.axvline(drawing.allowance_um + limit, color=INK, linewidth=1, linestyle=":", label=label)
+
+
+def _draw_shares(axes: Axes, values: Real, **style: Any) -> None:
+    """Steps of the share of values (n,) below each of them."""
+    axes.step(np.sort(values), (np.arange(len(values)) + 0.5) / len(values), **style)
 
 
 @with_style
@@ -143,13 +140,7 @@ def margins_figure(margins: Mapping[str, Real]) -> Figure:
     figure = new_figure(3.0)
     axes = figure.subplots()
     for (label, values), colour in zip(margins.items(), COLOURS, strict=False):
-        ordered_values = np.sort(values[np.isfinite(values)])
-        axes.step(
-            100 * ordered_values,
-            (np.arange(len(ordered_values)) + 0.5) / len(ordered_values),
-            color=colour,
-            label=label,
-        )
+        _draw_shares(axes, 100 * values[np.isfinite(values)], color=colour, label=label)
     axes.axvline(0, color=INK, linewidth=1, linestyle=":")
     axes.set(xlabel="margin (% of the limit)", ylabel="share of units below")
     legend_below(figure, axes)

@@ -18,6 +18,7 @@ from pipeline.figures.style import (
     MUTED_INK,
     legend_below,
     new_figure,
+    paired_panels,
     with_style,
 )
 
@@ -47,11 +48,8 @@ def distributions_figure(
     nominal : metric -> value of the nominal reducer.
     """
     metrics = list(values)
-    lines = -(-len(metrics) // 2)
-    figure = new_figure(3.1 * lines)
-    for axes in figure.subplots(lines, 2, squeeze=False).flat[len(metrics) :]:
-        axes.set_visible(False)
-    for axes, metric in zip(figure.axes, metrics, strict=False):
+    figure, panels = paired_panels(len(metrics), 3.1)
+    for axes, metric in zip(panels, metrics, strict=True):
         rows = estimates[estimates["metric"] == metric].set_index("statistic")
         draw_histogram(axes, values[metric].dropna().to_numpy(), metric, limits.get(metric), nominal.get(metric))
         _estimates(axes, rows)
@@ -193,12 +191,8 @@ def overlay_figure(
     limits : metric -> limit, of each run.
     metrics : names of `METRICS`.
     """
-    lines = -(-len(metrics) // 2)
-    figure = new_figure(2.8 * lines)
-    panels = figure.subplots(lines, 2, squeeze=False).flat
-    for axes in list(panels)[len(metrics) :]:
-        axes.set_visible(False)
-    for axes, metric in zip(figure.axes, metrics, strict=False):
+    figure, panels = paired_panels(len(metrics), 2.8)
+    for axes, metric in zip(panels, metrics, strict=True):
         values = [frame[metric].dropna().to_numpy(float) for frame in runs.values()]
         edges = np.histogram_bin_edges(np.concatenate(values), OVERLAY_BARS).tolist()
         for label, entry, colour, line, limit in zip(runs, values, COLOURS, RUN_LINES, limits, strict=False):
@@ -232,15 +226,12 @@ def published_figure(
     waves : ``middle``, ``high`` [arcsec] by order of the output turn; None for no panel.
     named_orders : orders that the sources name.
     """
-    panels = len(values) + (waves is not None)
-    figure = new_figure(3.2 * -(-panels // 2))
-    grid = figure.subplots(-(-panels // 2), min(panels, 2), squeeze=False).ravel()
-    for axes, (name, predicted_values) in zip(grid, values.items(), strict=False):
+    count = len(values) + (waves is not None)
+    figure, panels = paired_panels(count, 3.2, min(count, 2))
+    for axes, (name, predicted_values) in zip(panels, values.items(), strict=False):
         _histogram(axes, predicted_values, name, measured_values[name])
     if waves is not None:
-        _orders(grid[len(values)], waves, named_orders)
-    for axes in grid[panels:]:
-        axes.set_visible(False)
+        _orders(panels[-1], waves, named_orders)
     return figure
 
 

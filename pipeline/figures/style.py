@@ -140,6 +140,16 @@ def panel_grid(count: int, base: float, row: float, *, sharey: bool = False) -> 
     return figure, panels
 
 
+def paired_panels(count: int, row: float, across: int = 2) -> tuple[Figure, NDArray[Any]]:
+    """A figure with ``count`` axes, two side by side, ``row`` inches high for each row; what is left is empty."""
+    rows = -(-count // across)
+    figure = new_figure(row * rows)
+    panels = figure.subplots(rows, across, squeeze=False).ravel()
+    for axes in panels[count:]:
+        axes.set_visible(False)
+    return figure, panels[:count]
+
+
 def save(figure: Figure, stem: Path) -> None:
     """Write ``stem``.png and ``stem``.svg; equal figures give equal bytes.
 

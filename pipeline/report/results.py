@@ -71,9 +71,10 @@ class Results:
         """A statistic of the whole or the continuous turn; NaN where there is none."""
         return self._estimates.get((metric, turn_value, None, statistic), (np.nan,) * 3)[0]
 
-    def _cell(self, metric: str, statistic: str, crank: float | None = None) -> Cell:
+    def cell(self, metric: str, statistic: str, crank: float | None = None) -> Cell:
+        """A statistic of a metric, with its interval."""
         value, low, high = self.estimate(metric, statistic, crank)
-        quantity = METRICS[metric]
+        quantity = LIMITED_METRICS[metric]
         return Cell(number(value, quantity), interval(low, high, quantity) if np.isfinite(value) else "")
 
     def share(self, metric: str, statistic: str) -> Cell:
@@ -102,7 +103,7 @@ class Results:
                 METRICS[metric].title,
                 METRICS[metric].unit,
                 number(nominal[metric], METRICS[metric]),
-                tuple(self._cell(metric, statistic) for statistic in STATISTICS),
+                tuple(self.cell(metric, statistic) for statistic in STATISTICS),
                 self.limit(metric),
                 self.share(metric, "yield"),
             )
@@ -193,7 +194,7 @@ class Results:
                 cells.append(
                     (
                         number(nominal, METRICS[metric]),
-                        self._cell(metric, "mean", crank).value,
+                        self.cell(metric, "mean", crank).value,
                         interval(low, high, METRICS[metric]),
                     )
                 )

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.config import parse_study
-from pipeline.config.changing import toml_of
+from pipeline.config.changing import study_file
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.studies.study import Study
 from pipeline.decisions.fresh_units import Solve
@@ -29,8 +28,7 @@ NO_ESTIMATE = Estimate(np.nan, np.nan, np.nan, 0)
 def _estimate_columns(name: str, unit: str, meaning: str) -> tuple[Column, ...]:
     return (
         Column(name, "float64", unit, f"{meaning}; null: not defined"),
-        Column(f"{name}_ci_low", "float64", unit, f"lower end of the interval of {name}"),
-        Column(f"{name}_ci_high", "float64", unit, f"upper end of the interval of {name}"),
+        *interval_columns(unit, f"interval of {name}", f"{name}_"),
     )
 
 
@@ -169,11 +167,8 @@ def fit_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
             }
             for name, estimate in estimates.items():
                 known_estimate = estimate or NO_ESTIMATE
-                row |= {
-                    name: known_estimate.value,
-                    f"{name}_ci_low": known_estimate.ci_low,
-                    f"{name}_ci_high": known_estimate.ci_high,
-                }
+                ends = {f"{name}_ci_low": known_estimate.ci_low, f"{name}_ci_high": known_estimate.ci_high}
+                row |= {name: known_estimate.value, **ends}
             rows.append(row)
     return FITS.frame(rows)
 
@@ -212,36 +207,19 @@ def cost_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
 
 def lot_differences(study: Study, findings: Sequence[LotFindings]) -> pd.DataFrame:
     """Rows of `DIFFERENCES`: metrics and yields of units made from the second lot less those of the first."""
-    runs = [
-        ComparedRun(
-            _renamed_study(study_of_lot(study, lot_result.fits), lot_result.lot.name),
-            _frame(lot_result),
-            pd.DataFrame(),
-        )
-        for lot_result in findings
-    ]
+    runs = []
+    for lot_result in findings:
+        drawn_study = study_of_lot(study, lot_result.fits).with_section("samples", nominal_first=False)
+        lot_study = drawn_study.model_copy(update={"name": lot_result.lot.name})
+        runs.append(ComparedRun(lot_study, pd.DataFrame(dict(lot_result.outcome.values)), pd.DataFrame()))
     return pd.DataFrame(differences(*runs))
-
-
-def _frame(lot_result: LotFindings) -> pd.DataFrame:
-    return pd.DataFrame(dict(lot_result.outcome.values))
-
-
-def _renamed_study(study: Study, name: str) -> Study:
-    """The study as a run of its units alone: sample 0 is a drawn one."""
-    return study.with_section("samples", nominal_first=False).model_copy(update={"name": name})
 
 
 def study_text(study: Study, fits: Sequence[DimensionFit], lot: str, name: str, design: str) -> str:
     """The study with the distributions of a lot as a TOML file; ``design`` names its design."""
-    lot_study = study_of_lot(study, fits)
-    content: dict[str, Any] = lot_study.model_dump(exclude_defaults=True, exclude={"name", "design"})
-    content["title"] = f"{study.title or study.name}: parts of {lot}"
-    if study.cycle.loaded_angles:
-        content["cycle"].pop("crank_deg", None)
-    content = {"design": design, **{key: value for key, value in content.items() if value != {}}}
-    parse_study(content, name, f"{name}.toml", lambda _: study.design)
-    return f"# {study.name} with distributions fitted to the measured parts of {lot}.\n" + toml_of(content)
+    title = f"{study.title or study.name}: parts of {lot}"
+    comment = f"# {study.name} with distributions fitted to the measured parts of {lot}.\n"
+    return comment + study_file(study_of_lot(study, fits), name, design, {"title": title})
 
 
 def write(study: Study, findings: Sequence[LotFindings], folder: Path) -> dict[str, pd.DataFrame]:

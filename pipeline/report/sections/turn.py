@@ -14,17 +14,8 @@ from pipeline.figures.labels import spread_frame
 from pipeline.model.metrics.turn import FEWEST_ANGLES, NEEDS, TurnMetric, turn_library
 from pipeline.model.metrics.turn.turn_metric import BALANCE, FRICTION, RATING, SPEED, TURN
 from pipeline.report.frames import Drawing, Frames, band_sentence, case_label, loop_spreads, loop_traces
-from pipeline.report.layout import (
-    DASH,
-    count_text,
-    interval,
-    listed_text,
-    number,
-    percent,
-    percent_interval,
-    plain_number,
-)
-from pipeline.report.results import STATISTICS, Cell
+from pipeline.report.layout import count_text, listed_text, number, percent, plain_number
+from pipeline.report.results import STATISTICS, Cell, Results
 from pipeline.report.sections.section import Section
 
 CASES_SHOWN = 12
@@ -48,15 +39,7 @@ class TurnSection:
     """What the page says of the turn."""
 
     frames: Frames
-
-    @cached_property
-    def _estimates(self) -> pd.DataFrame:
-        table = self.frames.distributions
-        return table[table["over"] == "turn"].set_index(["metric", "statistic"])[["value", "ci_low", "ci_high"]]
-
-    def _estimate(self, name: str, statistic: str) -> tuple[float, float, float]:
-        key = name, statistic
-        return tuple(self._estimates.loc[key]) if key in self._estimates.index else (np.nan, np.nan, np.nan)
+    results: Results
 
     @cached_property
     def shown_samples(self) -> list[int]:
@@ -79,20 +62,14 @@ class TurnSection:
 
     def _row(self, name: str, metric: TurnMetric) -> TurnRow:
         units = self.frames.units.set_index("sample")[name]
-        cells = []
-        for statistic in STATISTICS:
-            value, low, high = self._estimate(name, statistic)
-            cells.append(Cell(number(value, metric), interval(low, high, metric) if np.isfinite(value) else ""))
-        share, low, high = self._estimate(name, "yield")
-        limits = self.frames.limits
-        side = "≥" if metric.smaller_is_worse else "≤"
+        cells = tuple(self.results.cell(name, statistic) for statistic in STATISTICS)
         return TurnRow(
             metric.title,
             metric.unit,
             tuple(number(float(units[sample]), metric) for sample in self.shown_samples),
-            () if self.frames.is_listed else tuple(cells),
-            f"{side} {plain_number(limits[name])}" if name in limits else DASH,
-            Cell(percent(share), percent_interval(low, high)) if np.isfinite(share) else Cell(DASH),
+            () if self.frames.is_listed else cells,
+            self.results.limit(name),
+            self.results.share(name, "yield"),
         )
 
     @property
@@ -296,7 +273,7 @@ TURN_SECTION = Section(
     title="Over a turn",
     rank=90,
     template=Path(__file__).with_suffix(".html"),
-    values=lambda page: {"turn": TurnSection(page.frames), "statistics": list(STATISTICS.values())},
+    values=lambda page: {"turn": TurnSection(page.frames, page.results), "statistics": list(STATISTICS.values())},
     drawings=turn_drawings,
 )
 

@@ -28,7 +28,8 @@ def with_clearance(profile, reducer, clearance):
 def ends_of(profile, reducer, errors, bearing_clearance=0.0):
     gap = gaps(profile, reducer, errors, **READING)
     clearance = np.full(len(gap), bearing_clearance)
-    return finite_ends(profile, reducer, errors, "radial", gap, clearance), rigid_play(reducer, gap, clearance)
+    small = rigid_play(reducer, gap, clearance)
+    return finite_ends(profile, reducer, errors, "radial", gap, clearance, small), small
 
 
 def cloud_of(profile, clearance):

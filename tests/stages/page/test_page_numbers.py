@@ -19,6 +19,7 @@ from pipeline.figures import style
 from pipeline.figures.labels import METRICS
 from pipeline.report.frames import HEADLINES
 from pipeline.report.layout import interval, percent, percent_interval, plain_number
+from pipeline.report.results import Results
 from pipeline.report.sections.turn import TurnSection
 from stages import report
 from stages.chain import REPORT, STAGES
@@ -26,7 +27,7 @@ from stages.chain import REPORT, STAGES
 
 def test_the_section_of_the_turn_says_what_the_study_lacks(frames) -> None:
     """Two loaded angles tell no error under load; the play at 181 of rigid bodies does; no speed, no life."""
-    section = TurnSection(frames)
+    section = TurnSection(frames, Results(frames))
     titles = {row.title: row for row in section.rows}
     nominal = frames.units.set_index("sample").loc[0, "unloaded_transmission_error_arcsec"]
     assert titles["Transmission error without load"].values == (f"{nominal:.2f}",)

@@ -226,24 +226,6 @@ def _shifting_ends(
 
 
 def finite_ends(
-    profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_reading: str, gap: Real, bearing_clearance: Real
-) -> Real:
-    """Ends +, - (2, n) [rad] of the output's play under finite motions, from its nominal position.
-
-    Parameters
-    ----------
-    gap : (n, n_contacts) [mm] at the nominal pose; what the errors do not describe stays as it is.
-    bearing_clearance : (n,) or (n, n_disks) [mm] as ``rigid_play``.
-
-    Notes
-    -----
-    A unit whose gaps interfere has those of small motions. Missing where an end is not found.
-    """
-    small = rigid_play(reducer, gap, bearing_clearance)
-    return _moved_ends(profile, reducer, errors, disk_reading, gap, bearing_clearance, small)
-
-
-def _moved_ends(
     profile: CycloidProfile,
     reducer: Reducer,
     errors: Errors,
@@ -252,7 +234,18 @@ def _moved_ends(
     bearing_clearance: Real,
     small: RigidPlay,
 ) -> Real:
-    """``finite_ends`` from the play under small motions."""
+    """Ends +, - (2, n) [rad] of the output's play under finite motions, from its nominal position.
+
+    Parameters
+    ----------
+    gap : (n, n_contacts) [mm] at the nominal pose; what the errors do not describe stays as it is.
+    bearing_clearance : (n,) or (n, n_disks) [mm] as ``rigid_play``.
+    small : play under small motions with the same gaps.
+
+    Notes
+    -----
+    A unit whose gaps interfere has those of small motions. Missing where an end is not found.
+    """
     ends, free = small.ends.copy(), np.flatnonzero(~small.preloaded)
     if not len(free):
         return ends
@@ -277,6 +270,6 @@ def backlash_change(
     gap, bearing_clearance : as `finite_ends`.
     """
     small = rigid_play(reducer, gap, bearing_clearance)
-    plus, minus = _moved_ends(profile, reducer, errors, disk_reading, gap, bearing_clearance, small)
+    plus, minus = finite_ends(profile, reducer, errors, disk_reading, gap, bearing_clearance, small)
     change: Real = plus - minus - small.backlash
     return change
