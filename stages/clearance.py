@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from pipeline import assembly
+from pipeline.arrays import joined_columns
 from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Chunk, Stage, Tables
 from pipeline.engine.table import Column, Table
@@ -191,7 +192,7 @@ def _solve(study: Study, chunk: Chunk) -> Tables:
 
 def _nominal_contacts(study: Study) -> dict[str, np.ndarray]:
     parts = [contact_columns(assembly.reducer(study.design, crank), crank) for crank in study.cycle.crank_deg]
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return joined_columns(parts)
 
 
 CLEARANCE = Stage(

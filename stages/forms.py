@@ -6,7 +6,6 @@ from functools import partial
 from itertools import groupby
 
 import numpy as np
-from joblib import delayed
 
 from pipeline import assembly
 from pipeline.arrays import Index, Real
@@ -243,14 +242,8 @@ def _run(job: Job) -> Tables:
     results = list(_of_form(body, study, own_form, units, rigidity, None))
     suitable = sorted((form for form in suitable if form is not own_form), key=partial(_disks, job, study))
     groups = map(_forms_of_group, groupby(suitable, key=partial(_disks, job, study)))
-    parts = worker_results(
-        job.jobs,
-        (
-            delayed(_solve)(job, study, group, units, rigidity, results[0].found)
-            for group in sorted(groups, key=len)[::-1]
-        ),
-    )
-    results += [result for part in parts for result in part]
+    inputs = ((job, study, group, units, rigidity, results[0].found) for group in sorted(groups, key=len)[::-1])
+    results += [result for part in worker_results(job.jobs, _solve, inputs) for result in part]
     results += [_Result(form, False, np.nan, {}, form.unsuitable) for form in forms if form.unsuitable]
     order = [form.name for form in forms]
     results.sort(key=lambda result: (result.is_rescaled, order.index(result.form.name)))

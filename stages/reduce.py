@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipeline import assembly
+from pipeline.arrays import joined_columns
 from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
@@ -164,7 +165,7 @@ def _contact_rows(
                     "compliance_um_per_N": np.diag(matrices[matrix_name(crank, disk)]).copy(),
                 }
             )
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return joined_columns(parts)
 
 
 REDUCE = Stage(

@@ -2,12 +2,11 @@
 
 from functools import partial
 
-import numpy as np
 import pandas as pd
-from joblib import delayed
 
+from pipeline.arrays import joined_columns
 from pipeline.config.studies.study import Study
-from pipeline.engine.parallel import end_idle_workers, worker_results
+from pipeline.engine.parallel import batches, end_idle_workers, worker_results
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.model.metrics import WHOLE_TURN, library
@@ -95,14 +94,8 @@ def _surrogate(job: Job, stop: int) -> Columns:
     metrics = loop_metrics(study, job.read_items("hysteresis", "loops", 0, stop))
     loaded_values = {name: metrics[name].reshape(stop, -1) for name in library()}
     pilot = dict(rough(draw(study, 0, stop)))
-    parts = worker_results(
-        job.jobs,
-        (
-            delayed(surrogate_values)(study, start, min(start + BATCH, stop), rough, loaded_values, pilot)
-            for start in range(0, stop, BATCH)
-        ),
-    )
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    inputs = ((study, *ends, rough, loaded_values, pilot) for ends in batches(0, stop, BATCH))
+    return joined_columns(worker_results(job.jobs, surrogate_values, inputs))
 
 
 def _stated_yields(study: Study, distributions: pd.DataFrame) -> dict[str, Estimate]:

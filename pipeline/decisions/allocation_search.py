@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from joblib import delayed
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, joined_columns
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.cheapest import LinearUnits, Priced, cheapest, with_scaled_tolerances
 from pipeline.decisions.fresh_units import (
@@ -25,7 +24,7 @@ from pipeline.decisions.fresh_units import (
     has_values,
     yields,
 )
-from pipeline.engine.parallel import worker_results
+from pipeline.engine.parallel import batches, worker_results
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import Tail, predicted_turn
 from pipeline.sampling.errors import Errors, draw
@@ -133,11 +132,6 @@ class Search:
         larger_study = fresh_study(self.study, first_unit + stop)
         return draw(with_scaled_tolerances(larger_study, self.names, scale), first_unit + start, first_unit + stop)
 
-    def batches(self, start: int) -> list[tuple[int, int]]:
-        """Units of the set that begins at ``start``, some at a time."""
-        stop = start + self.units
-        return [(k, min(k + BATCH, stop)) for k in range(start, stop, BATCH)]
-
     def check(self, scale: Real) -> dict[str, Estimate]:
         """Yields of a fresh set of units at scales (n_priced,), and the shares preloaded and without result.
 
@@ -160,8 +154,9 @@ class Search:
 
     def linear(self, scale: Real, start: int) -> LinearUnits:
         """The units from ``start`` on about scales (n_groups,): load-solved there, their slopes by the rough model."""
-        parts = worker_results(self.jobs, (delayed(_solve_units)(self, scale, *ends) for ends in self.batches(start)))
-        angles, turns, chosen_angles, *moved_parts = (_join([part[k] for part in parts]) for k in range(len(parts[0])))
+        inputs = ((self, scale, *ends) for ends in batches(start, start + self.units, BATCH))
+        parts = worker_results(self.jobs, _solve_units, inputs)
+        angles, turns, chosen_angles, *moved_parts = map(joined_columns, zip(*parts, strict=True))
         values, slopes = [], []
         for tail in tails(self.study):
             value = tail.sign * turns[tail.metric]
@@ -240,7 +235,3 @@ def _solve_units(search: Search, scale: Real, start: int, stop: int) -> list[Ang
         trial_scale = scale * np.where(np.arange(len(scale)) == k, 1 + STEP, 1.0)
         results.append(search.rough(search.draw_units(search.spread(trial_scale), start, stop)))
     return results
-
-
-def _join(parts: Sequence[Angles]) -> dict[str, Real]:
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

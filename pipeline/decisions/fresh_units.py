@@ -3,11 +3,10 @@
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from joblib import delayed
 
-from pipeline.arrays import Real, Truth
+from pipeline.arrays import Real, Truth, joined_columns
 from pipeline.config.studies.study import Study
-from pipeline.engine.parallel import worker_results
+from pipeline.engine.parallel import batches, worker_results
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.sampling.errors import Errors, draw
@@ -51,10 +50,8 @@ def fresh_values(study: Study, start: int, units: int, solve: Solve, jobs: int) 
     """Each metric over the turn (units,) of independent draws of the study's seed, from ``start`` on."""
     stop = start + units
     larger_study = fresh_study(study, stop)
-    parts = worker_results(
-        jobs, (delayed(_over_turn)(larger_study, solve, a, min(a + BATCH, stop)) for a in range(start, stop, BATCH))
-    )
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    inputs = ((larger_study, solve, *ends) for ends in batches(start, stop, BATCH))
+    return joined_columns(worker_results(jobs, _over_turn, inputs))
 
 
 def yields(study: Study, values: Mapping[str, Real], missing_fail: bool = False) -> dict[str, Estimate]:

@@ -10,17 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from joblib import delayed
 from scipy.optimize import linear_sum_assignment
 
-from pipeline.arrays import Index, Real, Truth
+from pipeline.arrays import Index, Real, Truth, joined_columns
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.studies.study import Study
 from pipeline.decisions.fresh_units import BATCH, Solve, fresh_study
 from pipeline.decisions.lots.lot_yield import limit_passes
 from pipeline.decisions.lots.measured_lot import MeasuredLot
-from pipeline.engine.parallel import worker_results
+from pipeline.engine.parallel import batches, worker_results
 from pipeline.engine.store import write_tables
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
@@ -173,11 +172,8 @@ def _errors(study: Study, measured_values: Mapping[str, Real], start: int, stop:
 def _solve_metrics(study: Study, measured_values: Mapping[str, Real], solve: Solve, jobs: int) -> dict[str, Real]:
     """Each metric over the turn (n,) of units with these parts."""
     n = len(next(iter(measured_values.values())))
-    parts = worker_results(
-        jobs,
-        (delayed(solve)(_errors(study, measured_values, start, min(start + BATCH, n))) for start in range(0, n, BATCH)),
-    )
-    return {name: np.concatenate([part[1][name] for part in parts]) for name in parts[0][1]}
+    inputs = ((_errors(study, measured_values, *ends),) for ends in batches(0, n, BATCH))
+    return joined_columns([of_turn for _, of_turn in worker_results(jobs, solve, inputs)])
 
 
 def _margins(study: Study, values: Mapping[str, Real]) -> Real:

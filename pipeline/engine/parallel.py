@@ -17,7 +17,7 @@ from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import joblib
 from joblib.externals.loky import reusable_executor
@@ -28,6 +28,8 @@ from pipeline.engine.stage import Chunk, Stage, Tables
 from pipeline.engine.store import sha256_of
 from pipeline.engine.table import ITEM, Part
 from pipeline.errors import ChunkError, InputError
+
+Answer = TypeVar("Answer")
 
 WATCH = 0.2
 """Seconds between two looks at the parent: what is solved after that is gone is lost."""
@@ -224,8 +226,13 @@ def solved_chunks(
             yield from _wave(stage, handle, batch, read)
 
 
-def worker_results(jobs: int, tasks: Iterable[Any]) -> list[Any]:
-    """What tasks (``joblib.delayed``) return, in their order, by the same workers that solve chunks.
+def batches(start: int, stop: int, size: int) -> list[tuple[int, int]]:
+    """Ends of the ranges of ``size`` numbers, the last one shorter, from ``start`` up to ``stop``."""
+    return [(first, min(first + size, stop)) for first in range(start, stop, size)]
+
+
+def worker_results(jobs: int, task: Callable[..., Answer], inputs: Iterable[tuple[Any, ...]]) -> list[Answer]:
+    """What a task returns of each of its inputs, in their order, by the same workers that solve chunks.
 
     Raises
     ------
@@ -234,7 +241,7 @@ def worker_results(jobs: int, tasks: Iterable[Any]) -> list[Any]:
     """
     try:
         with _workers(jobs, Backend()):
-            return list(joblib.Parallel()(tasks))
+            return list(joblib.Parallel()(joblib.delayed(task)(*values) for values in inputs))
     except BrokenExecutor as error:
         raise ChunkError(ENDED_FROM_OUTSIDE) from error
 

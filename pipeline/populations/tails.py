@@ -6,18 +6,17 @@ by that the units are taken (``statistics.two_phase``). A metric that the rough 
 alike, and its interval is then as wide as that of plain sampling: ``effective`` says so.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
-from joblib import delayed
 
-from pipeline.arrays import Index, Real
+from pipeline.arrays import Index, Real, joined_columns
 from pipeline.config.designs.design import Design
 from pipeline.config.studies.optional import limited_under_load, without_tails
 from pipeline.config.studies.study import Samples, Study
 from pipeline.config.studies.tolerances import Case, Tolerances
-from pipeline.engine.parallel import worker_results
+from pipeline.engine.parallel import batches, worker_results
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.populations.prediction import LEVEL, Tail, TailPrediction
@@ -96,11 +95,8 @@ def far_tails(study: Study, units: int, budget: int, rough: Solve, solve: Solve,
     rough, solve : cheap metrics of units, in which those under load are nearly linear, and these.
     """
     tails, large_population = tails_of(study), population(study, units)
-    starts = range(0, units, BATCH)
-    parts = worker_results(
-        jobs, (delayed(_rough_metrics)(large_population, rough, a, min(a + BATCH, units)) for a in starts)
-    )
-    rough_units = _join(parts)
+    inputs = ((large_population, rough, *ends) for ends in batches(0, units, BATCH))
+    rough_units = joined_columns(worker_results(jobs, _rough_metrics, inputs))
     pilot = draw(large_population, units, units + PILOT)
     loaded_pilot, rough_pilot = solve(pilot), rough(pilot)
     predictions = [
@@ -109,14 +105,9 @@ def far_tails(study: Study, units: int, budget: int, rough: Solve, solve: Solve,
     probability = inclusion_probability(np.sum([metric.demand for metric in predictions], axis=0), budget)
     rng = np.random.default_rng(np.random.SeedSequence(study.samples.seed, spawn_key=(SELECTION,)))
     selected_units = np.flatnonzero(rng.random(units) < probability)
-    parts = worker_results(
-        jobs,
-        (
-            delayed(_solve_units)(large_population, solve, selected_units[a : a + BATCH])
-            for a in range(0, selected_units.size, BATCH)
-        ),
-    )
-    values = _join(parts)
+    ranges = batches(0, selected_units.size, BATCH)
+    selected_inputs = ((large_population, solve, selected_units[first:stop]) for first, stop in ranges)
+    values = joined_columns(worker_results(jobs, _solve_units, selected_inputs))
     rows = []
     for tail, prediction in zip(tails, predictions, strict=True):
         bad, expected_counts = tail.over_turn(values[tail.metric]), prediction.effective_counts(probability)
@@ -127,10 +118,6 @@ def far_tails(study: Study, units: int, budget: int, rough: Solve, solve: Solve,
 
 def _rough_metrics(population: Population, rough: Solve, start: int, stop: int) -> Mapping[str, Real]:
     return rough(draw(population, start, stop))
-
-
-def _join(parts: Sequence[Mapping[str, Real]]) -> Mapping[str, Real]:
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _solve_units(population: Population, solve: Solve, selected_units: Index) -> Mapping[str, Real]:

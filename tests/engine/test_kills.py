@@ -13,7 +13,6 @@ from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-import joblib
 import psutil
 import pytest
 from forked import forked
@@ -144,7 +143,7 @@ def test_a_kill_while_workers_start_leaves_no_process(tmp_path: Path, moment: fl
 
 def tasks() -> None:
     """Two that end and two that do not."""
-    worker_results(2, (joblib.delayed(time.sleep)(0.01 if number < 2 else 600) for number in range(4)))
+    worker_results(2, time.sleep, [(0.01,), (0.01,), (600,), (600,)])
 
 
 @pytest.mark.long

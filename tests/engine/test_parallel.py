@@ -131,7 +131,7 @@ def test_idle_workers_end_and_others_take_their_place() -> None:
     parallel.end_idle_workers()  # without any nothing happens
 
     def identities() -> set[int]:
-        return set(parallel.worker_results(2, (joblib.delayed(os.getpid)() for _ in range(8))))
+        return set(parallel.worker_results(2, os.getpid, [()] * 8))
 
     first = identities()
     assert os.getpid() not in first
