@@ -10,10 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator, StrMethodFormatter
 
 from pipeline.figures.style import (
-    ACCENT_LIGHT,
     ALARM,
-    INK,
     MUTED_INK,
+    draw_band,
     legend_below,
     line_styles,
     new_figure,
@@ -36,15 +35,7 @@ def pin_clearances_figure(traces: Mapping[str, pd.DataFrame], spread: pd.DataFra
     axes = figure.subplots()
     axes.axhline(0, color=MUTED_INK, linewidth=0.8)
     if spread is not None:
-        axes.fill_between(
-            spread["contact"],
-            spread["low"],
-            spread["high"],
-            color=ACCENT_LIGHT,
-            linewidth=0,
-            label="5 % to 95 % of samples",
-        )
-        axes.plot(spread["contact"], spread["middle"], "--", color=INK, linewidth=1.0, label="median of samples")
+        draw_band(axes, spread["contact"], spread, "5 % to 95 % of samples", "median of samples")
     for style, rows in zip(line_styles(traces), traces.values(), strict=True):
         axes.plot(rows["contact"], rows["clearance_um"], **style)
     axes.set_ylabel("clearance (µm)")

@@ -20,6 +20,7 @@ from pipeline.figures.style import (
     new_figure,
     paired_panels,
     with_style,
+    write_beside,
 )
 
 BARS = "#a9cbe4"
@@ -76,33 +77,16 @@ def draw_histogram(
     axes.axhline(0, color=MUTED_INK, linewidth=0.8)
     if nominal is not None and np.isfinite(nominal):
         axes.plot([nominal], [0.0], "D", color=INK, markersize=5, markerfacecolor="white", clip_on=False, zorder=5)
-        axes.annotate(
-            "nominal",
-            (nominal, 0),
-            (0, 8),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8,
-            color=INK,
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8},
-            zorder=6,
-        )
+        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}
+        write_beside(axes, "nominal", (nominal, 0), (0, 8), ha="center", color=INK, bbox=box, zorder=6)
     if limit is not None:
         start, end = axes.get_xlim()
         axes.axvline(limit, color=ALARM, linewidth=1.3)
         failing = (start, limit) if quantity.smaller_is_worse else (limit, end)
         axes.axvspan(*failing, facecolor=ALARM, alpha=0.07, linewidth=0)
         is_right = limit < 0.5 * (start + end)
-        axes.annotate(
-            f"limit {limit:g}",
-            (limit, 1.12 * top),
-            (4 if is_right else -4, -2),
-            textcoords="offset points",
-            ha="left" if is_right else "right",
-            va="top",
-            fontsize=8.5,
-            color=ALARM,
-        )
+        style = {"ha": "left" if is_right else "right", "va": "top", "fontsize": 8.5, "color": ALARM}
+        write_beside(axes, f"limit {limit:g}", (limit, 1.12 * top), (4 if is_right else -4, -2), **style)
         axes.set_xlim(start, end)
     return axes
 
@@ -123,16 +107,7 @@ def _estimates(axes: Axes, rows: pd.DataFrame) -> None:
             if not np.isfinite(bound):
                 axes.plot([edge], [y], marker, color=ACCENT, markersize=4, alpha=0.55, clip_on=False)
         axes.plot([value], [y], "o", color=ACCENT, markersize=4.5)
-        axes.annotate(
-            text,
-            (1.0, y),
-            (3, 0),
-            xycoords=("axes fraction", "data"),
-            textcoords="offset points",
-            fontsize=8,
-            color=MUTED_INK,
-            va="center",
-        )
+        write_beside(axes, text, (1.0, y), (3, 0), xycoords=("axes fraction", "data"), color=MUTED_INK, va="center")
 
 
 @with_style
@@ -252,5 +227,5 @@ def _orders(axes: Axes, waves: pd.DataFrame, named_orders: Sequence[int]) -> Non
     heights = waves.loc[list(named_orders), "high"]
     axes.plot(named_orders, heights, "v", color=INK, markersize=5, markerfacecolor="white")
     for order, height in heights.items():
-        axes.annotate(str(order), (order, height), (0, 5), textcoords="offset points", ha="center", fontsize=8)
+        write_beside(axes, str(order), (order, height), (0, 5), ha="center")
     axes.set(xlabel="waves per turn of the output", ylabel="amplitude (arcsec)", xlim=(0, None), ylim=(0, None))

@@ -16,6 +16,7 @@ from pipeline.figures.style import (
     ALARM,
     INK,
     MUTED_INK,
+    draw_band,
     legend_below,
     line_styles,
     new_figure,
@@ -101,23 +102,8 @@ def _draw_spread(axes: Axes, spread: pd.DataFrame | None, description: str) -> N
     if spread is None:
         return
     for number, (_, rows) in enumerate(spread.groupby("branch", observed=True)):
-        single = number == 0
-        axes.fill_between(
-            rows["torque_Nm"],
-            rows["low"],
-            rows["high"],
-            color=ACCENT_LIGHT,
-            linewidth=0,
-            label="5 % to 95 % of samples" if single else None,
-        )
-        axes.plot(
-            rows["torque_Nm"],
-            rows["middle"],
-            color=INK,
-            linewidth=1.0,
-            linestyle="--",
-            label=f"median {description}" if single else None,
-        )
+        labels = ("5 % to 95 % of samples", f"median {description}") if number == 0 else (None, None)
+        draw_band(axes, rows["torque_Nm"], rows, *labels)
 
 
 def _angle_at(rows: pd.DataFrame, torque: float, branch: str) -> float:
@@ -155,15 +141,8 @@ def _mark_widths(axes: Axes, loop: pd.DataFrame, torque: float) -> None:
             axes.plot(end, angle, "o", color=INK, markersize=5, markerfacecolor="white", zorder=4)
         arrow = {"arrowstyle": "<|-|>", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", (arrow_torque, high), (arrow_torque, low), zorder=5, arrowprops=arrow)
-        axes.text(
-            arrow_torque - 0.04 * reach,
-            low + 0.65 * (high - low),
-            text,
-            fontsize=8.5,
-            va="center",
-            ha="right",
-            bbox=BEHIND_TEXT,
-        )
+        place = arrow_torque - 0.04 * reach, low + 0.65 * (high - low)
+        axes.text(*place, text, fontsize=8.5, va="center", ha="right", bbox=BEHIND_TEXT)
     for level in (-torque, torque):
         axes.axvline(level, color=MUTED_INK, linewidth=0.8, linestyle=":")
 

@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pipeline.arrays import Index, Real
-from pipeline.figures.measured_unit import MODELS, STAGES, zero_line
+from pipeline.figures.measured_unit import MODELS, residual_figure
 from pipeline.figures.style import (
     ACCENT,
     ACCENT_LIGHT,
@@ -21,6 +21,7 @@ from pipeline.figures.style import (
     new_figure,
     panel_grid,
     with_style,
+    write_beside,
 )
 
 SERIES_STAGES = {"refitted": "friction, play and compliance", "after": "with what is named"}
@@ -69,11 +70,8 @@ def states_figure(states: pd.DataFrame, trends: pd.DataFrame, variable: str) -> 
         axes.plot(place, trend_rows["value"], "o", color=colour, markersize=4)
         if variable:
             line = np.linspace(place.min(), place.max(), 50)
-            axes.plot(
-                line,
-                _line(trend_rows["value"].to_numpy(), place, trend, line),
-                color=colour if trend["shown"] else MUTED_INK,
-            )
+            fitted = _line(trend_rows["value"].to_numpy(), place, trend, line)
+            axes.plot(line, fitted, color=colour if trend["shown"] else MUTED_INK)
         axes.set_title(f"{trend['number'].replace('_', ' ')}, to {trend['loops']}")
         axes.set_xlabel(variable.replace("_", " ") if variable else "state")
         axes.set_ylabel(str(trend_rows["unit"].iloc[0]))
@@ -166,28 +164,9 @@ def turns_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]]
     return figure
 
 
-@with_style
 def turn_residual_figure(cells: pd.DataFrame) -> Figure:
     """Residual over the crank angle before and after, the senses in two colours, one scale for both."""
-    figure = new_figure(3.4)
-    panels = figure.subplots(1, 2, sharey=True)
-    for axes, (stage, title) in zip(panels, STAGES.items(), strict=True):
-        for sense, (label, colour, marker) in SENSES.items():
-            frame = cells[cells["direction"] == sense]
-            residual = frame[f"residual_{stage}_arcmin"]
-            axes.plot(
-                *(frame["crank_deg"], residual, marker),
-                color=colour,
-                markersize=2.5,
-                alpha=0.6,
-                markeredgewidth=0,
-                label=label,
-            )
-        zero_line(axes, cells)
-        axes.set(title=title, xlabel="crank angle (°)")
-    panels[0].set_ylabel("measured − predicted (arcmin)")
-    legend_below(figure, panels[0])
-    return figure
+    return residual_figure(cells, ("crank_deg", "crank angle (°)"), SENSES)
 
 
 @with_style
@@ -272,14 +251,7 @@ def record_orders_figure(orders: pd.DataFrame) -> Figure:
     )
     axes.plot(orders["order"], orders["senses_arcsec"], "x", color=INK, label="half of the difference of the senses")
     for row in orders[orders["of"] != ""].itertuples():
-        axes.annotate(
-            f"{row.order:g}",
-            (row.order, row.amplitude_arcsec),
-            (0, 4),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8,
-        )
+        write_beside(axes, f"{row.order:g}", (row.order, row.amplitude_arcsec), (0, 4), ha="center")
     axes.set(xlabel="waves per turn of the output", ylabel="amplitude (arcsec)", ylim=(0, None))
     legend_below(figure, axes)
     return figure

@@ -86,26 +86,35 @@ def _draw_zoom(axes: Axes, rows: pd.DataFrame, models: Mapping[str, tuple[str, s
     zoom.tick_params(labelsize=7)
 
 
-@style.with_style
 def torque_figure(cells: pd.DataFrame, stages: Mapping[str, str] = STAGES) -> Figure:
     """Residual over torque before and after, the branches in two colours, one scale for both."""
+    return residual_figure(cells, ("torque_Nm", "torque (N m)"), SENSES, stages)
+
+
+@style.with_style
+def residual_figure(
+    cells: pd.DataFrame,
+    across: tuple[str, str],
+    senses: Mapping[int, tuple[str, str, str]],
+    stages: Mapping[str, str] = STAGES,
+) -> Figure:
+    """Residual of each stage over a column of the cells, one scale for all.
+
+    Parameters
+    ----------
+    across : the column and what the axis calls it.
+    senses : label, colour and marker by the direction.
+    """
+    column, axis_label = across
     figure = style.new_figure(3.4)
     panels = figure.subplots(1, 2, sharey=True)
     for axes, (stage, title) in zip(panels, stages.items(), strict=True):
-        for sense, (label, colour, marker) in SENSES.items():
-            branch_rows = cells[cells["direction"] == sense]
-            axes.plot(
-                branch_rows["torque_Nm"],
-                branch_rows[f"residual_{stage}_arcmin"],
-                marker,
-                color=colour,
-                markersize=2.5,
-                alpha=0.6,
-                markeredgewidth=0,
-                label=label,
-            )
+        for sense, (label, colour, marker) in senses.items():
+            rows = cells[cells["direction"] == sense]
+            look = {"color": colour, "markersize": 2.5, "alpha": 0.6, "markeredgewidth": 0, "label": label}
+            axes.plot(rows[column], rows[f"residual_{stage}_arcmin"], marker, **look)
         zero_line(axes, cells, stages)
-        axes.set(title=title, xlabel="torque (N m)")
+        axes.set(title=title, xlabel=axis_label)
     panels[0].set_ylabel("measured − predicted (arcmin)")
     style.legend_below(figure, panels[0])
     return figure
@@ -187,9 +196,6 @@ def quantiles_figure(quantiles: pd.DataFrame) -> Figure:
         ends = [metric_rows[["study", "measured"]].min().min(), metric_rows[["study", "measured"]].max().max()]
         axes.plot(ends, ends, color=style.MUTED_INK, linewidth=1.0, linestyle="--")
         axes.plot(metric_rows["study"], metric_rows["measured"], "o", color=style.ACCENT)
-        axes.set(
-            title=label,
-            xlabel=f"study ({metric_rows['unit'].iloc[0]})",
-            ylabel=f"units ({metric_rows['unit'].iloc[0]})",
-        )
+        unit = metric_rows["unit"].iloc[0]
+        axes.set(title=label, xlabel=f"study ({unit})", ylabel=f"units ({unit})")
     return figure

@@ -54,17 +54,8 @@ def reducer_figure(
 def circles(axes: Axes, centre: Complex, radius: float, **style: Any) -> None:
     """Circles of one radius [mm] about the centres (n,) [mm]."""
     size = np.full(len(centre), 2 * radius)
-    axes.add_collection(
-        EllipseCollection(
-            size,
-            size,
-            np.zeros(len(centre)),
-            units="xy",
-            transOffset=axes.transData,
-            offsets=np.column_stack([centre.real, centre.imag]),
-            **style,
-        )
-    )
+    places = {"offsets": np.column_stack([centre.real, centre.imag]), "transOffset": axes.transData}
+    axes.add_collection(EllipseCollection(size, size, np.zeros(len(centre)), units="xy", **places, **style))
 
 
 def draw_ring(axes: Axes, pins: pd.DataFrame, flank: Complex, crank_deg: float, radius: float) -> None:
@@ -75,16 +66,7 @@ def draw_ring(axes: Axes, pins: pd.DataFrame, flank: Complex, crank_deg: float, 
     circles(axes, centre, radius, facecolor="white", edgecolor=ACCENT, linewidth=0.8)
     for number, label_point in zip(pins["contact"], NUMBER_RADIUS * centre, strict=True):
         if len(pins) <= MOST_NUMBERS or number % 5 == 0:
-            axes.text(
-                label_point.real,
-                label_point.imag,
-                str(number),
-                ha="center",
-                va="center",
-                fontsize=7,
-                color=ACCENT,
-                in_layout=False,
-            )
+            _write_within(axes, label_point, str(number), va="center", fontsize=7, color=ACCENT)
     reach = np.abs(centre[0])
     tip = 0.45 * reach * np.exp(1j * np.radians(crank_deg))
     axes.annotate("", (tip.real, tip.imag), (0, 0), arrowprops={"arrowstyle": "-|>", "color": ALARM, "linewidth": 1.4})
@@ -92,12 +74,8 @@ def draw_ring(axes: Axes, pins: pd.DataFrame, flank: Complex, crank_deg: float, 
     axes.text(0, -0.09 * reach, "arrow: direction of\nthe eccentric", ha="center", va="top", fontsize=8.5, color=ALARM)
     turn = 0.72 * reach * np.exp(-1j * np.linspace(0.25, 1.0, 40))
     axes.plot(turn.real, turn.imag, color=MUTED_INK, linewidth=1.0)
-    axes.annotate(
-        "",
-        (turn[-1].real, turn[-1].imag),
-        (turn[-4].real, turn[-4].imag),
-        arrowprops={"arrowstyle": "-|>", "color": MUTED_INK, "linewidth": 1.0},
-    )
+    arrow = {"arrowstyle": "-|>", "color": MUTED_INK, "linewidth": 1.0}
+    axes.annotate("", (turn[-1].real, turn[-1].imag), (turn[-4].real, turn[-4].imag), arrowprops=arrow)
     axes.text(0.42 * reach, -0.3 * reach, "count\nclockwise", ha="center", va="center", fontsize=8.5, color=MUTED_INK)
     edge = 1.12 * reach
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title=f"Pins 0 to {len(pins) - 1}, crank at {crank_deg:g}°")
@@ -111,7 +89,8 @@ def _draw_panel(axes: Axes, panel: Panel, flank: Complex) -> None:
             case Circles():
                 circles(axes, shape.centre, shape.radius, facecolor="white", edgecolor=LINES[shape.part], linewidth=0.9)
                 for centre, text in zip(shape.centre, shape.texts, strict=bool(shape.texts)):
-                    _write_within(axes, centre, text, shape.text_size, LINES[shape.part])
+                    middle = "center" if "\n" in text else "center_baseline"
+                    _write_within(axes, centre, text, va=middle, fontsize=shape.text_size, color=LINES[shape.part])
             case Points():
                 axes.plot(shape.point.real, shape.point.imag, ".", color=ALARM, markersize=5)
             case RowLabel():
@@ -121,17 +100,8 @@ def _draw_panel(axes: Axes, panel: Panel, flank: Complex) -> None:
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title=panel.title)
 
 
-def _write_within(axes: Axes, point: complex, text: str, size: float, colour: str) -> None:
-    axes.text(
-        point.real,
-        point.imag,
-        text,
-        ha="center",
-        va="center" if "\n" in text else "center_baseline",
-        fontsize=size,
-        color=colour,
-        in_layout=False,
-    )
+def _write_within(axes: Axes, point: complex, text: str, **style: Any) -> None:
+    axes.text(point.real, point.imag, text, ha="center", in_layout=False, **style)
 
 
 def _write_beyond(axes: Axes, label: RowLabel) -> None:

@@ -11,6 +11,7 @@ from typing import Any, ParamSpec
 
 import matplotlib
 import numpy as np
+import pandas as pd
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -185,6 +186,18 @@ def pin_axis(axes: Axes) -> None:
     """Horizontal axis of pin numbers."""
     axes.set_xlabel("pin number")
     axes.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True, steps=[1, 2, 5, 10]))
+
+
+def write_beside(axes: Axes, text: str, point: tuple[float, float], offset: tuple[float, float], **style: Any) -> None:
+    """A small text, ``offset`` points of type away from a point of the axes."""
+    small: dict[str, Any] = {"fontsize": 8}
+    axes.annotate(text, point, offset, textcoords="offset points", **small | style)
+
+
+def draw_band(axes: Axes, x: pd.Series, spread: pd.DataFrame, band: str | None, median: str | None) -> None:
+    """What lies between ``low`` and ``high`` of a spread, and its ``middle`` dashed, each with its label."""
+    axes.fill_between(x, spread["low"], spread["high"], color=ACCENT_LIGHT, linewidth=0, label=band)
+    axes.plot(x, spread["middle"], "--", color=INK, linewidth=1.0, label=median)
 
 
 def legend_below(figure: Figure | SubFigure, axes: Axes) -> None:

@@ -11,7 +11,18 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocat
 
 from pipeline.arrays import Real, Truth
 from pipeline.figures.labels import LIMITED_METRICS, METRICS, PARAMETERS, parameter_title
-from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MARKERS, MUTED_INK, legend_below, new_figure, with_style
+from pipeline.figures.style import (
+    ACCENT,
+    ALARM,
+    COLOURS,
+    INK,
+    MARKERS,
+    MUTED_INK,
+    legend_below,
+    new_figure,
+    with_style,
+    write_beside,
+)
 from pipeline.model.metrics import signed_number
 from pipeline.statistics.sensitivity import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
 
@@ -62,8 +73,8 @@ def _draw_curves(axes: Axes, curves: Mapping[str, Real], target: float) -> None:
         if name == shown_curves[0][0]:
             axes.fill_between(scale, 100 * low, 100 * high, color=colour, alpha=0.12, linewidth=0)
     axes.axhline(100 * target, color=MUTED_INK, linestyle=":")
-    axes.annotate(f"{100 * target:g} %", (1, 100 * target), (-2, 2), xycoords=("axes fraction", "data"), ha="right",
-                  textcoords="offset points", color=MUTED_INK, fontsize=8)  # fmt: skip
+    style = {"xycoords": ("axes fraction", "data"), "ha": "right", "color": MUTED_INK}
+    write_beside(axes, f"{100 * target:g} %", (1, 100 * target), (-2, 2), **style)
     axes.axvline(1.0, color=INK, linewidth=0.8)
     axes.set(xlabel="factor on the limits of the tolerance (1: as stated)", ylabel="yield (%), estimated", xscale="log")
     ticks = list(shown_curves[0][1][0]) if shown_curves else [1.0]
@@ -227,15 +238,8 @@ def _bars(axes: Axes, rows: pd.DataFrame, positions: Real, height: float, colour
         (bar,) = axes.barh(y, number, height=0.92 * height, color=colour)
         if not sure:
             bar.set(facecolor="none", edgecolor=MUTED_INK, linestyle=":")
-        axes.annotate(
-            signed_number(number, 2) if sure else f"({signed_number(number, 2)})",
-            (1.0, y),
-            (4, 0),
-            xycoords=("axes fraction", "data"),
-            textcoords="offset points",
-            va="center",
-            fontsize=8 if height > 0.5 else 7,
-            color=INK if sure else MUTED_INK,
-        )
+        text = signed_number(number, 2) if sure else f"({signed_number(number, 2)})"
+        style = {"va": "center", "fontsize": 8 if height > 0.5 else 7, "color": INK if sure else MUTED_INK}
+        write_beside(axes, text, (1.0, y), (4, 0), xycoords=("axes fraction", "data"), **style)
     has_interval = np.isfinite(low) & np.isfinite(high)
     axes.hlines(positions[has_interval], low[has_interval], high[has_interval], color=INK, linewidth=1.0)
