@@ -53,14 +53,9 @@ def bearing(design: Design) -> Bearing:
 
 def load_cycle(study: Study, levels: int) -> LoadCycle:
     """The load cycle of so many ``levels`` a branch, with the torques of the metrics among them."""
-    metrics = study.metrics
-    marks = (metrics.lost_motion_percent, *metrics.rigidity_percent)
-    return LoadCycle.evenly(
-        NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
-        levels,
-        study.cycle.torque_fraction,
-        tuple(percent / 100 for percent in marks),
-    )
+    rated_torque = NMM_PER_NM * study.design.cycloid.rated_torque_Nm
+    marks = tuple(percent / 100 for percent in (study.metrics.lost_motion_percent, *study.metrics.rigidity_percent))
+    return LoadCycle.evenly(rated_torque, levels, study.cycle.torque_fraction, marks)
 
 
 def definitions(study: Study) -> Definitions:

@@ -162,13 +162,8 @@ class _Block:
         search = self._read("worst", "found") if study.cycle.has_turn_search else {}
         of_angles, searched_columns = turn.over_turn_columns(self.turns), turn.found_columns(study, self.turns, search)
         status = turn.unit_status(self.metrics["status"], angles)
-        lost = np.any(
-            [
-                np.isnan(searched_columns[f"{name}_worst"]) & ~np.isnan(of_angles[f"{name}_worst"])
-                for name in self.turns
-            ],
-            axis=0,
-        )
+        worst = [f"{name}_worst" for name in self.turns]
+        lost = np.any([np.isnan(searched_columns[name]) & ~np.isnan(of_angles[name]) for name in worst], axis=0)
         unfound = np.isnan(self._finite_motion).any(axis=1)
         n = self.stop - self.start
         return {

@@ -76,11 +76,9 @@ def prepare(job: Job) -> Shared:
 
 def searched_rows(study: Study) -> int:
     """Base samples of each set, the first ones, whose worst over the whole turn is searched for."""
-    return (
-        max(FEWEST_BASE_SAMPLES, round(SEARCHED_SHARE * study.drivers.base_samples))
-        if study.cycle.has_turn_search
-        else 0
-    )
+    if not study.cycle.has_turn_search:
+        return 0
+    return max(FEWEST_BASE_SAMPLES, round(SEARCHED_SHARE * study.drivers.base_samples))
 
 
 def _items(job: Job) -> int:

@@ -172,13 +172,10 @@ def largest_difference(
     reference, computed_values, scale = np.broadcast_arrays(np.asarray(reference, float), computed_values, scale)
     error = np.abs(computed_values - reference) / np.abs(scale)
     worst_entry = int(np.argmax(np.where(np.isnan(error), np.inf, error)))
-    return Finding(
-        quantity,
-        float(reference.flat[worst_entry]),
-        float(computed_values.flat[worst_entry]),
-        float(error.flat[worst_entry]),
-        limit,
+    reference_there, computed_there, error_there = (
+        float(values.flat[worst_entry]) for values in (reference, computed_values, error)
     )
+    return Finding(quantity, reference_there, computed_there, error_there, limit)
 
 
 def relative(quantity: str, reference: ArrayLike, computed_values: ArrayLike, limit: float) -> Finding:

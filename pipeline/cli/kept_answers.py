@@ -74,12 +74,8 @@ def keep_answer(
 def _note(options: argparse.Namespace) -> Path:
     """File of the answer to a command with its options, from this folder and on these runs."""
     options_text: Mapping[str, Any] = {name: str(value) for name, value in vars(options).items()}
-    return (
-        settings.RUNS
-        / ".cache"
-        / ANSWERS
-        / f"{_digest([options_text, os.getcwd(), str(settings.RUNS.absolute())])}.json"
-    )
+    digest = _digest([options_text, os.getcwd(), str(settings.RUNS.absolute())])
+    return settings.RUNS / ".cache" / ANSWERS / f"{digest}.json"
 
 
 def _state(folders: Iterable[str], files: Iterable[str]) -> str:

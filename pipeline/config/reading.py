@@ -232,11 +232,8 @@ def _at_temperature(raw: dict[str, Any], design: Design | None) -> tuple[dict[st
         remaining["cases"] = tuple(cases)
     elif isinstance(tolerances, Mapping):
         remaining["tolerances"] = warm_tolerances(warm, tolerances, design) | growth_tolerances(thermal, draws)
-    sentences = (
-        remaining.get("description", ""),
-        temperature_sentence(temperature),
-        draw_sentence(draws, follows) if draws else "",
-    )
+    of_draws = draw_sentence(draws, follows) if draws else ""
+    sentences = (remaining.get("description", ""), temperature_sentence(temperature), of_draws)
     remaining["description"] = " ".join(filter(None, map(str, sentences)))
     return remaining, warm_design(warm, design).model_copy(update={"thermal": thermal if draws else None}), []
 

@@ -80,11 +80,9 @@ def limit_deviations(letter: str, grade: int, size_mm: float) -> tuple[float, fl
         return -width / 2, width / 2
     if letter.islower():
         fundamental_deviation = _shaft(letter, grade, size_range)
-        return (
-            (fundamental_deviation - width, fundamental_deviation)
-            if letter <= "h"
-            else (fundamental_deviation, fundamental_deviation + width)
-        )
+        if letter <= "h":
+            return fundamental_deviation - width, fundamental_deviation
+        return fundamental_deviation, fundamental_deviation + width
     if letter <= "H":
         fundamental_deviation = -float(DEVIATIONS_UM[letter.lower()][size_range])
         return fundamental_deviation, fundamental_deviation + width

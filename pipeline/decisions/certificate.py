@@ -167,15 +167,8 @@ def certificate(
     loops = solve_loops(units)
     confidence = study.metrics.confidence
     meets_all = pass_share(limit_passes(study, values), confidence) if study.limits.of_metrics else None
-    return Certificate(
-        study,
-        case.label,
-        tuple(known_values),
-        _metrics(study, values),
-        meets_all,
-        *_bounds(study, known_values, loops),
-        loops,
-    )
+    metrics, bounds = _metrics(study, values), _bounds(study, known_values, loops)
+    return Certificate(study, case.label, tuple(known_values), metrics, meets_all, *bounds, loops)
 
 
 def _metrics(study: Study, values: Mapping[str, Real]) -> pd.DataFrame:

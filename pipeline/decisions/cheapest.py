@@ -231,11 +231,7 @@ def priced_tolerances(study: Study) -> tuple[tuple[Priced, ...], dict[str, str]]
             priced_dimensions.append(Priced(name, high - low, costs[name], costs[name].count(name, study.design)))
     if not priced_dimensions:
         raise InputError(f"study {study.name}: no tolerance that varies has a cost; state one, as [costs.pin_radial]")
-    empty = [
-        priced_tolerance.name
-        for priced_tolerance in priced_dimensions
-        if not priced_tolerance.bounds[0] < priced_tolerance.bounds[1]
-    ]
+    empty = [priced.name for priced in priced_dimensions if not priced.bounds[0] < priced.bounds[1]]
     if empty:
         raise InputError(
             f"study {study.name}: costs.{name}: its table lies beyond the scales 0.2 to 5" for name in empty

@@ -237,11 +237,7 @@ def set_aside(run_folder: Path, damage: Iterable[Damage]) -> bool:
     InputError
         If another process writes the run.
     """
-    movable = [
-        file_damage
-        for file_damage in damage
-        if file_damage.fault != "missing" and file_damage.name not in (RECORD, MANIFEST)
-    ]
+    movable = [file for file in damage if file.fault != "missing" and file.name not in (RECORD, MANIFEST)]
     if not movable or not os.access(run_folder, os.W_OK):
         return False
     with lock_run(run_folder):

@@ -171,12 +171,8 @@ def certificate(
     folder = settings.RUNS / "certificate" / case.label
     frames = write_certificate(unit_certificate, folder)
     write_certificate_page(unit_certificate, loop, folder)
-    return Answer(
-        unit_certificate,
-        (limit_sentence(unit_certificate), compensation_sentence(unit_certificate, loop)),
-        folder,
-        frames,
-    )
+    sentences = (limit_sentence(unit_certificate), compensation_sentence(unit_certificate, loop))
+    return Answer(unit_certificate, sentences, folder, frames)
 
 
 def whole_loops(loop_inputs: hysteresis.Shared, sampled_errors: Errors) -> Loops:

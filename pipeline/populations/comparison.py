@@ -281,13 +281,10 @@ def _distances(label: Truth, group_end: Truth) -> Real:
     pairs = m * (n - m)
     inner = rank < n
     spread = rank[inner] * (n - rank[inner])
-    return np.stack(
-        [
-            np.max(np.abs(difference), axis=1),
-            pairs / n**2 * np.sum(weight * difference**2, axis=1),
-            pairs * np.sum(weight[inner] * difference[:, inner] ** 2 / spread, axis=1),
-        ]
-    )
+    kolmogorov = np.max(np.abs(difference), axis=1)
+    cramer = pairs / n**2 * np.sum(weight * difference**2, axis=1)
+    anderson = pairs * np.sum(weight[inner] * difference[:, inner] ** 2 / spread, axis=1)
+    return np.stack([kolmogorov, cramer, anderson])
 
 
 def _comparison(

@@ -96,12 +96,10 @@ def _output_ends(drive: Drive) -> Real:
     if not has_pins_in_holes(reducer):
         return _play_behind(drive)[:, :, None, None] * np.ones((1, 1, reducer.n_disks, 1))
     gap, arm = (values[..., reducer.n_pins :] for values in (drive.gap, reducer.contacts.arm))
-    ends = [
-        np.divide(
-            gap, np.abs(arm), out=np.full_like(gap, NEVER_CLOSED), where=np.broadcast_to(-sign * arm > 0, gap.shape)
-        )
-        for sign in (1.0, -1.0)
-    ]
+    ends = []
+    for sign in (1.0, -1.0):
+        closes = np.broadcast_to(-sign * arm > 0, gap.shape)
+        ends.append(np.divide(gap, np.abs(arm), out=np.full_like(gap, NEVER_CLOSED), where=closes))
     return np.stack(ends, axis=1).reshape(n, 2, reducer.n_disks, -1)
 
 

@@ -81,16 +81,9 @@ def design_numbers(design: Design) -> list[tuple[str, list[DesignNumber]]]:
         section, _, key_tail = key.partition(".")
         name, unit = of_effects.get(key) or _name_and_unit(key_tail)
         provenance = design.provenance.get(key)
-        sections.setdefault(section, []).append(
-            DesignNumber(
-                key,
-                name,
-                plain_number(number_at(raw, key)),
-                unit,
-                provenance.status if provenance else "not stated",
-                provenance.reason if provenance else "",
-            )
-        )
+        status, reason = (provenance.status, provenance.reason) if provenance else ("not stated", "")
+        design_number = DesignNumber(key, name, plain_number(number_at(raw, key)), unit, status, reason)
+        sections.setdefault(section, []).append(design_number)
     return list(sections.items())
 
 

@@ -161,11 +161,8 @@ class Results:
     def doubled_yield(self) -> str:
         """Yield against all limits expected of twice as many crank angles; empty where they are too few."""
         _, *expected_yield = self._values_at_twice_the_angles(ALL_LIMITS, "yield")
-        return (
-            percent_interval(*expected_yield)
-            if np.isfinite(expected_yield).all() and self.frames.turn_statistic == "worst"
-            else ""
-        )
+        is_known = np.isfinite(expected_yield).all() and self.frames.turn_statistic == "worst"
+        return percent_interval(*expected_yield) if is_known else ""
 
     @cached_property
     def angle_doubling_phrases(self) -> list[str]:
@@ -191,13 +188,8 @@ class Results:
             for metric in HEADLINES:
                 nominal = float(rows_of_crank[metric].iloc[0]) if len(rows_of_crank) else np.nan
                 low, high = (self.estimate(metric, name, crank)[0] for name in ("p05", "p95"))
-                cells.append(
-                    (
-                        number(nominal, METRICS[metric]),
-                        self.cell(metric, "mean", crank).value,
-                        interval(low, high, METRICS[metric]),
-                    )
-                )
+                mean, spread = self.cell(metric, "mean", crank).value, interval(low, high, METRICS[metric])
+                cells.append((number(nominal, METRICS[metric]), mean, spread))
             rows.append((plain_number(round(crank, CRANK_DECIMALS)), cells))
         return rows
 

@@ -118,11 +118,8 @@ def draw(study: Drawn, start: int, stop: int) -> Errors:
         raise ValueError(f"samples {start} to {stop} asked of {study.samples.rows}")
     shift = int(study.samples.nominal_first)
     first_row, last_row = max(start - shift, 0), max(stop - shift, 0)
-    drawn_errors = (
-        _listed_errors(study, first_row, last_row)
-        if study.samples.experiment == "cases"
-        else _random(study, first_row, last_row)
-    )
+    draw_rows = _listed_errors if study.samples.experiment == "cases" else _random
+    drawn_errors = draw_rows(study, first_row, last_row)
     if shift and start == 0 < stop:
         drawn_errors = joined_errors(_nominal(study), drawn_errors)
     return drawn_errors

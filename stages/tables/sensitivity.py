@@ -156,9 +156,6 @@ def _shares(job: Job, units: Columns, of_angles: Columns) -> list[dict[str, Any]
 
 def _worse(metric: str, first_values: np.ndarray, second_values: np.ndarray) -> np.ndarray:
     """The worse of two values of a metric (n,), missing where either is."""
-    worse: np.ndarray = (
-        np.minimum(first_values, second_values)
-        if library()[metric].smaller_is_worse
-        else np.maximum(first_values, second_values)
-    )
+    worse_of = np.minimum if library()[metric].smaller_is_worse else np.maximum
+    worse: np.ndarray = worse_of(first_values, second_values)
     return worse

@@ -95,15 +95,10 @@ def execute(text: str, steps: int, name: str, folder: Path) -> ProgramRun:
         raise RuntimeError(f"{PROGRAM} is not installed; {INSTALL}")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{name}.inp").write_text(text)
+    variables = os.environ | {"OMP_NUM_THREADS": str(THREADS)}
     start = time.perf_counter()
     with (folder / f"{name}.log").open("w") as log:
-        process = subprocess.Popen(
-            [program, name],
-            cwd=folder,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            env=os.environ | {"OMP_NUM_THREADS": str(THREADS)},
-        )
+        process = subprocess.Popen([program, name], cwd=folder, stdout=log, stderr=subprocess.STDOUT, env=variables)
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
     seconds = time.perf_counter() - start

@@ -90,13 +90,8 @@ def direct(load: LoadCase) -> Analysis:
     start = (play.pose_plus if load.torque > 0 else play.pose_minus).copy()
     rotations = [number for number, name in enumerate(load.reducer.motions) if name.endswith("_phi")]
     start[:, rotations] += np.sign(load.torque) * FIRST_TURN * np.arange(1, len(rotations) + 1)
-    states = solve(
-        ElasticReducer(load.reducer, load.bearing, load.laws, load.compliance),
-        load.gap[None],
-        np.zeros(1),
-        start,
-        np.array([load.torque]),
-    )
+    elastic = ElasticReducer(load.reducer, load.bearing, load.laws, load.compliance)
+    states = solve(elastic, load.gap[None], np.zeros(1), start, np.array([load.torque]))
     return Analysis(states.force[0, 0], states.motion[0, 0], 1, int(states.iterations[0, 0]))
 
 
@@ -141,16 +136,11 @@ def procedures(study: Study, disk: Condensed, cases: SolvedCases) -> pd.DataFram
     """Both procedures for every case at the torques of the metrics: answers, passes, linear systems, seconds."""
     rows = []
     percents = (study.metrics.lost_motion_percent, *study.metrics.rigidity_percent)
+    bearing, compliance = assembly.bearing(study.design), disk.compliance(study.design)
     for number, case in enumerate(study.cases):
         for percent in percents:
-            load = LoadCase(
-                cases.reducer,
-                assembly.bearing(study.design),
-                cases.laws,
-                disk.compliance(study.design),
-                cases.gap[number],
-                cases.cycle.rated_torque * percent / 100,
-            )
+            torque = cases.cycle.rated_torque * percent / 100
+            load = LoadCase(cases.reducer, bearing, cases.laws, compliance, cases.gap[number], torque)
             for name, analyse in (("direct", direct), ("iterative", iterative)):
                 analysis, seconds = _timed_analysis(analyse, load)
                 rows.append(

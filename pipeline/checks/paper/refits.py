@@ -63,12 +63,8 @@ class Refit:
     def error(self) -> Real:
         """Relative errors (n_targets,) of Table 2; NaN for a published zero."""
         published_values = np.array([target.value for target in self.targets])
-        relative_error: Real = (
-            np.divide(
-                self.values, published_values, out=np.full(len(published_values), np.nan), where=published_values != 0
-            )
-            - 1
-        )
+        is_published, no_ratio = published_values != 0, np.full(len(published_values), np.nan)
+        relative_error: Real = np.divide(self.values, published_values, out=no_ratio, where=is_published) - 1
         return relative_error
 
     @property

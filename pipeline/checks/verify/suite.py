@@ -80,12 +80,8 @@ class CheckRow:
     def cells(self) -> tuple[str, ...]:
         """Texts in the order of ``COLUMNS``; empty where there is no number."""
         finding = self.finding
-        numbers = (
-            finding.reference,
-            finding.computed_value,
-            finding.error,
-            np.nan if finding.limit is None else finding.limit,
-        )
+        limit = np.nan if finding.limit is None else finding.limit
+        numbers = (finding.reference, finding.computed_value, finding.error, limit)
         outcome = "" if finding.ok is None else str(finding.ok)
         texts = ["" if np.isnan(number) else f"{number:.9g}" for number in numbers]
         return (self.check, finding.quantity, *texts, outcome, f"{self.seconds:.3f}")

@@ -283,14 +283,9 @@ def _lobes(numbers: pd.DataFrame, place_column: str, name: str) -> list[tuple[tu
         raise InputError(
             [f"{name}: lobe = {lobe[wrong_rows[0]]:g} in row {numbers.index[wrong_rows[0]]}; {requirement}"]
         )
-    values = (
-        [numbers[column].to_numpy(float).reshape(-1, count) for column in (place_column, DEVIATION)]
-        if (len(lobe) % count == 0)
-        else []
-    )
-    if not values:
+    if len(lobe) % count != 0:
         raise InputError([f"{name}: the last lobe has {len(lobe) % count} rows; must have {count} as the first"])
-    places, deviations = values
+    places, deviations = (numbers[column].to_numpy(float).reshape(-1, count) for column in (place_column, DEVIATION))
     if len(differing := np.argwhere(places != places[0])):
         k, point = differing[0]
         shown_text = f"{place_column} = {places[k, point]:g} in row {numbers.index[k * count + point]}"

@@ -156,12 +156,8 @@ class RollerPlate(OutputMechanism):
         """
         slide_direction: complex = np.exp(1j * (np.radians(self.slide_angle_deg) + disk.rotation))
         plate = disk.part("plate")
-        return joined_contacts(
-            [
-                self._slide(0, (disk.body, plate), slide_direction, disk.eccentric),
-                self._slide(1, (plate, "output"), 1j * slide_direction, 0j),
-            ]
-        )
+        of_disk = self._slide(0, (disk.body, plate), slide_direction, disk.eccentric)
+        return joined_contacts([of_disk, self._slide(1, (plate, "output"), 1j * slide_direction, 0j)])
 
     def _slide(self, interface: int, bodies: tuple[str, str], direction: complex, centre: complex) -> Contacts:
         """Rollers of one tongue in its slot: faces 0 and 1 at +-h, ends 0 and 1 at +-x, stations from outside."""

@@ -114,16 +114,10 @@ def lot_fits(study: Study, lot: MeasuredLot) -> tuple[tuple[DimensionFit, ...], 
         If no dimension of the lot can be fitted.
     """
     fits, skipped_dimensions = [], []
+    confidence, seed = study.metrics.confidence, study.samples.seed
     for name, values in lot.values.items():
-        fit = dimension_fit(
-            dimension_library()[name],
-            lot.parts,
-            values,
-            getattr(study.tolerances, name),
-            study.design,
-            study.metrics.confidence,
-            study.samples.seed,
-        )
+        dimension, tolerance = dimension_library()[name], getattr(study.tolerances, name)
+        fit = dimension_fit(dimension, lot.parts, values, tolerance, study.design, confidence, seed)
         if fit is None:
             skipped_dimensions.append((name, f"fewer than {FEWEST_PARTS} values, or all equal"))
         else:

@@ -101,12 +101,10 @@ class ContactLaws:
         return force * (self.linear - self.logarithmic * log) + self.power * force**self.exponent
 
     def _proper_compliance(self, force: Real) -> Real:
-        log = np.log(np.maximum(force, np.finfo(float).tiny))
-        power_part: Real = np.where(
-            self.power > 0,
-            self.power * self.exponent * np.maximum(force, np.finfo(float).tiny) ** (self.exponent - 1),
-            0.0,
-        )
+        positive_force = np.maximum(force, np.finfo(float).tiny)
+        log = np.log(positive_force)
+        growth = self.power * self.exponent * positive_force ** (self.exponent - 1)
+        power_part: Real = np.where(self.power > 0, growth, 0.0)
         compliance: Real = self.linear - self.logarithmic * (1 + log) + power_part
         return compliance
 

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import block_diag, csc_array, csr_array, eye_array, kron
-from scipy.sparse.linalg import splu
 
 from pipeline.arrays import Complex, Index, Real
 from pipeline.errors import ModelError
+from pipeline.model.elastic.supported_factors import symmetric_factors
 
 SAME_PLACE = 1e-9  # of the body's size: how far a turned node may lie from the one that it should be
 
@@ -125,12 +125,7 @@ class CyclicBody:
         n_cut, n_own = 2 * sectors.n_cut, 2 * sectors.nodes.shape[1]
         sector = _first_sector(stiffness, sectors, freedoms)
         inner, cuts = np.arange(n_cut, n_own), np.r_[0:n_cut, n_own : n_own + n_cut]
-        factors = splu(
-            csc_array(sector[inner][:, inner]),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        factors = symmetric_factors(csc_array(sector[inner][:, inner]))
         coupling = sector[inner][:, cuts]
         yielding = factors.solve(coupling.toarray(order="F"))
         ends = sector[cuts][:, cuts].toarray() - coupling.T @ yielding

@@ -44,6 +44,11 @@ def _eliminate(lower: _Columns, loads: _Columns, rows: Whole, values: Real, ends
     return count
 
 
+def symmetric_factors(matrix: csc_array) -> SuperLU:
+    """Factors of a symmetric positive definite matrix (n, n)."""
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
 @dataclass(frozen=True)
 class SupportedFactors:
     """Factors L D L^T of a stiffness (n_freedoms, n_freedoms) [N/mm] in an order of its own, some freedoms clamped."""
@@ -72,10 +77,7 @@ class SupportedFactors:
             diags_array(free_diagonal) @ stiffness @ diags_array(free_diagonal)
             + diags_array((1 - free_diagonal) * stiffness.diagonal())
         )
-        factors = splu(
-            supported_stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
-        return cls(factors, clamped_freedoms)
+        return cls(symmetric_factors(supported_stiffness), clamped_freedoms)
 
     def solve(self, loads: Real) -> Real:
         """Displacement [mm] of balanced loads (n_freedoms, k) [N], in the position in which the body is clamped."""
@@ -114,16 +116,13 @@ class SupportedFactors:
         ordered_loads = csc_array(
             (entries.data[is_free], (self.factors.perm_r[freedom[is_free]], load[is_free])), shape=loads.shape
         )
+        factor_columns, load_columns = (
+            (matrix.indptr, matrix.indices, matrix.data) for matrix in (lower, ordered_loads)
+        )
         room, ends = 4096 * loads.shape[1], np.zeros(loads.shape[1] + 1, np.int64)
         while True:
             rows, values = np.empty(room, np.int64), np.empty(room)
-            count = _eliminate(
-                (lower.indptr, lower.indices, lower.data),
-                (ordered_loads.indptr, ordered_loads.indices, ordered_loads.data),
-                rows,
-                values,
-                ends,
-            )
+            count = _eliminate(factor_columns, load_columns, rows, values, ends)
             if count <= room:
                 break
             room = count

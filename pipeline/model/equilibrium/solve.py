@@ -267,17 +267,11 @@ def friction_of(sliders: Sliders, place_of_motion: Index) -> Friction:
     )
     contact = np.asarray(sliders.contact)
     n_sliders, n_motions = direction.shape
+    of_sliders = ("anchor", "resistance", "stick", "grip", "trial", "pressing_force", "slip_step", "press_step")
     return Friction(
         *(direction, stiffness, limit, coefficient),
         contact=np.where(contact >= 0, place_of_motion[contact], contact),
-        anchor=np.zeros(n_sliders),
-        resistance=np.zeros(n_sliders),
-        stick=np.zeros(n_sliders),
-        grip=np.zeros(n_sliders),
-        trial=np.zeros(n_sliders),
-        pressing_force=np.zeros(n_sliders),
-        slip_step=np.zeros(n_sliders),
-        press_step=np.zeros(n_sliders),
+        **{name: np.zeros(n_sliders) for name in of_sliders},
         resisting=np.zeros(n_sliders, np.int64),
         position=np.zeros(len(place_of_motion), np.int64),
         row=np.zeros(n_motions),

@@ -96,13 +96,8 @@ def after_turns(errors: Errors, lobes: int) -> Errors:
     repeated_errors = {name: np.repeat(values, lobes, axis=0) for name, values in vars(errors).items()}
     rolled_errors = {name: np.stack([np.roll(getattr(errors, name)[0], k) for k in range(lobes)]) for name in _OF_LOBES}
     turned_runout = (errors.bore_runout @ np.array([1, 1j])) * np.exp(-2j * np.pi * np.arange(lobes) / lobes)
-    return Errors(
-        **(
-            repeated_errors
-            | rolled_errors
-            | {"bore_runout": np.stack([turned_runout.real, turned_runout.imag], axis=1)}
-        )
-    )
+    turned_errors = {"bore_runout": np.stack([turned_runout.real, turned_runout.imag], axis=1)}
+    return Errors(**(repeated_errors | rolled_errors | turned_errors))
 
 
 _OF_LOBES = ("lobe", "lobe_pitch")

@@ -81,11 +81,6 @@ def held_states(response: CycleResponse, definitions: Definitions) -> np.ndarray
 
 def loop_readings(response: CycleResponse, peak_pressure: Real, definitions: Definitions) -> LoopReadings:
     """Readings of a drive's loops; ``peak_pressure`` (n,) [MPa]; raises as ``curve_readings``."""
-    return curve_readings(
-        np.asarray(BRANCHES)[response.branch],
-        response.torque / NMM_PER_NM,
-        ARCMIN * response.angle,
-        ARCMIN * response.play,
-        peak_pressure,
-        definitions,
-    )
+    branch, torque = np.asarray(BRANCHES)[response.branch], response.torque / NMM_PER_NM
+    angle, play = ARCMIN * response.angle, ARCMIN * response.play
+    return curve_readings(branch, torque, angle, play, peak_pressure, definitions)

@@ -81,13 +81,8 @@ def _one_sense(drive: Drive, compliance: Real, pose: Real, torques: Real, peak: 
     for part in np.unique(contacts.interface) if reducer.is_centred else [contacts.interface[0]]:
         rows = contacts.interface == part
         rows = np.flatnonzero(rows & (np.abs(closing) > ARM_FLOOR * np.max(np.abs(closing[rows]))))
-        closed_contacts = (
-            np.ascontiguousarray(room[:, rows]),
-            closing[rows],
-            compliance[rows],
-            drive.laws.pressure[rows],
-        )
-        _turn(*closed_contacts, torques, angle, peak)
+        room_there, pressure = np.ascontiguousarray(room[:, rows]), drive.laws.pressure[rows]
+        _turn(room_there, closing[rows], compliance[rows], pressure, torques, angle, peak)
     return np.asarray(angle)
 
 

@@ -69,19 +69,11 @@ def remarks(lot_result: LotFindings) -> list[str]:
 def write_lots_page(study: Study, findings: Sequence[LotFindings], files: Sequence[str], folder: Path) -> None:
     """Write report.html and its figure into ``folder``; ``files`` name the study files beside it."""
     dimensions = {fit.dimension.name: getattr(study.tolerances, fit.dimension.name) for f in findings for fit in f.fits}
-    panels = [
-        (
-            name,
-            [
-                (lot_result.lot.name, fit.values.ravel(), fit.tolerance)
-                for lot_result in findings
-                for fit in lot_result.fits
-                if fit.dimension.name == name
-            ],
-            drawing,
-        )
-        for name, drawing in dimensions.items()
-    ]
+    fits = [(lot_result.lot.name, fit) for lot_result in findings for fit in lot_result.fits]
+    panels = []
+    for name, drawing in dimensions.items():
+        lots = [(lot, fit.values.ravel(), fit.tolerance) for lot, fit in fits if fit.dimension.name == name]
+        panels.append((name, lots, drawing))
     caption = "Steps: measured parts. Dashed: fitted distribution. Dotted: limits of the drawing."
     page = render(
         "decisions/lots.html",

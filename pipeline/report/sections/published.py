@@ -152,11 +152,7 @@ class Published:
 
 def _drawings(frames: Frames) -> Iterator[Drawing]:
     published_units = Published(frames)
-    values = {
-        name: metric_values
-        for name, metric_values in published_units.predicted_values.items()
-        if len(metric_values) > 1
-    }
+    values = {name: column for name, column in published_units.predicted_values.items() if len(column) > 1}
     if values:
         measured_values = {
             name: {unit.label: unit.of_metrics[name] for unit in frames.study.published if name in unit.of_metrics}

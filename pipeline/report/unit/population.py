@@ -224,10 +224,5 @@ def _remaining_facts(description: Description) -> list[tuple[str, str]]:
 
 def _signature(signature: Signature) -> tuple[str, str, str, str, bool]:
     title = signature.title[:1].upper() + signature.title[1:]
-    return (
-        title,
-        signature.unit,
-        digits(signature.value),
-        interval(signature.ci_low, signature.ci_high),
-        signature.significant,
-    )
+    value, ends = digits(signature.value), interval(signature.ci_low, signature.ci_high)
+    return title, signature.unit, value, ends, signature.significant
