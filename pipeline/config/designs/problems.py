@@ -73,61 +73,53 @@ def _several_disks(disk: Disk, cycloid: Cycloid | None, output: OutputMechanism 
     if disk.clocking == "same_part" and cycloid and holes:
         clockings = (clocking(holes.centres, cycloid.lobes, number, disk.count) for number in range(disk.count))
         if any(clocking_of_disk.lobes is None for clocking_of_disk in clockings):
-            yield Mistake(
-                "disk.clocking",
-                disk.clocking,
+            requirement = (
                 f"{len(holes.centres)} holes and {cycloid.lobes} lobes: no turn by whole holes leaves the lobes "
                 f"1/{disk.count} of their pitch off, so disks of one part collide with the pins; the number of holes "
-                f'over its common divisor with that of the lobes must divide by {disk.count}; or take "own_holes"',
+                f'over its common divisor with that of the lobes must divide by {disk.count}; or take "own_holes"'
             )
+            yield Mistake("disk.clocking", disk.clocking, requirement)
 
 
 def _profile(cycloid: Cycloid) -> Iterator[Mistake]:
     pitch_ratio = cycloid.eccentricity_mm * cycloid.pins / cycloid.pin_circle_radius_mm
     if pitch_ratio >= 1:
         limit = cycloid.pin_circle_radius_mm / cycloid.pins
-        yield Mistake(
-            "cycloid.eccentricity_mm",
-            cycloid.eccentricity_mm,
+        requirement = (
             f"eccentricity x pins / pin circle radius is {pitch_ratio:.4g}, must be < 1 or the flank has loops; "
-            f"take an eccentricity below {limit:.4g} mm",
+            f"take an eccentricity below {limit:.4g} mm"
         )
+        yield Mistake("cycloid.eccentricity_mm", cycloid.eccentricity_mm, requirement)
     else:
         locus = CycloidProfile(
             cycloid.pins, cycloid.pin_circle_radius_mm, cycloid.pin_radius_mm, cycloid.eccentricity_mm
         ).smallest_convex_locus_radius()
         if cycloid.pin_radius_mm >= locus:
-            yield Mistake(
-                "cycloid.pin_radius_mm",
-                cycloid.pin_radius_mm,
+            requirement = (
                 f"must be < {locus:.4g} mm, the smallest convex radius of the pin centres' path: "
-                "the flank is undercut; take smaller pins or less eccentricity",
+                "the flank is undercut; take smaller pins or less eccentricity"
             )
+            yield Mistake("cycloid.pin_radius_mm", cycloid.pin_radius_mm, requirement)
     pitch = 2 * cycloid.pin_circle_radius_mm * sin(pi / cycloid.pins)
     if pitch <= 2 * cycloid.pin_radius_mm:
-        yield Mistake(
-            "cycloid.pin_radius_mm",
-            cycloid.pin_radius_mm,
+        requirement = (
             f"must be < {pitch / 2:.4g} mm, half the pitch of {cycloid.pins} pins on the circle of "
-            f"{cycloid.pin_circle_radius_mm:g} mm: neighbouring pins overlap; take smaller or fewer pins",
+            f"{cycloid.pin_circle_radius_mm:g} mm: neighbouring pins overlap; take smaller or fewer pins"
         )
+        yield Mistake("cycloid.pin_radius_mm", cycloid.pin_radius_mm, requirement)
     if cycloid.root_radius_mm <= 0:
-        yield Mistake(
-            "cycloid.pin_circle_radius_mm",
-            cycloid.pin_circle_radius_mm,
-            "must exceed pin radius + eccentricity: nothing is left of the disk; take a larger pin circle",
-        )
+        requirement = "must exceed pin radius + eccentricity: nothing is left of the disk; take a larger pin circle"
+        yield Mistake("cycloid.pin_circle_radius_mm", cycloid.pin_circle_radius_mm, requirement)
 
 
 def _housing(cycloid: Cycloid, housing: Housing) -> Iterator[Mistake]:
     reach = 2 * (cycloid.pin_circle_radius_mm + cycloid.pin_radius_mm)
     if housing.outer_diameter_mm <= reach:
-        yield Mistake(
-            "housing.outer_diameter_mm",
-            housing.outer_diameter_mm,
+        requirement = (
             f"must be > {reach:.4g} mm, the circle around the pins: pins lie outside the housing; "
-            "a diameter is asked for, not a radius",
+            "a diameter is asked for, not a radius"
         )
+        yield Mistake("housing.outer_diameter_mm", housing.outer_diameter_mm, requirement)
     wall, mean = (0.5 * housing.outer_diameter_mm + sign * cycloid.pin_circle_radius_mm for sign in (-1, 1))
     if housing.ring and wall > THICKEST * 0.5 * mean:
         widest = 2 * cycloid.pin_circle_radius_mm * (1 + THICKEST / 2) / (1 - THICKEST / 2)
@@ -140,11 +132,10 @@ def _housing(cycloid: Cycloid, housing: Housing) -> Iterator[Mistake]:
 
 def _bore(cycloid: Cycloid, disk: Disk) -> Iterator[Mistake]:
     if disk.bore_radius_mm >= cycloid.root_radius_mm:
-        yield Mistake(
-            "disk.bore_radius_mm",
-            disk.bore_radius_mm,
-            f"must be < {cycloid.root_radius_mm:.4g} mm, the radius at the lobes' roots: the bore leaves no disk",
+        requirement = (
+            f"must be < {cycloid.root_radius_mm:.4g} mm, the radius at the lobes' roots: the bore leaves no disk"
         )
+        yield Mistake("disk.bore_radius_mm", disk.bore_radius_mm, requirement)
 
 
 def _materials(parts: Mapping[str, Any]) -> Iterator[Mistake]:

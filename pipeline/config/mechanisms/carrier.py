@@ -109,31 +109,28 @@ class Carrier(OutputMechanism):
         hole, circle = self.bearing_radius_mm, self.crank_circle_radius_mm
         pitch = 2 * circle * sin(pi / self.cranks)
         if pitch <= 2 * hole:
-            yield Mistake(
-                "output.bearing_radius_mm",
-                hole,
-                f"must be < {pitch / 2:.4g} mm, half the distance of the {self.cranks} cranks, or the holes overlap",
+            requirement = (
+                f"must be < {pitch / 2:.4g} mm, half the distance of the {self.cranks} cranks, or the holes overlap"
             )
+            yield Mistake("output.bearing_radius_mm", hole, requirement)
         if pitch <= 2 * self.planet_pitch_radius_mm:
             most = self.first_stage.sun_teeth / (1 / sin(pi / self.cranks) - 1)
             requirement = f"must be < {most:.4g}, or the pitch circles of the {self.cranks} planets overlap"
             yield Mistake("output.first_stage.planet_teeth", self.first_stage.planet_teeth, requirement)
         if cycloid and circle + hole >= cycloid.root_radius_mm:
-            yield Mistake(
-                "output.crank_circle_radius_mm",
-                circle,
+            requirement = (
                 f"the holes reach {circle + hole:.4g} mm from the disk's centre, must be < "
                 f"{cycloid.root_radius_mm:.4g} mm, the radius at the lobes' roots; "
-                "move the cranks inwards or take smaller bearings",
+                "move the cranks inwards or take smaller bearings"
             )
+            yield Mistake("output.crank_circle_radius_mm", circle, requirement)
         if disk and circle - hole <= disk.bore_radius_mm:
-            yield Mistake(
-                "output.crank_circle_radius_mm",
-                circle,
+            requirement = (
                 f"the holes reach within {circle - hole:.4g} mm of the disk's centre, must be > "
                 f"{disk.bore_radius_mm:g} mm, the bore's radius; "
-                "move the cranks outwards or take smaller bearings or a smaller bore",
+                "move the cranks outwards or take smaller bearings or a smaller bore"
             )
+            yield Mistake("output.crank_circle_radius_mm", circle, requirement)
         if cycloid and cycloid.fixed != "housing":
             requirement = 'must be "housing" with a carrier, whose sun is the input, locked to the housing'
             yield Mistake("cycloid.fixed", cycloid.fixed, requirement)

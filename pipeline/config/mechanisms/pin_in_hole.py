@@ -167,28 +167,25 @@ class PinInHole(OutputMechanism):
         size = f"a hole's radius is {hole:.4g} mm: pin, eccentricity and clearance"
         pitch = 2 * circle * sin(pi / self.pins)
         if pitch <= 2 * hole:
-            yield Mistake(
-                "output.pin_radius_mm",
-                self.pin_radius_mm,
+            requirement = (
                 f"{size}; must be < {pitch / 2:.4g} mm, half the distance between the {self.pins} holes, which overlap "
-                "each other; take thinner or fewer output pins, or a larger circle",
+                "each other; take thinner or fewer output pins, or a larger circle"
             )
+            yield Mistake("output.pin_radius_mm", self.pin_radius_mm, requirement)
         root = cycloid.root_radius_mm
         if circle + hole >= root:
-            yield Mistake(
-                "output.pin_circle_radius_mm",
-                circle,
+            requirement = (
                 f"{size}; the holes reach {circle + hole:.4g} mm from the disk's centre, must be < {root:.4g} mm, the "
-                "radius at the lobes' roots; move them inwards or take thinner output pins",
+                "radius at the lobes' roots; move them inwards or take thinner output pins"
             )
+            yield Mistake("output.pin_circle_radius_mm", circle, requirement)
         if disk and circle - hole <= disk.bore_radius_mm:
-            yield Mistake(
-                "output.pin_circle_radius_mm",
-                circle,
+            requirement = (
                 f"{size}; the holes reach within {circle - hole:.4g} mm of the disk's centre, must be > "
                 f"{disk.bore_radius_mm:g} mm, the bore's radius; move them outwards, or take thinner output pins or a "
-                "smaller bore",
+                "smaller bore"
             )
+            yield Mistake("output.pin_circle_radius_mm", circle, requirement)
 
     def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
         """The output's rotation."""

@@ -102,11 +102,10 @@ class RollerPlate(OutputMechanism):
         """Rollers that overlap, a tongue inside the bore, rollers beyond the disk."""
         yield from self._row_problems()
         if disk and self.face_offset_mm <= disk.bore_radius_mm:
-            yield Mistake(
-                "output.face_offset_mm",
-                self.face_offset_mm,
-                f"must be > {disk.bore_radius_mm:g} mm, the bore's radius: the boss's face lies inside the bore",
+            requirement = (
+                f"must be > {disk.bore_radius_mm:g} mm, the bore's radius: the boss's face lies inside the bore"
             )
+            yield Mistake("output.face_offset_mm", self.face_offset_mm, requirement)
         if cycloid:
             yield from self._reach_problems(cycloid)
 
@@ -114,31 +113,26 @@ class RollerPlate(OutputMechanism):
         diameter = 2 * self.roller_radius_mm
         length = self.outer_station_mm - self.inner_station_mm
         if self.stations > 1 and length < diameter * (self.stations - 1):
-            yield Mistake(
-                "output.outer_station_mm",
-                self.outer_station_mm,
+            requirement = (
                 f"must be >= {self.inner_station_mm + diameter * (self.stations - 1):.4g} mm, or the {self.stations} "
                 f"rollers of diameter {diameter:g} mm between the stations overlap; "
-                "move the stations apart or take smaller or fewer rollers",
+                "move the stations apart or take smaller or fewer rollers"
             )
+            yield Mistake("output.outer_station_mm", self.outer_station_mm, requirement)
         if self.inner_station_mm < self.roller_radius_mm:
-            yield Mistake(
-                "output.inner_station_mm",
-                self.inner_station_mm,
-                f"must be >= {self.roller_radius_mm:g} mm, or the innermost rollers of the two ends overlap",
-            )
+            requirement = f"must be >= {self.roller_radius_mm:g} mm, or the innermost rollers of the two ends overlap"
+            yield Mistake("output.inner_station_mm", self.inner_station_mm, requirement)
 
     def _reach_problems(self, cycloid: Cycloid) -> Iterator[Mistake]:
         # The eccentric moves the disk under rollers that stand still along the other slide.
         reach = hypot(self.outer_station_mm + self.roller_radius_mm, self.face_offset_mm + self.roller_radius_mm)
         available = cycloid.root_radius_mm - cycloid.eccentricity_mm
         if reach > available:
-            yield Mistake(
-                "output.outer_station_mm",
-                self.outer_station_mm,
+            requirement = (
                 f"the outermost rollers reach {reach:.4g} mm from the axis, the disk ends at {available:.4g} mm "
-                "(lobes' roots less eccentricity); move the stations inwards",
+                "(lobes' roots less eccentricity); move the stations inwards"
             )
+            yield Mistake("output.outer_station_mm", self.outer_station_mm, requirement)
 
     def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
         """The rotations of plate and output, and the translation of a plate that floats."""

@@ -118,11 +118,8 @@ def provenance_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> Ite
             low, high = provenance.plausible
             value = number_at(raw, key)
             if not low < value < high:
-                yield Mistake(
-                    f'provenance."{key}".plausible',
-                    list(provenance.plausible),
-                    f"must be [lower, upper] about the number itself, {value:g}",
-                )
+                requirement = f"must be [lower, upper] about the number itself, {value:g}"
+                yield Mistake(f'provenance."{key}".plausible', list(provenance.plausible), requirement)
 
 
 def _limits(limits: Limits, design: Design) -> Iterator[Mistake]:
@@ -155,18 +152,14 @@ def _samples(samples: Samples, raw: Mapping[str, Any]) -> Iterator[Mistake]:
     elif n_cases:
         yield Mistake("samples.experiment", samples.experiment, 'must be "cases" where [[cases]] are listed')
     if samples.experiment == "latin_hypercube" and samples.count > LARGEST_HYPERCUBE:
-        yield Mistake(
-            "samples.count",
-            samples.count,
-            f"must be <= {LARGEST_HYPERCUBE} in a Latin hypercube, which is held as a whole; take sobol or monte_carlo",
+        requirement = (
+            f"must be <= {LARGEST_HYPERCUBE} in a Latin hypercube, which is held as a whole; take sobol or monte_carlo"
         )
+        yield Mistake("samples.count", samples.count, requirement)
     if samples.has_replicates and samples.count % samples.randomisations:
         next_count = -(-samples.count // samples.randomisations) * samples.randomisations
-        yield Mistake(
-            "samples.count",
-            samples.count,
-            f"must be a multiple of randomisations = {samples.randomisations}; take {next_count}",
-        )
+        requirement = f"must be a multiple of randomisations = {samples.randomisations}; take {next_count}"
+        yield Mistake("samples.count", samples.count, requirement)
 
 
 def _until(samples: Samples, limits: Limits | None) -> Iterator[Mistake]:
@@ -178,11 +171,8 @@ def _until(samples: Samples, limits: Limits | None) -> Iterator[Mistake]:
             f"{key} with experiment", samples.experiment, 'must be "monte_carlo", whose samples are independent'
         )
     if stop_rule.at_most < samples.count:
-        yield Mistake(
-            f"{key}.at_most",
-            stop_rule.at_most,
-            f"must be >= samples.count = {samples.count}, which the study begins with",
-        )
+        requirement = f"must be >= samples.count = {samples.count}, which the study begins with"
+        yield Mistake(f"{key}.at_most", stop_rule.at_most, requirement)
     if limits is not None and not limits.of_metrics:
         yield Mistake(key, None, "requires a yield, but [limits] sets no limit; set one, as lost_motion_arcmin = 2.8")
 
@@ -208,24 +198,22 @@ def _size(samples: Samples, design: Design) -> Iterator[Mistake]:
     contacts = design.disk.count * (design.cycloid.pins + design.output.contacts)
     key, count = ("samples.until.at_most", samples.until.at_most) if samples.until else ("samples.count", samples.count)
     if count * contacts > LARGEST_RUN:
-        yield Mistake(
-            key,
-            count,
+        requirement = (
             f"with {contacts} contacts a unit must be <= {LARGEST_RUN // contacts}: the gaps alone of more would fill "
-            "the disk; take fewer samples, whose intervals the report states",
+            "the disk; take fewer samples, whose intervals the report states"
         )
+        yield Mistake(key, count, requirement)
 
 
 def _mesh(reduce: Reduce, design: Design) -> Iterator[Mistake]:
     radius, edge = design.cycloid.pin_circle_radius_mm, reduce.largest_edge_mm
     triangles = math.pi * radius**2 / (math.sqrt(3) / 4 * edge**2) + design.cycloid.lobes * reduce.flank_edges_per_lobe
     if triangles > LARGEST_MESH:
-        yield Mistake(
-            "reduce.largest_edge_mm",
-            edge,
+        requirement = (
             f"with {reduce.flank_edges_per_lobe} edges a lobe makes some {triangles:.2g} triangles, must be <= "
-            f"{LARGEST_MESH:.0g}; take larger or fewer edges",
+            f"{LARGEST_MESH:.0g}; take larger or fewer edges"
         )
+        yield Mistake("reduce.largest_edge_mm", edge, requirement)
 
 
 def periods(cycle: Mapping[str, Any] | Cycle, design: Design) -> dict[str, int]:
@@ -300,11 +288,10 @@ def _metrics(metrics: Metrics, cycle: Cycle) -> Iterator[Mistake]:
     top_percent = 100 * cycle.torque_fraction
     for name, percent in {"rigidity_percent": high, "lost_motion_percent": metrics.lost_motion_percent}.items():
         if percent > top_percent:
-            yield Mistake(
-                f"metrics.{name}",
-                getattr(metrics, name),
-                f"must be <= {top_percent:g}, which cycle.torque_fraction reaches; raise the one or lower the other",
+            requirement = (
+                f"must be <= {top_percent:g}, which cycle.torque_fraction reaches; raise the one or lower the other"
             )
+            yield Mistake(f"metrics.{name}", getattr(metrics, name), requirement)
 
 
 def _patches(reduce: Reduce, design: Design) -> Iterator[Mistake]:

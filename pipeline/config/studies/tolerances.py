@@ -84,11 +84,8 @@ def _size_problems(dimension: Dimension, tolerance: Distribution, design: Design
         return
     size = dimension.size_um(design)
     if tolerance.allowance_um + tolerance.limits_um[0] <= -size:
-        yield Mistake(
-            f"tolerances.{dimension.name}.{tolerance.lowest_key}",
-            tolerance.limits_um[0],
-            f"leaves nothing of the nominal {size:g} um; micrometres are asked for",
-        )
+        requirement = f"leaves nothing of the nominal {size:g} um; micrometres are asked for"
+        yield Mistake(f"tolerances.{dimension.name}.{tolerance.lowest_key}", tolerance.limits_um[0], requirement)
 
 
 PerElement = Micrometres | tuple[Micrometres, ...]
