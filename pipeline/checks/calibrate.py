@@ -209,19 +209,10 @@ def write(calibration: Calibration, targets: Sequence[Target], source: str, fold
     numbers["degrees_of_freedom"] = fit.freedom
     correlation = pd.DataFrame(fit.correlation, columns=keys).map("{:.4f}".format)
     correlation.insert(0, "key", keys)
-    rows = [
-        (
-            target.case,
-            target.metric,
-            target.value,
-            f"{value:.6g}",
-            _relative_error(value, target, is_counted),
-            is_counted,
-        )
-        for target, value, is_counted in zip(
-            targets, target_values(calibration.study, calibration.disk, targets), calibration.used, strict=True
-        )
-    ]
+    rows, computed_values = [], target_values(calibration.study, calibration.disk, targets)
+    for target, value, is_counted in zip(targets, computed_values, calibration.used, strict=True):
+        relative_error = f"{value / target.value - 1:.6f}" if is_counted else ""
+        rows.append((target.case, target.metric, target.value, f"{value:.6g}", relative_error, is_counted))
     names = ["case", "metric", "published", "computed", "relative_error", "fitted"]
     frames = {"fit": numbers, "correlation": correlation, "targets": pd.DataFrame(rows, columns=names)}
     for name, frame in frames.items():
@@ -230,10 +221,6 @@ def write(calibration: Calibration, targets: Sequence[Target], source: str, fold
         (folder / "design.toml").unlink(missing_ok=True)  # one of an earlier fit would be taken for this one's
     else:
         write_atomic(folder / "design.toml", _design_file(calibration, source).encode())
-
-
-def _relative_error(value: float, target: Target, is_counted: bool) -> str:
-    return f"{value / target.value - 1:.6f}" if is_counted else ""
 
 
 def _design_file(calibration: Calibration, source: str) -> str:

@@ -238,18 +238,14 @@ def allocation_rows(allocation: Allocation) -> Columns:
 def check_rows(allocation: Allocation) -> Columns:
     """Rows of `CHECK`."""
     choices = {"before": allocation.stated_choice, "equal": allocation.equal, "found": allocation.cheapest}
-    beside = (PRELOADED, WITHOUT_RESULT)
-    rows = [
-        (
-            *(label, metric, share.value, share.ci_low, share.ci_high),
-            *(choice.check[name].value for name in beside),
-            *(share.n, choice.cost),
-        )
-        for label, choice in choices.items()
-        if choice is not None
-        for metric, share in choice.check.items()
-        if metric not in beside
-    ]
+    rows = []
+    for label, choice in choices.items():
+        if choice is None:
+            continue
+        shares = dict(choice.check)
+        beside = [shares.pop(name).value for name in (PRELOADED, WITHOUT_RESULT)]
+        for metric, share in shares.items():
+            rows.append((label, metric, share.value, share.ci_low, share.ci_high, *beside, share.n, choice.cost))
     return CHECK.columns_of_rows(rows)
 
 

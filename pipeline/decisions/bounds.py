@@ -172,20 +172,12 @@ def _signed_value(evaluate: Evaluate, sign: float, points: Real) -> Real:
 
 def table_rows(bound_findings: BoundFindings) -> dict[Table, Columns]:
     """Rows of the four tables."""
-    capabilities = [
-        (
-            c.metric,
-            c.mean,
-            c.std,
-            c.cpk,
-            c.yield_if_normal,
-            c.pass_estimate.value,
-            c.pass_estimate.ci_low,
-            c.pass_estimate.ci_high,
-        )
-        + (c.pass_estimate.n, c.is_normal_plausible)
-        for c in bound_findings.capabilities
-    ]
+    capabilities = []
+    for of_limit in bound_findings.capabilities:
+        of_normal = (of_limit.metric, of_limit.mean, of_limit.std, of_limit.cpk, of_limit.yield_if_normal)
+        share = of_limit.pass_estimate
+        passing = (share.value, share.ci_low, share.ci_high, share.n)
+        capabilities.append((*of_normal, *passing, of_limit.is_normal_plausible))
     bounds = [(entry.metric, entry.crank_deg, entry.quantity, entry.value) for entry in bound_findings.bounds]
     rows = {
         BOUNDS: bounds,

@@ -77,6 +77,10 @@ class Results:
         quantity = LIMITED_METRICS[metric]
         return Cell(number(value, quantity), interval(low, high, quantity) if np.isfinite(value) else "")
 
+    def estimate_cells(self, metric: str) -> tuple[Cell, ...]:
+        """The statistics of a metric over the turn, in the order of `STATISTICS`."""
+        return tuple(self.cell(metric, statistic) for statistic in STATISTICS)
+
     def share(self, metric: str, statistic: str) -> Cell:
         """A share of the units in percent, with its interval."""
         value, low, high = self.estimate(metric, statistic)
@@ -96,19 +100,12 @@ class Results:
     @cached_property
     def metric_rows(self) -> list[MetricRow]:
         """Key results of every metric over the turn, as the limits mean it."""
-        nominal = self.nominal
-        return [
-            MetricRow(
-                metric,
-                METRICS[metric].title,
-                METRICS[metric].unit,
-                number(nominal[metric], METRICS[metric]),
-                tuple(self.cell(metric, statistic) for statistic in STATISTICS),
-                self.limit(metric),
-                self.share(metric, "yield"),
-            )
-            for metric in self.frames.shown_metrics
-        ]
+        rows = []
+        for name in self.frames.shown_metrics:
+            metric, limit, met = METRICS[name], self.limit(name), self.share(name, "yield")
+            nominal, estimates = number(self.nominal[name], metric), self.estimate_cells(name)
+            rows.append(MetricRow(name, metric.title, metric.unit, nominal, estimates, limit, met))
+        return rows
 
     @property
     def headlines(self) -> list[MetricRow]:

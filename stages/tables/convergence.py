@@ -61,12 +61,11 @@ def strides_of(study: Study) -> list[int]:
 
 def worst_of_stride(turns: Mapping[str, Turn], stride: int) -> dict[str, np.ndarray]:
     """The worst of every metric (n,) over every so many of its even angles; over all angles for a stride of 1."""
-    return {
-        name: library()[name].over_turn(
-            turn.worst_values[:, turn.is_even][:, ::stride] if stride > 1 else turn.worst_values
-        )[0]
-        for name, turn in turns.items()
-    }
+    worst = {}
+    for name, turn in turns.items():
+        values = turn.worst_values[:, turn.is_even][:, ::stride] if stride > 1 else turn.worst_values
+        worst[name] = library()[name].over_turn(values)[0]
+    return worst
 
 
 def convergence_rows(

@@ -81,11 +81,8 @@ def valleys(profile: CycloidProfile, crank: float) -> Valleys:
 def _points_of_valley(profile: CycloidProfile) -> Real:
     """``Valleys.points``."""
     psi = valley_points(profile, VALLEY_SCAN)
-    curve_points = (
-        profile.eccentricity * np.exp(1j * profile.pins * psi),
-        np.exp(1j * psi),
-        profile.generating.normal(psi),
-    )
+    eccentric = profile.eccentricity * np.exp(1j * profile.pins * psi)
+    curve_points = (eccentric, np.exp(1j * psi), profile.generating.normal(psi))
     return np.vstack([psi, *(row for direction in curve_points for row in (direction.real, direction.imag))])
 
 

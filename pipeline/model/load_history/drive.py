@@ -226,20 +226,11 @@ class Drive:
         """As ``equilibria`` (n, n_torques), each state with its modulus."""
         if self.modulus is None:
             return self.equilibria(start, torque, neighbours)
-        states = [
-            solve(
-                replace(
-                    self.elastic,
-                    bearing=bearing,
-                    laws=stiffened_laws(self.laws, np.full(len(self.laws), factor)),
-                    compliance=self.compliance / factor,
-                ),
-                self.gap[k : k + 1],
-                self.bearing_clearance[k : k + 1],
-                start[k : k + 1],
-                torque,
-                None if neighbours is None else neighbours[k : k + 1],
-            )
-            for k, (factor, bearing) in enumerate(zip(self.modulus, self.bearing_of_states, strict=True))
-        ]
+        states = []
+        for k, (factor, bearing) in enumerate(zip(self.modulus, self.bearing_of_states, strict=True)):
+            laws = stiffened_laws(self.laws, np.full(len(self.laws), factor))
+            elastic = replace(self.elastic, bearing=bearing, laws=laws, compliance=self.compliance / factor)
+            state = slice(k, k + 1)
+            near = None if neighbours is None else neighbours[state]
+            states.append(solve(elastic, self.gap[state], self.bearing_clearance[state], start[state], torque, near))
         return Equilibria.concatenate(states, axis=0)

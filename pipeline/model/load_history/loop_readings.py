@@ -51,15 +51,14 @@ def curve_readings(
     def reading(name: str, level: float) -> Real:
         return angle[:, _level(torque, level, steps[name])]
 
+    slight = definitions.lost_motion
     return LoopReadings(
         limit_minus=limits[:, 0],
         limit_plus=limits[:, 1],
         zero_falling=reading("unloading+", 0.0),
         zero_rising=reading("unloading-", 0.0),
-        lost_motion_minus=0.5
-        * (reading("loading-", -definitions.lost_motion) + reading("unloading-", -definitions.lost_motion)),
-        lost_motion_plus=0.5
-        * (reading("unloading+", definitions.lost_motion) + reading("reloading+", definitions.lost_motion)),
+        lost_motion_minus=0.5 * (reading("loading-", -slight) + reading("unloading-", -slight)),
+        lost_motion_plus=0.5 * (reading("unloading+", slight) + reading("reloading+", slight)),
         low_minus=reading("loading-", -definitions.rigidity_low),
         high_minus=reading("loading-", -definitions.rigidity_high),
         low_plus=reading("reloading+", definitions.rigidity_low),

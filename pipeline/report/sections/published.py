@@ -68,15 +68,10 @@ class Published:
     def _row(self, label: str, name: str, value: float) -> Row:
         quantity, values = LIMITED_METRICS[name], self.predicted_values[name]
         low, median, high = np.percentile(values, OF_UNITS) if len(values) else (np.nan,) * 3
-        return Row(
-            label,
-            quantity.title,
-            quantity.unit,
-            number(value, quantity),
-            number(float(median), quantity),
-            interval(float(low), float(high), quantity),
-            percent(float(np.mean(values < value)) if len(values) else np.nan),
-        )
+        measured, predicted = number(value, quantity), number(float(median), quantity)
+        ends = interval(float(low), float(high), quantity)
+        share_below = percent(float(np.mean(values < value)) if len(values) else np.nan)
+        return Row(label, quantity.title, quantity.unit, measured, predicted, ends, share_below)
 
     @property
     def sentences(self) -> list[str]:

@@ -62,15 +62,10 @@ class TurnSection:
 
     def _row(self, name: str, metric: TurnMetric) -> TurnRow:
         units = self.frames.units.set_index("sample")[name]
-        cells = tuple(self.results.cell(name, statistic) for statistic in STATISTICS)
-        return TurnRow(
-            metric.title,
-            metric.unit,
-            tuple(number(float(units[sample]), metric) for sample in self.shown_samples),
-            () if self.frames.is_listed else cells,
-            self.results.limit(name),
-            self.results.share(name, "yield"),
-        )
+        values = tuple(number(float(units[sample]), metric) for sample in self.shown_samples)
+        estimates = () if self.frames.is_listed else self.results.estimate_cells(name)
+        limit, share_within = self.results.limit(name), self.results.share(name, "yield")
+        return TurnRow(metric.title, metric.unit, values, estimates, limit, share_within)
 
     @property
     def has_limits(self) -> bool:

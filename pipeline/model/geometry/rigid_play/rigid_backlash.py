@@ -328,13 +328,11 @@ def general_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidP
     A bearing's clearance is a disc: tangent cuts are added until it is met to 1e-9 of its radius. A sample that
     interferes anywhere has no play here; ``separated_play`` keeps the play of its other parts.
     """
-    plus, minus, overlap = zip(
-        *(
-            _general_ends(reducer.contact_jacobian, UM_PER_MM * of_sample, UM_PER_MM * radii, reducer.output_motion)
-            for of_sample, radii in zip(gap, of_each_disk(bearing_clearance, reducer.n_disks), strict=True)
-        ),
-        strict=True,
-    )
+    ends = [
+        _general_ends(reducer.contact_jacobian, UM_PER_MM * of_sample, UM_PER_MM * radii, reducer.output_motion)
+        for of_sample, radii in zip(gap, of_each_disk(bearing_clearance, reducer.n_disks), strict=True)
+    ]
+    plus, minus, overlap = zip(*ends, strict=True)
     return RigidPlay(
         np.array(plus) / UM_PER_MM, np.array(minus) / UM_PER_MM, np.array(overlap) / UM_PER_MM, reducer.output_motion
     )
