@@ -241,7 +241,7 @@ def _run(job: Job) -> Tables:
         rigidity = body.mean_rigidity(study, units.some(slice(RIGIDITY_UNITS)))
     results = list(_of_form(body, study, own_form, units, rigidity, None))
     suitable = sorted((form for form in suitable if form is not own_form), key=partial(_disks, job, study))
-    groups = map(_forms_of_group, groupby(suitable, key=partial(_disks, job, study)))
+    groups = [list(forms_alike) for _, forms_alike in groupby(suitable, key=partial(_disks, job, study))]
     inputs = ((job, study, group, units, rigidity, results[0].found) for group in sorted(groups, key=len)[::-1])
     results += [result for part in worker_results(job.jobs, _solve, inputs) for result in part]
     results += [_Result(form, False, np.nan, {}, form.unsuitable) for form in forms if form.unsuitable]
@@ -252,10 +252,6 @@ def _run(job: Job) -> Tables:
         "estimates": _estimate_rows(study, results),
         "form_units": _unit_rows(samples, results),
     }
-
-
-def _forms_of_group(group: tuple[str, Iterator[ModelForm]]) -> list[ModelForm]:
-    return list(group[1])
 
 
 def _disks(job: Job, study: Study, form: ModelForm) -> str:

@@ -9,7 +9,7 @@ from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.dimensions.dimension import DISKS as OF_DISKS
 from pipeline.config.dimensions.dimension import REDUCER as OF_REDUCER
 from pipeline.config.studies.study import Study
-from pipeline.engine.stage import Chunk, Job, Stage, Tables
+from pipeline.engine.stage import Chunk, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.sampling.errors import Errors, draw
 from stages.tables.keys import SAMPLE as SAMPLE_COLUMN
@@ -137,15 +137,6 @@ def _solve(study: Study, chunk: Chunk) -> Tables:
     return columns_of_errors(draw(study, chunk.start, chunk.stop), chunk.start, study.design.output.interfaces)
 
 
-def _items(job: Job) -> int:
-    return int(job.study.samples.rows)
-
-
-def _prepare(job: Job) -> Study:
-    study: Study = job.study
-    return study
-
-
 SAMPLE = Stage(
     name="sample",
     reads=(),
@@ -168,7 +159,7 @@ SAMPLE = Stage(
     tables=TABLES,
     module="stages.sample",
     unit="samples",
-    items=_items,
-    prepare=_prepare,
+    items=lambda job: job.study.samples.rows,
+    prepare=lambda job: job.study,
     solve=_solve,
 )

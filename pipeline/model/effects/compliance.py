@@ -27,10 +27,6 @@ class LinearSpring(Spring):
         return 0.5 * self.compliance * torque**2
 
 
-def _apply_output_torsion(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    return drive.with_elements(LinearSpring(1e-3 * values[0] / ARCMIN))
-
-
 OUTPUT_TORSION = Effect(
     name="output_torsion",
     title="torsional compliance in series with the output",
@@ -42,7 +38,7 @@ OUTPUT_TORSION = Effect(
     confused_with=("seat_compliance", "torque_gain"),
     told_apart_by="the twist between the reducer's flange and the lever",
     bounds=lambda drive: ((0.0, largest_twist(drive)),),
-    apply=_apply_output_torsion,
+    apply=lambda drive, values, conditions: drive.with_elements(LinearSpring(1e-3 * values[0] / ARCMIN)),
     needs=frozenset({TORQUES}),
 )
 
@@ -141,10 +137,6 @@ class DeadZone(Spring):
         return np.copysign(self.half, torque)
 
 
-def _apply_loose_flange(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    return drive.with_elements(DeadZone(0.5 * values[0] / ARCMIN))
-
-
 LOOSE_FLANGE = Effect(
     name="loose_flange",
     title="play of the output's flange",
@@ -156,7 +148,7 @@ LOOSE_FLANGE = Effect(
     confused_with=("bearing_clearance", "pin_circle_error", "pin_radius_error"),
     told_apart_by="the play between the reducer's flange and the lever with a dial gauge",
     bounds=lambda drive: ((0.0, 1e-3 * drive.rated_torque * largest_twist(drive)),),
-    apply=_apply_loose_flange,
+    apply=lambda drive, values, conditions: drive.with_elements(DeadZone(0.5 * values[0] / ARCMIN)),
     needs=frozenset({FLANGE}),
 )
 

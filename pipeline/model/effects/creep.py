@@ -1,6 +1,5 @@
 """Delayed elasticity in series with the output."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -8,9 +7,8 @@ import numpy as np
 
 from pipeline.arrays import Real
 from pipeline.model.compiled import entry, part
-from pipeline.model.effects.effect import LOOPS, RATE, TIME, Conditions, Effect, Parameter, largest_twist
+from pipeline.model.effects.effect import LOOPS, RATE, TIME, Effect, Parameter, largest_twist
 from pipeline.model.elements import Hysteresis, Path
-from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN
 
 State = tuple[float, float, float]
@@ -71,10 +69,6 @@ class KelvinVoigt(Hysteresis):
         return crept, (last, float(path.torque[-1]), float(path.time[-1]))
 
 
-def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    return drive.with_elements(KelvinVoigt(1e-3 * values[0] / ARCMIN, values[1]))
-
-
 EFFECT = Effect(
     name="creep",
     title="delayed elasticity of soft parts",
@@ -89,6 +83,6 @@ EFFECT = Effect(
     confused_with=("presliding", "rayleigh"),
     told_apart_by="the angle over an hour at constant load",
     bounds=lambda drive: ((0.0, largest_twist(drive)), (0.05, 1e4)),
-    apply=_apply,
+    apply=lambda drive, values, conditions: drive.with_elements(KelvinVoigt(1e-3 * values[0] / ARCMIN, values[1])),
     needs=frozenset({TIME, RATE, LOOPS}),
 )

@@ -28,10 +28,6 @@ BEARING_CLEARANCE = Effect(
 )
 
 
-def _apply_eccentricity_error(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    return drive.with_added_errors(eccentricity=np.array(1e-3 * values[0]))
-
-
 def _eccentricity_error_symmetric(drive: Drive) -> tuple[float, float]:
     reach = 2e3 * LARGEST_INTERFERENCE * drive.profile.eccentricity
     return -reach, reach
@@ -48,7 +44,7 @@ ECCENTRICITY_ERROR = Effect(
     confused_with=("bearing_clearance", "pin_circle_error"),
     told_apart_by="the throw of the crank with a dial gauge",
     bounds=lambda drive: (_eccentricity_error_symmetric(drive),),
-    apply=_apply_eccentricity_error,
+    apply=lambda drive, values, conditions: drive.with_added_errors(eccentricity=np.array(1e-3 * values[0])),
 )
 
 

@@ -15,11 +15,6 @@ from pipeline.model.effects.effect import (
 )
 from pipeline.model.load_history.drive import Drive
 
-
-def _apply_pin_circle_error(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    return drive.with_added_errors(pin_radial=np.array(1e-3 * values[0]))
-
-
 PIN_CIRCLE_ERROR = Effect(
     name="pin_circle_error",
     title="all pins on a larger or smaller circle",
@@ -31,12 +26,8 @@ PIN_CIRCLE_ERROR = Effect(
     confused_with=("pin_radius_error", "preload", "bearing_clearance"),
     told_apart_by="the diameter over the pins on a coordinate measuring machine",
     bounds=lambda drive: (clearances(drive),),
-    apply=_apply_pin_circle_error,
+    apply=lambda drive, values, conditions: drive.with_added_errors(pin_radial=np.array(1e-3 * values[0])),
 )
-
-
-def _apply_pin_radius_error(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    return drive.with_added_errors(pin_radius=np.array(1e-3 * values[0]))
 
 
 PIN_RADIUS_ERROR = Effect(
@@ -50,7 +41,7 @@ PIN_RADIUS_ERROR = Effect(
     confused_with=("pin_circle_error", "preload", "bearing_clearance"),
     told_apart_by="the pins' diameter with a micrometer",
     bounds=lambda drive: (clearances(drive, shrinks=True),),
-    apply=_apply_pin_radius_error,
+    apply=lambda drive, values, conditions: drive.with_added_errors(pin_radius=np.array(1e-3 * values[0])),
 )
 
 

@@ -112,10 +112,6 @@ class Rayleigh(Hysteresis):
         return self.coefficient * twist, (turns[0][:count].copy(), turns[1][:count].copy(), torque, last_twist, sense)
 
 
-def _apply_rayleigh(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    return drive.with_elements(Rayleigh(values[0] / ARCMIN / NMM_PER_NM**2))
-
-
 RAYLEIGH = Effect(
     name="rayleigh",
     title="rate-independent hysteresis of soft parts",
@@ -131,7 +127,7 @@ RAYLEIGH = Effect(
     confused_with=("creep", "presliding", "load_friction"),
     told_apart_by="the same loop at a tenth of the speed, or a hold under load: creep goes on, this stands still",
     bounds=lambda drive: ((0.0, 1e3 * largest_twist(drive) / drive.rated_torque),),
-    apply=_apply_rayleigh,
+    apply=lambda drive, values, conditions: drive.with_elements(Rayleigh(values[0] / ARCMIN / NMM_PER_NM**2)),
     needs=frozenset({LOOPS}),
 )
 
