@@ -58,7 +58,7 @@ def mesh_figure(
     for patch in hole_points:
         overview.plot(patch.real, patch.imag, color=style.ALARM, linewidth=2.0)
     for axes in hole_axes:
-        _draw_hole(axes, nodes, triangles, hole_points)
+        _draw_hole(axes, plane, hole_points)
     for axes in (overview, close, *hole_axes):
         axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
         axes.grid(False)
@@ -75,15 +75,19 @@ def _panels(holes: bool) -> tuple[Figure, list[Axes]]:
     return figure, [panels[name] for name in ("whole", "close", "hole")]
 
 
-def _draw_hole(axes: Axes, nodes: Complex, triangles: Index, hole_points: Complex) -> None:
+def _draw_triangles(axes: Axes, plane: Triangulation, centre: complex, reach: float) -> None:
+    """The triangles within ``reach`` [mm] of a point, which the axes then show."""
+    corners = plane.x[plane.triangles] + 1j * plane.y[plane.triangles] - centre
+    visible = np.min(np.maximum(np.abs(corners.real), np.abs(corners.imag)), axis=1) < reach
+    axes.triplot(Triangulation(plane.x, plane.y, plane.triangles[visible]), color="0.7", linewidth=0.5)
+    axes.set(xlim=(centre.real - reach, centre.real + reach), ylim=(centre.imag - reach, centre.imag + reach))
+
+
+def _draw_hole(axes: Axes, plane: Triangulation, hole_points: Complex) -> None:
     """The triangles about the first hole's patch."""
     points = hole_points[0]
-    centre, reach = points.mean(), HOLE_PATCHES_SHOWN * float(np.ptp(np.abs(points - points[0])))
-    corners = nodes[triangles[:, :3]] - centre
-    visible = np.min(np.maximum(np.abs(corners.real), np.abs(corners.imag)), axis=1) < reach
-    axes.triplot(Triangulation(nodes.real, nodes.imag, triangles[visible, :3]), color="0.7", linewidth=0.5)
+    _draw_triangles(axes, plane, points.mean(), HOLE_PATCHES_SHOWN * float(np.ptp(np.abs(points - points[0]))))
     axes.plot(points.real, points.imag, color=style.ALARM, linewidth=4.0, solid_capstyle="butt")
-    axes.set(xlim=(centre.real - reach, centre.real + reach), ylim=(centre.imag - reach, centre.imag + reach))
     axes.set_title("Hole 0")
 
 
@@ -96,9 +100,7 @@ def _loaded_patch(nodes: Complex, centres: Complex, size: Real) -> int:
 def _draw_flank(axes: Axes, plane: Triangulation, patch_points: Complex, loaded_patch: int, reach: float) -> None:
     """The triangles and patches within ``reach`` [mm] of the loaded patch."""
     centre = patch_points[loaded_patch].mean()
-    corners = plane.x[plane.triangles] + 1j * plane.y[plane.triangles] - centre
-    visible = np.min(np.maximum(np.abs(corners.real), np.abs(corners.imag)), axis=1) < reach
-    axes.triplot(Triangulation(plane.x, plane.y, plane.triangles[visible]), color="0.7", linewidth=0.5)
+    _draw_triangles(axes, plane, centre, reach)
     patches_shown = np.flatnonzero(np.min(np.abs(patch_points - centre), axis=1) < 2 * reach)
     neighbours = patches_shown[patches_shown != loaded_patch]
     for numbers, colour, label in (
@@ -111,7 +113,6 @@ def _draw_flank(axes: Axes, plane: Triangulation, patch_points: Complex, loaded_
     # the corner that points away from the disk is empty
     legend_corner = f"{'upper' if centre.imag > 0 else 'lower'} {'right' if centre.real > 0 else 'left'}"
     axes.legend(loc=legend_corner, frameon=True, framealpha=1.0, edgecolor="none")
-    axes.set(xlim=(centre.real - reach, centre.real + reach), ylim=(centre.imag - reach, centre.imag + reach))
 
 
 RELEASE = "R2010"

@@ -30,6 +30,10 @@ class Cell:
     interval: str = ""
 
 
+def _share_cell(value: float, low: float, high: float) -> Cell:
+    return Cell(percent(value), percent_interval(low, high)) if np.isfinite(value) else Cell(DASH)
+
+
 @dataclass(frozen=True)
 class MetricRow:
     """One metric in the table of key results; `met` tells of each sample whether it keeps the limit."""
@@ -83,8 +87,7 @@ class Results:
 
     def share(self, metric: str, statistic: str) -> Cell:
         """A share of the units in percent, with its interval."""
-        value, low, high = self.estimate(metric, statistic)
-        return Cell(percent(value), percent_interval(low, high)) if np.isfinite(value) else Cell(DASH)
+        return _share_cell(*self.estimate(metric, statistic))
 
     @property
     def samples(self) -> int:
@@ -126,8 +129,7 @@ class Results:
     @property
     def preloaded_share(self) -> Cell:
         """Share of samples that are preloaded at some crank angle."""
-        value, low, high = self._estimates.get(("preloaded", "worst", None, "mean"), (np.nan, np.nan, np.nan))
-        return Cell(percent(value), percent_interval(low, high)) if np.isfinite(value) else Cell(DASH)
+        return _share_cell(*self._estimates.get(("preloaded", "worst", None, "mean"), (np.nan, np.nan, np.nan)))
 
     @property
     def n_searched(self) -> int:
