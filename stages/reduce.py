@@ -114,34 +114,35 @@ class DiskMatrices:
 
 def _run(job: Job) -> Tables:
     study: Study = job.study
-    if study.reduce.disk == "rigid":
-        return _rigid(job, study)
-    disks = DiskMatrices(job)
     reducers = {crank: assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg}
-    matrices: dict[str, Any] = {
-        matrix_name(crank, number): matrix for crank in reducers for number, matrix in enumerate(disks.at_crank(crank))
-    }
-    first_reducer = next(iter(reducers.values()))
-    drawn_disk = job.memo(
-        f"{disks.settings} mesh at {first_reducer.crank:.9g}",
-        lambda folder: _write_mesh(study, disks.body(), first_reducer, folder),
-    )
-    for file in drawn_disk.glob("mesh.*"):
-        job.path(file.name).write_bytes(file.read_bytes())
+    matrices = _no_compliance(reducers) if study.reduce.disk == "rigid" else _compliance(job, reducers)
     np.savez(job.path(COMPLIANCE_FILE), **matrices)
     return {"contacts": _contact_rows(study, reducers, matrices)}
 
 
-def _rigid(job: Job, study: Study) -> Tables:
-    """A disk without compliance, and without a mesh to draw."""
-    reducers = {crank: assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg}
-    matrices: dict[str, Any] = {}
+def _compliance(job: Job, reducers: dict[float, Reducer]) -> dict[str, Any]:
+    """Matrices of the elastic disks at each crank angle by their names; the mesh is drawn beside them."""
+    disks, first_reducer = DiskMatrices(job), next(iter(reducers.values()))
+    matrices = {
+        matrix_name(crank, number): matrix for crank in reducers for number, matrix in enumerate(disks.at_crank(crank))
+    }
+    drawn_disk = job.memo(
+        f"{disks.settings} mesh at {first_reducer.crank:.9g}",
+        lambda folder: _write_mesh(disks.study, disks.body(), first_reducer, folder),
+    )
+    for file in drawn_disk.glob("mesh.*"):
+        job.path(file.name).write_bytes(file.read_bytes())
+    return matrices
+
+
+def _no_compliance(reducers: dict[float, Reducer]) -> dict[str, Any]:
+    """The same of rigid disks, which have no mesh to draw."""
+    matrices = {}
     for crank, reducer in reducers.items():
         for disk in range(reducer.n_disks):
             size = len(assembly.disk_contacts(reducer, disk))
             matrices[matrix_name(crank, disk)] = np.zeros((size, size))
-    np.savez(job.path(COMPLIANCE_FILE), **matrices)
-    return {"contacts": _contact_rows(study, reducers, matrices)}
+    return matrices
 
 
 def _contact_rows(

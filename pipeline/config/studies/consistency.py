@@ -7,6 +7,7 @@ from typing import Any
 
 from pipeline.config.designs.design import Design
 from pipeline.config.designs.problems import stiffness_problems, study_effect_problems
+from pipeline.config.designs.sections import Operation
 from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Mistake, nearest_name, number_at
 from pipeline.config.studies.optional import Tails, without_tails
 from pipeline.config.studies.study import (
@@ -122,14 +123,18 @@ def provenance_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> Ite
                 yield Mistake(f'provenance."{key}".plausible', list(provenance.plausible), requirement)
 
 
-def _limits(limits: Limits, design: Design) -> Iterator[Mistake]:
-    """Limits on metrics that have no value, since the design does not state what they need."""
-    operation = design.operation
-    is_stated = {
+def stated_needs(operation: Operation | None) -> dict[str, bool]:
+    """Whether a design's operation states each of what metrics of the turn need of it."""
+    return {
         SPEED: operation is not None,
         RATING: operation is not None and operation.rating is not None,
         FRICTION: operation is not None and operation.friction is not None,
     }
+
+
+def _limits(limits: Limits, design: Design) -> Iterator[Mistake]:
+    """Limits on metrics that have no value, since the design does not state what they need."""
+    is_stated = stated_needs(design.operation)
     for name, limit in limits.of_metrics.items():
         needs = turn_library()[name].needs if name in turn_library() else ()
         if missing := [NEEDS[need] for need in needs if not is_stated.get(need, True)]:

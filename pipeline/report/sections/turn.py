@@ -9,10 +9,11 @@ import numpy as np
 import pandas as pd
 
 from pipeline import assembly
+from pipeline.config.studies.consistency import stated_needs
 from pipeline.figures.hysteresis import hysteresis_figure, orders_figure, transmission_figure, turn_forces_figure
 from pipeline.figures.labels import spread_frame
 from pipeline.model.metrics.turn import FEWEST_ANGLES, NEEDS, TurnMetric, turn_library
-from pipeline.model.metrics.turn.turn_metric import BALANCE, FRICTION, RATING, SPEED, TURN
+from pipeline.model.metrics.turn.turn_metric import BALANCE, TURN
 from pipeline.report.frames import Drawing, Frames, band_sentence, case_label, loop_spreads, loop_traces
 from pipeline.report.layout import count_text, listed_text, number, percent, plain_number
 from pipeline.report.results import STATISTICS, Cell, Results
@@ -75,14 +76,9 @@ class TurnSection:
     @cached_property
     def missing_needs(self) -> set[str]:
         """What the study or its design does not have, of ``NEEDS``."""
-        operation, has_rank = self.frames.study.design.operation, bool(self.told_apart)
-        available = {
-            TURN: has_rank,
-            BALANCE: not has_rank or self._is_known("bearing_force_peak_N"),
-            SPEED: operation is not None,
-            RATING: operation is not None and operation.rating is not None,
-            FRICTION: operation is not None and operation.friction is not None,
-        }
+        has_rank = bool(self.told_apart)
+        available = {TURN: has_rank, BALANCE: not has_rank or self._is_known("bearing_force_peak_N")}
+        available |= stated_needs(self.frames.study.design.operation)
         return {need for need, present in available.items() if not present}
 
     @property
