@@ -1,6 +1,29 @@
 """Dimensions of the crank, its eccentrics and their bearings."""
 
+from functools import partial
+
 from pipeline.config.dimensions.dimension import CRANKS, CRANKSHAFTS, HOLES, LOOSE_SUPPORTS, Dimension
+
+of_cranks = partial(Dimension, need=CRANKS, counted_where_varied=True)
+"""A dimension of an RV reducer's second stage alone."""
+
+
+def support_clearance(place: str, rank: int, draw_column: int) -> Dimension:
+    """The clearance of one support bearing of each crank, "first" or "second"."""
+    return Dimension(
+        name=f"{place}_support_clearance",
+        title=f"clearance of the cranks' {place} supports",
+        sign="radial, of each crank, besides the design's",
+        meaning=f"radial clearance of the crank's {place} support bearing beyond the design's",
+        rank=rank,
+        draw_columns=(draw_column,),
+        elements=CRANKSHAFTS,
+        need=LOOSE_SUPPORTS,
+        one_sided=True,
+        counted_where_varied=True,
+        displaces=True,
+    )
+
 
 DIMENSIONS = (
     # Eccentricity of the crank.
@@ -26,7 +49,7 @@ DIMENSIONS = (
         fewest_disks=2,
     ),
     # Position of each crank's axis in the carrier, as a circular zone about its true place.
-    Dimension(
+    of_cranks(
         name="crank_position",
         title="position of cranks in the carrier",
         sign="displacement of each crank's axis, at most half of the zone's diameter; direction random",
@@ -34,15 +57,13 @@ DIMENSIONS = (
         rank=77,
         draw_columns=(140, 141),
         elements=CRANKSHAFTS,
-        need=CRANKS,
         one_sided=True,
         direction="direction of that displacement in the carrier's frame, counterclockwise from the crank at 0",
         zone=True,
-        counted_where_varied=True,
         displaces=True,
     ),
     # Eccentricity of each eccentric of each crank, besides that of its disk's eccentrics alike.
-    Dimension(
+    of_cranks(
         name="crank_eccentricity",
         title="eccentricity of each eccentric",
         sign="of each crank in each disk, beside what all cranks have; larger positive",
@@ -51,13 +72,11 @@ DIMENSIONS = (
         draw_columns=(142,),
         elements=HOLES,
         of_disk=True,
-        need=CRANKS,
         size_um=lambda design: 1e3 * design.cycloid.eccentricity_mm,
-        counted_where_varied=True,
         displaces=True,
     ),
     # Direction of each eccentric of each crank, as the displacement of its centre around the crank's axis.
-    Dimension(
+    of_cranks(
         name="crank_phase",
         title="phase of each eccentric",
         sign="displacement of the centre of each eccentric around its crank; counterclockwise positive",
@@ -66,8 +85,6 @@ DIMENSIONS = (
         draw_columns=(143,),
         elements=HOLES,
         of_disk=True,
-        need=CRANKS,
-        counted_where_varied=True,
         displaces=True,
     ),
     # Radial clearance of each disk's input bearing, besides the design's; of the cranks' bearings in it all alike.
@@ -83,7 +100,7 @@ DIMENSIONS = (
         gap_sign=1,
     ),
     # Radial clearance of each bearing of a crank in a disk, besides the design's and its disk's.
-    Dimension(
+    of_cranks(
         name="crank_bearing_clearance",
         title="clearance of each crank bearing",
         sign="radial, of each crank in each disk, besides the design's",
@@ -93,14 +110,12 @@ DIMENSIONS = (
         elements=HOLES,
         of_disk=True,
         one_sided=True,
-        need=CRANKS,
         acts_on="hole_diameter",
         shift=lambda clearance, direction, design: 2 * clearance,
-        counted_where_varied=True,
         gap_sign=1,
     ),
     # Run-out of each planet on its crank, as the eccentricity of its pitch circle.
-    Dimension(
+    of_cranks(
         name="planet_runout",
         title="run-out of planets",
         sign="eccentricity of the pitch circle about the crank's axis, half of its run-out; direction random",
@@ -108,14 +123,12 @@ DIMENSIONS = (
         rank=82,
         draw_columns=(144, 145),
         elements=CRANKSHAFTS,
-        need=CRANKS,
         one_sided=True,
         direction="direction of that eccentricity, counterclockwise from the crank at 0; it turns with the crank",
-        counted_where_varied=True,
         displaces=True,
     ),
     # Teeth of each planet against the eccentrics of its crank, along the pitch circle.
-    Dimension(
+    of_cranks(
         name="planet_timing",
         title="timing of planets",
         sign="displacement of each planet's teeth against the eccentrics; counterclockwise positive",
@@ -123,12 +136,10 @@ DIMENSIONS = (
         rank=83,
         draw_columns=(146,),
         elements=CRANKSHAFTS,
-        need=CRANKS,
-        counted_where_varied=True,
         displaces=True,
     ),
     # Backlash of each planet with the sun along the pitch circle, beside the design's.
-    Dimension(
+    of_cranks(
         name="planet_backlash",
         title="backlash of planets",
         sign="backlash of each planet along its pitch circle, beyond the design's; larger gives clearance",
@@ -136,50 +147,21 @@ DIMENSIONS = (
         rank=84,
         draw_columns=(147,),
         elements=CRANKSHAFTS,
-        need=CRANKS,
-        counted_where_varied=True,
         displaces=True,
     ),
     # Run-out of the sun, as the eccentricity of its pitch circle; it turns with the input.
-    Dimension(
+    of_cranks(
         name="sun_runout",
         title="run-out of sun",
         sign="eccentricity of the pitch circle about the axis, half of its run-out; direction random",
         meaning="eccentricity of the sun's pitch circle about the axis, half of its run-out",
         rank=85,
         draw_columns=(148, 149),
-        need=CRANKS,
         one_sided=True,
         direction="direction of that eccentricity, counterclockwise from the crank at 0; it turns with the sun",
-        counted_where_varied=True,
         displaces=True,
     ),
-    # Radial clearance of each crank's first support bearing, besides the design's.
-    Dimension(
-        name="first_support_clearance",
-        title="clearance of the cranks' first supports",
-        sign="radial, of each crank, besides the design's",
-        meaning="radial clearance of the crank's first support bearing beyond the design's",
-        rank=86,
-        draw_columns=(150,),
-        elements=CRANKSHAFTS,
-        need=LOOSE_SUPPORTS,
-        one_sided=True,
-        counted_where_varied=True,
-        displaces=True,
-    ),
-    # Radial clearance of each crank's second support bearing, besides the design's.
-    Dimension(
-        name="second_support_clearance",
-        title="clearance of the cranks' second supports",
-        sign="radial, of each crank, besides the design's",
-        meaning="radial clearance of the crank's second support bearing beyond the design's",
-        rank=87,
-        draw_columns=(151,),
-        elements=CRANKSHAFTS,
-        need=LOOSE_SUPPORTS,
-        one_sided=True,
-        counted_where_varied=True,
-        displaces=True,
-    ),
+    # Radial clearance of each crank's support bearings, besides the design's.
+    support_clearance("first", rank=86, draw_column=150),
+    support_clearance("second", rank=87, draw_column=151),
 )
