@@ -9,9 +9,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import EntryPoints
+from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 from typing import Any
+
+from pipeline.errors import InputError
 
 
 def entry_points(group: str) -> EntryPoints:
@@ -48,19 +50,20 @@ class Kind:
 
         Raises
         ------
-        ValueError
-            If two objects have one name: a file that was copied and not renamed, or what another package registers.
+        InputError
+            If two objects have one name: a file that was copied and not renamed, or what another package registers; or
+            if what another package registers cannot be loaded or has no name.
         """
         paths = importlib.import_module(self.package).__path__
         files = (file.name for file in pkgutil.walk_packages(paths, f"{self.package}."))
         module_names = sorted(name for name in files if not name.rpartition(".")[2].startswith("_"))
         declared = [(name, item) for name in module_names for item in self._of_module(name)]
         entries = sorted(entry_points(self.group), key=lambda entry: entry.name)
-        declared += [(entry.value, entry.load()) for entry in entries]
+        declared += [(entry.value, _loaded(entry)) for entry in entries]
         objects: dict[str, Any] = {}
         for place, item in declared:
             if item.name in objects:
-                raise ValueError(f"{place}: {item.name} is declared already; give it another name")
+                raise InputError(f"{place}: {item.name} is declared already; give it another name")
             objects[item.name] = item
         return objects
 
@@ -68,6 +71,21 @@ class Kind:
         module = vars(importlib.import_module(name))
         alone, table = module.get(self.attribute), module.get(f"{self.attribute}S")
         return (*([] if alone is None else [alone]), *(table if isinstance(table, tuple) else ()))
+
+
+def _loaded(entry: EntryPoint) -> Any:
+    """What an entry point names; whatever fails in it is told with its package."""
+    owner = f"package {entry.dist.name}" if entry.dist else "an installed package"
+    advice = "mend that package or uninstall it"
+    try:
+        item = entry.load()
+    except Exception as error:  # any code of another package
+        problem = f"{type(error).__name__}: {error}"
+        raise InputError(f"{entry.group}: {entry.name} = {entry.value} of {owner}: {problem}; {advice}") from error
+    if not isinstance(getattr(item, "name", None), str):
+        found = f"is {type(item).__name__}, which has no name"
+        raise InputError(f"{entry.group}: {entry.name} = {entry.value} of {owner}: {found}; {advice}")
+    return item
 
 
 CONTACT_LAWS = Kind("pipeline.model.contact.line_laws", "LAW", "cycloid_contact_laws")
@@ -81,12 +99,17 @@ TURN_METRICS = Kind("pipeline.model.metrics.turn", "TURN_METRIC", "cycloid_turn_
 KINDS = (CONTACT_LAWS, DIMENSIONS, DISTRIBUTIONS, EFFECTS, METRICS, OUTPUT_MECHANISMS, REPORT_SECTIONS, TURN_METRICS)
 
 
-def registered_folders() -> list[Path]:
-    """Folders, or single files, of other packages that register what is declared."""
+def places_of(top: str) -> list[Path]:
+    """Folders of a package, with an ``__init__.py`` or without; the files of a module's name, whatever their ending."""
+    spec = importlib.util.find_spec(top)
+    if spec is None:
+        return []
+    if spec.submodule_search_locations:
+        return [Path(place) for place in spec.submodule_search_locations]
+    return sorted(Path(spec.origin).parent.glob(f"{top}.*")) if spec.origin else []
+
+
+def registered_places() -> list[Path]:
+    """Folders, or files of single modules, of other packages that register what is declared."""
     modules = {entry.module.partition(".")[0] for kind in KINDS for entry in entry_points(kind.group)}
-    folders = []
-    for spec in filter(None, map(importlib.util.find_spec, sorted(modules))):
-        folders += [Path(folder) for folder in spec.submodule_search_locations or ()]
-        if spec.origin and not spec.submodule_search_locations:
-            folders.append(Path(spec.origin))
-    return folders
+    return [place for module in sorted(modules) for place in places_of(module)]

@@ -53,7 +53,7 @@ def keep_answer(
     output, errors : its lines.
     run : folder of the run that it tells of.
     inputs : design, study, and the files that they name.
-    sources : folders of other packages that register parts.
+    sources : folders and files of other packages that register parts.
     """
     read = [*OWN_SOURCES, *sources], [Path(path).absolute() for path in inputs]
     if any(modified_ns >= START_NS for _, _, *times in _stamps(*read) for modified_ns in times):

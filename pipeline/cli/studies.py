@@ -21,7 +21,7 @@ from pipeline.errors import InputError
 from pipeline.library.running import known_size, prepared_loops, up_to_date
 from pipeline.library.studies import tails
 from pipeline.model.metrics import WHOLE_TURN, library
-from pipeline.registry import registered_folders
+from pipeline.registry import registered_places
 from pipeline.report.results import needed_sentences, preload_warning, yield_estimate
 from stages import hysteresis
 from stages.chain import STAGES
@@ -58,7 +58,7 @@ def run_stages(options: argparse.Namespace) -> None:
 
 
 def _keep(options: argparse.Namespace, run: str, output: Sequence[str], errors: Sequence[str] = ()) -> None:
-    keep_answer(options, output, errors, settings.RUNS / run, READ, registered_folders())
+    keep_answer(options, output, errors, settings.RUNS / run, READ, registered_places())
 
 
 def _plan_lines(study: Study, targets: Sequence[str]) -> Iterator[str]:
@@ -83,7 +83,7 @@ def show_run(options: argparse.Namespace) -> None:
     folder = Path(options.run) if Path(options.run).is_dir() else settings.RUNS / options.run
     lines = _summary_lines(folder)
     print("\n".join(lines))
-    keep_answer(options, lines, (), folder, (), registered_folders())
+    keep_answer(options, lines, (), folder, (), registered_places())
 
 
 def _summary_lines(folder: Path) -> list[str]:

@@ -21,12 +21,22 @@ ENTRY = "entry.json"
 """Beside the files of an entry: its key, and each file's hash, size and, of an array, shape."""
 
 
+def _confirm_all() -> None:
+    """Raise for nothing: the code of a cache of one process."""
+
+
 @dataclass(frozen=True)
 class Cache:
-    """Computations shared by studies, found by the hash of their key and of the code that made them."""
+    """Computations shared by studies, found by the hash of their key and of the code that made them.
+
+    Attributes
+    ----------
+    confirm : raises if the code is not that of ``code`` any more; called before an entry is kept.
+    """
 
     root: Path
     code: str
+    confirm: Callable[[], None] = _confirm_all
 
     def folder(self, key: str, make: Callable[[Path], None]) -> Path:
         """Folder filled by `make(folder)`, called only if no run has done so; it appears whole or not at all.
@@ -43,6 +53,7 @@ class Cache:
                 new_folder = Path(temporary) / "filled"
                 new_folder.mkdir()
                 make(new_folder)
+                self.confirm()
                 files = {path.name: _file_entry(path) for path in sorted(new_folder.iterdir())}
                 write_json(new_folder / ENTRY, {"key": key, "code": self.code, "files": files})
                 try:

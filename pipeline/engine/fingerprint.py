@@ -20,7 +20,8 @@ from pydantic_core import to_jsonable_python
 from pipeline.engine.record import SourceMemory, valid, with_seal
 from pipeline.engine.stage import Stage
 from pipeline.engine.store import make_way, read_json, write_json
-from pipeline.registry import KINDS, entry_points
+from pipeline.errors import InputError
+from pipeline.registry import KINDS, entry_points, places_of
 
 PACKAGES = ("numpy", "scipy", "scikit-fem", "numba", "pyarrow", "pandas")
 """Libraries whose version may change a number."""
@@ -108,8 +109,28 @@ def package_versions() -> dict[str, str]:
     return {"python": python} | {name: importlib.metadata.version(name) for name in PACKAGES}
 
 
+def refuse_changed_sources(stage: Stage, sources: Mapping[str, str]) -> None:
+    """Refuse to keep what a stage computed if a source differs from that with which the command began.
+
+    The modules in memory may be those of before, the ones that are imported late those of now.
+
+    Raises
+    ------
+    InputError
+        Names the sources.
+    """
+    changed = [name for name, _, _ in _differences(sources, source_hashes(stage.module))]
+    if changed:
+        raise InputError(
+            f"{', '.join(changed)}: changed while this command ran, so that nobody can tell which version stage "
+            f"{stage.name} ran with; its results are not kept; run the command again"
+        )
+
+
 def source_hashes(module: str) -> dict[str, str]:
     """Hash of the file of a module and of every own file that it imports, directly or not.
+
+    Of a package that registers parts its other files count as well: templates, and data that its modules read.
 
     Parameters
     ----------
@@ -150,7 +171,10 @@ def source_hashes(module: str) -> dict[str, str]:
                 hashes |= {place + f: hashlib.sha256((package / f).read_bytes()).hexdigest() for f in data}
                 if name in GROUPS:
                     modules = [entry.module for entry in entry_points(GROUPS[name])]
-                    packages |= {module.partition(".")[0] for module in modules}
+                    registered = {module.partition(".")[0] for module in modules}
+                    packages |= registered
+                    for top in registered:
+                        hashes |= _data_of(top)
                     files = sorted(file.relative_to(package) for file in package.rglob("*.py"))
                     waiting += [".".join((name, *file.with_suffix("").parts)) for file in files] + modules
             else:
@@ -162,12 +186,19 @@ def source_hashes(module: str) -> dict[str, str]:
     return hashes
 
 
+def _data_of(top: str) -> dict[str, str]:
+    """Hash of each file of a registered package, or beside a registered module, that is no code."""
+    root = Path(_folder_of(top))
+    files = (file for place in places_of(top) for file in (sorted(place.rglob("*")) if place.is_dir() else [place]))
+    files = (file for file in files if file.suffix not in (".py", ".pyc") and file.is_file())
+    return {file.relative_to(root).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+
+
 def _folder_of(top: str) -> str:
-    """Folder that holds a top package or module; empty if there is none."""
+    """Folder that holds a top package, with an ``__init__.py`` or without, or a module; empty if there is none."""
     spec = importlib.util.find_spec(top)
-    if spec is None or spec.origin is None:
-        return ""
-    return str(Path(spec.origin).parents[1 if spec.submodule_search_locations else 0])
+    places = list(spec.submodule_search_locations or ([spec.origin] if spec.origin else ())) if spec else []
+    return str(Path(places[0]).parent) if places else ""
 
 
 def _file_of(name: str, root: str) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,13 @@ from threadpoolctl import threadpool_limits
 from pipeline.engine import progress
 from pipeline.engine.cache import Cache, lock_run
 from pipeline.engine.cluster import solved_on_cluster
-from pipeline.engine.fingerprint import Fingerprint, fingerprint, remembered_sources
+from pipeline.engine.fingerprint import (
+    Fingerprint,
+    fingerprint,
+    refuse_changed_sources,
+    remembered_sources,
+    source_hashes,
+)
 from pipeline.engine.parallel import Backend, parts_of, solved_chunks
 from pipeline.engine.record import Manifest, valid, with_seal
 from pipeline.engine.stage import Chunk, Job, Sections, Stage
@@ -73,15 +80,17 @@ def run(
     Raises
     ------
     InputError
-        If a target is unknown, another process writes the run, or a file is damaged.
+        If a target is unknown, another process writes the run, a file is damaged, or a source changes meanwhile.
     ChunkError
         If a body fails on a chunk.
     """
     outputs: dict[str, Output] = {}
     stages_to_run = needed_stages(stages, targets)
     with lock_run(runs / study.name), remembered_sources(runs / ".cache" / SOURCES):
+        sources = {stage.name: source_hashes(stage.module) for stage in stages_to_run}
         for stage in stages_to_run:
             inputs = {name: outputs[name] for name in stage.reads}
+            refuse_changed_sources(stage, sources[stage.name])
             current = fingerprint(stage, study, _content(inputs))
             output = Output.open(runs / study.name / stage.name)
             if output is not None:
@@ -296,10 +305,12 @@ def _execute(
         state = {"key": current.key, "chunk": resources.chunk} if stage.solve else None
         work = Work(runs / study.name, stage.name, state)
         sections = Sections(study, (*stage.sections, "name"))
-        job = Job(sections, resources.jobs, work.output, inputs, Cache(runs / ".cache", current.code))
+        confirm = partial(refuse_changed_sources, stage, current.sources)
+        job = Job(sections, resources.jobs, work.output, inputs, Cache(runs / ".cache", current.code, confirm))
         counts = (
             _solve_chunks(stage, job, work, resources, current.code) if stage.solve else _run_whole(stage, job, work)
         )
+        confirm()
         contents = work.contents(stage.tables)
     if not stage.solve:
         rows, files = sum(table["rows"] for table in contents["tables"].values()), len(contents["files"])

@@ -5,11 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from toy_study import ADD, Numbers, Toy
+from toy_study import ADD, TOTAL, Numbers, Toy
 
 from pipeline.engine import fingerprint as engine
 from pipeline.engine.fingerprint import fingerprint, remembered_sources, source_hashes, used_settings
 from pipeline.engine.record import with_seal
+from pipeline.engine.runner import Resources, run
+from pipeline.engine.stage import Job, Stage, Tables
+from pipeline.errors import InputError
+from pipeline.registry import METRICS
 
 FILES = {
     "__init__.py": "",
@@ -166,3 +170,94 @@ def test_settings_are_flat_and_lists_of_tables_are_numbered() -> None:
         "plan.cases.1.label": "b",
         "plan.none": {},
     }
+
+
+def test_results_of_sources_that_change_meanwhile_are_not_kept(package: Path, tmp_path: Path) -> None:
+    """Neither a table nor an entry of the cache: the code in memory is that of before, or of both."""
+
+    def change_within_the_cache(job: Job) -> Tables:
+        def make(folder: Path) -> None:
+            (folder / "made.txt").write_text("by the old code")
+            edit(package / "near.py", "2 * x", "3 * x")
+
+        job.memo("made", make)
+        return {"total": TOTAL.empty()}
+
+    def change_after_it(job: Job) -> Tables:
+        edit(package / "near.py", "2 * x", "3 * x")
+        return {"total": TOTAL.empty()}
+
+    for number, body in enumerate((change_within_the_cache, change_after_it)):
+        stage = Stage("total", (), (), (TOTAL,), f"{package.name}.root", run=body)
+        runs = tmp_path / f"runs{number}"
+        with pytest.raises(InputError, match=r"near.py: changed while this command ran.*run the command again"):
+            run([stage], Toy(), ["total"], runs, Resources(1, 4))
+        assert not (runs / "toy/total/record.json").exists()
+        assert not list(runs.glob(".cache/*/made.txt"))
+        edit(package / "near.py", "3 * x", "2 * x")
+
+
+def test_a_change_between_two_stages_is_refused_before_the_second(package: Path, tmp_path: Path) -> None:
+    def first(job: Job) -> Tables:
+        edit(package / "alone.py", "D = 1", "D = 2")
+        return {"total": TOTAL.empty()}
+
+    module = f"{package.name}.alone"
+    stages = [
+        Stage("before", (), (), (TOTAL,), f"{package.name}.root", run=first),
+        Stage("after", ("before",), (), (TOTAL,), module, run=lambda job: {"total": TOTAL.empty()}),
+    ]
+    with pytest.raises(InputError, match=r"alone.py: changed while"):
+        run(stages, Toy(), ["after"], tmp_path / "runs", Resources(1, 4))
+
+
+def install(folder: Path, module: str) -> None:
+    """An entry point of a metric, as an installed package has it."""
+    info = folder / "lab-1.0.dist-info"
+    info.mkdir(parents=True, exist_ok=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lab\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[cycloid_metrics]\nwound = {module}:METRIC\n")
+
+
+@pytest.mark.parametrize(
+    ("module", "file"),
+    [
+        ("lab_without_init.metric", "lab_without_init/metric.py"),
+        ("lab_without_init.metric", "lab_without_init/data/factor.csv"),
+        ("lab_alone", "lab_alone.py"),
+        ("lab_alone", "lab_alone.html"),
+    ],
+)
+def test_all_files_of_a_registered_package_are_sources(tmp_path: Path, monkeypatch, module: str, file: str) -> None:
+    """Of a package without ``__init__.py`` too, and what lies beside a single module under its name."""
+    for name in ("lab_without_init/metric.py", "lab_without_init/data/factor.csv", "lab_alone.py", "lab_alone.html"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("A = 1\n")
+    install(tmp_path, module)
+    monkeypatch.syspath_prepend(tmp_path)
+    before = source_hashes("pipeline.model.metrics")
+    assert file in before
+    (tmp_path / file).write_text("A = 2\n")
+    after = source_hashes("pipeline.model.metrics")
+    assert {name for name in after if after[name] != before.get(name)} == {file}
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("import a_library_that_is_missing\n", "ModuleNotFoundError: No module named 'a_library_that_is_missing'"),
+        ("METRIC = (\n", "SyntaxError"),
+        ("A = 1\n", "AttributeError"),
+        ("METRIC = 3\n", "is int, which has no name"),
+    ],
+)
+def test_a_package_that_cannot_be_loaded_is_named(tmp_path: Path, monkeypatch, text: str, found: str) -> None:
+    name = f"lab_broken_{tmp_path.name}".replace("-", "_")
+    (tmp_path / f"{name}.py").write_text(text)
+    install(tmp_path, name)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InputError) as refusal:
+        METRICS.declarations()
+    message = str(refusal.value)
+    assert f"cycloid_metrics: wound = {name}:METRIC of package lab: {found}" in message
+    assert "mend that package or uninstall it" in message

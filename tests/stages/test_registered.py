@@ -148,7 +148,7 @@ def test_an_effect_of_another_package_runs_in_a_study_and_is_tried(folder: Path,
 
 def test_an_effect_with_the_name_of_another_is_refused(folder: Path) -> None:
     install_rubber(folder, "creep")
-    with pytest.raises(ValueError, match="rubber_of_creep:EFFECT: creep is declared already"):
+    with pytest.raises(InputError, match="rubber_of_creep:EFFECT: creep is declared already"):
         library()
 
 
@@ -162,7 +162,7 @@ def test_a_file_that_was_copied_and_not_renamed_is_refused(kind: Kind, tmp_path:
     )
     for paths in ([*package.__path__, str(tmp_path)], [str(tmp_path), *package.__path__]):
         monkeypatch.setattr(package, "__path__", paths)
-        with pytest.raises(ValueError, match=f"{original} is declared already; give it another name"):
+        with pytest.raises(InputError, match=f"{original} is declared already; give it another name"):
             kind.declarations()
 
 
