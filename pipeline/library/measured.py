@@ -104,7 +104,7 @@ def unit_answer(measurement: Measurement | TurnRecord, jobs: int | Workers | Non
 def _description_answer(measurement: Measurement, folder: Path) -> UnitAnswer:
     """The answer on a drive of which no design is known."""
     if measurement.fatal:
-        sentence = described_results.write_fault(measurement, folder)
+        sentence = results.write_fault(measurement.unit.name, measurement.faults, folder)
         return UnitAnswer(measurement, (f"{FAULT}: {sentence}",), folder, page="", verdict=FAULT)
     with linear_algebra_faults(measurement.unit.name):
         description = describe(measurement)
@@ -129,7 +129,7 @@ def _turning(measurement: Measurement, folder: Path) -> UnitAnswer:
 def _of_record(record: TurnRecord, folder: Path) -> UnitAnswer:
     """The answer on a record of a turning drive."""
     if record.fatal:
-        sentence = record_results.write_fault(record, folder)
+        sentence = results.write_fault(record.unit.name, record.faults, folder)
         return UnitAnswer(record, (f"{FAULT}: {sentence}",), folder, page="", verdict=FAULT)
     with linear_algebra_faults(record.unit.name):
         answer = record_answer(record)

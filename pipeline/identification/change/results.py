@@ -18,8 +18,8 @@ from pipeline.identification.change.pattern import Pattern, pattern
 from pipeline.identification.change.scatter import FEWEST_FREEDOM
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_sections import NEITHER
+from pipeline.identification.selection.statements.verdict import VERDICT_FILE
 
-VERDICT_FILE = "verdict.json"
 CHANGES = Table(
     "changes",
     "number of the loops of one size",

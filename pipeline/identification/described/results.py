@@ -8,18 +8,15 @@ import numpy as np
 import pandas as pd
 
 from pipeline.engine.store import write_json, write_tables
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Columns, Table
 from pipeline.identification.described.description import FULLY_DESCRIBED, Description, Number
 from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
-from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.results.residual_signatures import Signature, signatures
-from pipeline.identification.results.tables import RESIDUAL, SIGNATURES, signature_rows
+from pipeline.identification.results.tables import SIGNATURES, cell_columns, signature_rows, values_of_cells
 from pipeline.identification.results.write import finite
-from pipeline.identification.selection.statements.statement import fault_statement
-from pipeline.identification.selection.statements.verdict import FAULT
+from pipeline.identification.selection.statements.verdict import VERDICT_FILE
 
-VERDICT_FILE = "verdict.json"
 TITLES = {"spring": "a spring alone", "described": "play, friction and a spring"}
 LARGEST_PLAY_ARCMIN = 300.0
 """Play of no reducer: metal ones have up to 10 arcmin, the printed ones that were measured 20 to 200."""
@@ -33,32 +30,12 @@ HELD = (
     "SERIES=<folder>."
 )
 """Of a drive without a design whose crank turns within its loops."""
-SHARED_COLUMNS = (
-    "position",
-    "crank_deg",
-    "cycle",
-    "block",
-    "direction",
-    "torque_Nm",
-    "angle_arcmin",
-    "rows",
-    "sigma_arcmin",
-)
+NOT_DESCRIBED = ("time_s", "temperature_C")
+"""Of a cell, what no term of a description depends on."""
 DESCRIPTION = Table(
     "description",
     "cell: measured rows averaged over neighbouring torques of one branch",
-    (
-        *(column for column in RESIDUAL.columns if column.name in SHARED_COLUMNS),
-        Column("held_out", "bool", "", "whether the cell judges; its predictions then come from fits without it"),
-        *(
-            Column(f"{name}_arcmin", "float64", "arcmin", f"angle by {title}, offset included")
-            for name, title in TITLES.items()
-        ),
-        *(
-            Column(f"residual_{name}_arcmin", "float64", "arcmin", f"measured less {title}")
-            for name, title in TITLES.items()
-        ),
-    ),
+    tuple(column for column in cell_columns(TITLES) if column.name not in NOT_DESCRIBED),
 )
 
 
@@ -70,15 +47,6 @@ def write(description: Description, folder: Path) -> tuple[tuple[Signature, ...]
     frames = write_tables({DESCRIPTION: cell_rows(description), SIGNATURES: signature_rows(by_stage)}, folder)
     write_json(folder / VERDICT_FILE, content(description))
     return remaining_signatures, frames
-
-
-def write_fault(measurement: Measurement, folder: Path) -> str:
-    """Write the verdict on data that have a fatal fault; returns its sentence."""
-    sentence = fault_statement(measurement.fatal).sentence
-    faults = [asdict(fault) for fault in measurement.faults]
-    verdict = {"unit": measurement.unit.name, "verdict": FAULT, "sentence": sentence, "data_faults": faults}
-    write_json(folder / VERDICT_FILE, verdict)
-    return sentence
 
 
 def sentence(description: Description) -> str:
@@ -146,21 +114,8 @@ def turned_deg(description: Description) -> float:
 
 def cell_rows(description: Description) -> Columns:
     """Columns of `DESCRIPTION`."""
-    cells, data = description.measurement.cells, description.data
-    return {
-        "position": cells.position,
-        "crank_deg": description.measurement.rows.cranks[cells.position],
-        "cycle": cells.cycle,
-        "block": cells.block,
-        "direction": cells.direction,
-        "torque_Nm": data.torque,
-        "angle_arcmin": data.angle,
-        "rows": data.count,
-        "sigma_arcmin": data.sigma,
-        "held_out": description.cells,
-        **{f"{name}_arcmin": curve for name, curve in description.curves.items()},
-        **{f"residual_{name}_arcmin": data.angle - curve for name, curve in description.curves.items()},
-    }
+    values = values_of_cells(description.measurement, description.data, description.cells, description.curves)
+    return {column.name: values[column.name] for column in DESCRIPTION.columns}
 
 
 def content(description: Description) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """What the answer on a record leaves behind: its sentences, verdict.json and tables."""
 
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +9,10 @@ import pandas as pd
 
 from pipeline.engine.store import write_json, write_tables
 from pipeline.engine.table import Column, Columns, Table
-from pipeline.identification.described.results import VERDICT_FILE
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.record.answer import RecordAnswer, Value, effect_values
-from pipeline.identification.record.turn_record import TurnRecord
 from pipeline.identification.results.write import finite
-from pipeline.identification.selection.statements.statement import fault_statement
-from pipeline.identification.selection.statements.verdict import FAULT, NOT_TESTABLE, UNEXPLAINED
+from pipeline.identification.selection.statements.verdict import NOT_TESTABLE, UNEXPLAINED, VERDICT_FILE
 
 POINTS = Table(
     "points",
@@ -60,21 +57,14 @@ LEVELS = Table(
 
 def write(answer: RecordAnswer, folder: Path) -> dict[str, pd.DataFrame]:
     """Write tables and, last, the verdict into ``folder``; the frames by name."""
-    tables = {POINTS: _points(answer), ORDERS: _orders(answer), LEVELS: _levels(answer)}
+    tables = {
+        POINTS: _points(answer),
+        ORDERS: ORDERS.columns_of_rows([astuple(row) for row in answer.orders]),
+        LEVELS: LEVELS.columns_of_rows([astuple(row) for row in answer.levels]),
+    }
     frames = write_tables(tables, folder)
     write_json(folder / VERDICT_FILE, finite(content(answer)))
     return frames
-
-
-def write_fault(record: TurnRecord, folder: Path) -> str:
-    """Write the verdict on data that have a fatal fault; returns its sentence."""
-    sentence = fault_statement(record.fatal).sentence
-    faults = [asdict(fault) for fault in record.faults]
-    write_json(
-        folder / VERDICT_FILE,
-        {"unit": record.unit.name, "verdict": FAULT, "sentence": sentence, "data_faults": faults},
-    )
-    return sentence
 
 
 def sentences(answer: RecordAnswer) -> tuple[str, ...]:
@@ -173,29 +163,4 @@ def _points(answer: RecordAnswer) -> Columns:
         "error_arcmin": points.error,
         "predicted_arcmin": answer.predicted_error,
         "noise_arcmin": points.noise,
-    }
-
-
-def _orders(answer: RecordAnswer) -> Columns:
-    rows = answer.orders
-    return {
-        "order": np.array([row.order for row in rows]),
-        "of": np.array([row.of for row in rows], object),
-        "amplitude_arcsec": np.array([row.amplitude for row in rows]),
-        "ci_low_arcsec": np.array([row.ci_low for row in rows]),
-        "ci_high_arcsec": np.array([row.ci_high for row in rows]),
-        "per_torque_arcsec": np.array([row.per_torque for row in rows]),
-        "senses_arcsec": np.array([row.senses for row in rows]),
-        "significant": np.array([row.significant for row in rows]),
-    }
-
-
-def _levels(answer: RecordAnswer) -> Columns:
-    rows = answer.levels
-    return {
-        "torque_Nm": np.array([row.torque for row in rows]),
-        "mean_arcmin": np.array([row.mean for row in rows]),
-        "mean_error_arcmin": np.array([row.mean_error for row in rows]),
-        "difference_arcmin": np.array([row.difference for row in rows]),
-        "difference_error_arcmin": np.array([row.difference_error for row in rows]),
     }

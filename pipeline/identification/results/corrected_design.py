@@ -62,6 +62,11 @@ class WrittenStudy:
     fit_rms_arcmin: float
     declared_rms_arcmin: float
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether it is worse than the design as declared."""
+        return self.rms_arcmin > self.declared_rms_arcmin
+
 
 def written_study(identification: Identification, path: Path, fit: Fit) -> WrittenStudy:
     """The study of a file, with its design, on the load history of the unit.

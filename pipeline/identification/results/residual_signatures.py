@@ -49,11 +49,11 @@ class Signature:
     name: str
     title: str
     unit: str
-    value: float
-    ci_low: float
-    ci_high: float
-    p_value: float
-    significant: bool
+    value: float = np.nan
+    ci_low: float = np.nan
+    ci_high: float = np.nan
+    p_value: float = np.nan
+    significant: bool = False
     why_not: str = ""
 
 
@@ -83,7 +83,7 @@ class SignatureCells:
 
 def signatures(measurement: Measurement, data: Data, predicted_angle: Real) -> tuple[Signature, ...]:
     """Signatures of the residual of predicted angles (n_cells,) [arcmin]; cells without a prediction are left out."""
-    signature_cells = _cells(measurement, data, predicted_angle)
+    signature_cells = cells_of(measurement, data, predicted_angle)
     return (
         *_friction(signature_cells),
         *_play(signature_cells),
@@ -97,7 +97,8 @@ def signatures(measurement: Measurement, data: Data, predicted_angle: Real) -> t
     )
 
 
-def _cells(measurement: Measurement, data: Data, predicted_angle: Real) -> SignatureCells:
+def cells_of(measurement: Measurement, data: Data, predicted_angle: Real) -> SignatureCells:
+    """The cells whose angle (n_cells,) [arcmin] is predicted, with what the prediction leaves of it."""
     cells = measurement.cells
     residual = data.angle - predicted_angle
     finite = np.isfinite(residual)
@@ -154,9 +155,8 @@ def judged_signature(name: str, title: str, unit: str, line: tuple[Real, Real, i
     """
     (value,), resamples, n = line
     if n < FEWEST_BLOCKS:
-        no_estimate = np.nan, np.nan, np.nan
         reason = f"no interval of {n} branches" if n else "no cell shows it"
-        return Signature(name, title, unit, float(value), *no_estimate, False, reason)
+        return Signature(name, title, unit, float(value), why_not=reason)
     error = float(np.std(resamples, ddof=1) * np.sqrt(n / (n - 1)))
     reach = stdtrit(n - 1, (1 + CONFIDENCE) / 2) * error
     p = float(2 * stdtr(n - 1, -abs(value) / error)) if error > 0 else float(value == 0)
@@ -174,46 +174,21 @@ def judged_signature(name: str, title: str, unit: str, line: tuple[Real, Real, i
 
 def not_testable(name: str, title: str, unit: str, reason: str) -> Signature:
     """A signature that the data do not hold, and why."""
-    return Signature(
-        name=name,
-        title=title,
-        unit=unit,
-        value=np.nan,
-        ci_low=np.nan,
-        ci_high=np.nan,
-        p_value=np.nan,
-        significant=False,
-        why_not=reason,
+    return Signature(name, title, unit, why_not=reason)
+
+
+def _friction(cells: SignatureCells) -> list[Signature]:
+    names = (
+        ("branch_half_difference", "half-difference of the branches at no load", "arcmin"),
+        ("branch_growth", "half-difference of the branches, growth with the load", "arcmin/(N m)"),
     )
-
-
-def _friction(cells: SignatureCells) -> tuple[Signature, ...]:
+    if len(np.unique(cells.falling)) < 2:
+        return [not_testable(*of_column, "only one sense of the torque's change") for of_column in names]
     all_cells = np.ones(len(cells.residual), bool)
     columns = np.column_stack(
         [cells.falling, cells.falling * np.abs(cells.torque), cells.torque, np.sign(cells.torque)]
     )
-    if len(np.unique(cells.falling)) < 2:
-        reason = "only one sense of the torque's change"
-        return (
-            not_testable("branch_half_difference", "half-difference of the branches at no load", "arcmin", reason),
-            not_testable(
-                "branch_growth", "half-difference of the branches, growth with the load", "arcmin/(N m)", reason
-            ),
-        )
-    return (
-        judged_signature(
-            "branch_half_difference",
-            "half-difference of the branches at no load",
-            "arcmin",
-            trend(cells, all_cells, columns, 0),
-        ),
-        judged_signature(
-            "branch_growth",
-            "half-difference of the branches, growth with the load",
-            "arcmin/(N m)",
-            trend(cells, all_cells, columns, 1),
-        ),
-    )
+    return [judged_signature(*names[column], trend(cells, all_cells, columns, column)) for column in (0, 1)]
 
 
 def _play(cells: SignatureCells) -> tuple[Signature, ...]:
@@ -296,10 +271,9 @@ def _over_the_angle(all_cells: SignatureCells) -> tuple[Signature, ...]:
     ends = 2 * np.abs(len(blocks) * resampled_means(parts[:, strongest], RESAMPLES, SEED)) / len(residual)
     low, high = (float(end) for end in np.percentile(ends, [2.5, 97.5]))
     strong = p < LEVEL
-    no_estimate = (np.nan, np.nan)
     return (
         Signature(*names[0], float(amplitude[strongest]), low, high, p, strong),
-        Signature(*names[1], float(period[strongest]), *no_estimate, p, strong),
+        Signature(*names[1], float(period[strongest]), p_value=p, significant=strong),
     )
 
 

@@ -2,14 +2,17 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
 
-from pipeline.arrays import Real
+from pipeline.arrays import Real, Truth
 from pipeline.engine.table import Column, Columns, Table, interval_columns
+from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.identify import Identification
+from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.results.residual_signatures import Signature
 from pipeline.identification.selection.criteria import NAMED_ODDS
 from pipeline.identification.selection.statements.statement import title_of
@@ -19,10 +22,11 @@ STAGE_TITLES = {
     "recalibrated": "its calibrated numbers refitted",
     "after": "the chosen model",
 }
-RESIDUAL = Table(
-    "residual",
-    "cell: measured rows averaged over neighbouring torques of one branch",
-    (
+
+
+def cell_columns(titles: Mapping[str, str]) -> tuple[Column, ...]:
+    """Columns of a table of cells, with the predictions of some models by name and title."""
+    return (
         Column("position", "int32", "1", "number of the crank position"),
         Column("crank_deg", "float64", "deg", "crank angle"),
         Column("cycle", "int32", "1", "load cycle"),
@@ -36,13 +40,21 @@ RESIDUAL = Table(
         Column("sigma_arcmin", "float64", "arcmin", "noise of the cell: floor, torque noise times slope, jumps"),
         Column("held_out", "bool", "", "whether the cell judges; its predictions then come from fits without it"),
         *(
-            Column(f"{stage}_arcmin", "float64", "arcmin", f"angle by {title}, offset included")
-            for stage, title in STAGE_TITLES.items()
+            Column(f"{name}_arcmin", "float64", "arcmin", f"angle by {title}, offset included")
+            for name, title in titles.items()
         ),
         *(
-            Column(f"residual_{stage}_arcmin", "float64", "arcmin", f"measured less {title}")
-            for stage, title in STAGE_TITLES.items()
+            Column(f"residual_{name}_arcmin", "float64", "arcmin", f"measured less {title}")
+            for name, title in titles.items()
         ),
+    )
+
+
+RESIDUAL = Table(
+    "residual",
+    "cell: measured rows averaged over neighbouring torques of one branch",
+    (
+        *cell_columns(STAGE_TITLES),
         Column(
             "written_arcmin",
             "float64",
@@ -88,11 +100,19 @@ NOT_SOLVED = "no equilibrium was found where it was tried"
 
 def residual_rows(identification: Identification, study_angle: Real | None) -> Columns:
     """Columns of `RESIDUAL`; ``study_angle`` is the angle (n_cells,) [arcmin] of the written study, if there is one."""
-    cells, data = identification.measurement.cells, identification.problem.data
-    predictions = identification.curves
+    data, folds = identification.problem.data, identification.folds
+    return {
+        **values_of_cells(identification.measurement, data, folds.cells, identification.curves),
+        "written_arcmin": np.full(len(data), np.nan) if study_angle is None else study_angle,
+    }
+
+
+def values_of_cells(measurement: Measurement, data: Data, is_judged: Truth, curves: Mapping[str, Real]) -> Columns:
+    """Values of ``cell_columns``, of cells (n_cells,) some of which judge, and of predictions (n_cells,) [arcmin]."""
+    cells = measurement.cells
     return {
         "position": cells.position,
-        "crank_deg": identification.measurement.rows.cranks[cells.position],
+        "crank_deg": measurement.rows.cranks[cells.position],
         "cycle": cells.cycle,
         "block": cells.block,
         "direction": cells.direction,
@@ -102,29 +122,16 @@ def residual_rows(identification: Identification, study_angle: Real | None) -> C
         "angle_arcmin": data.angle,
         "rows": data.count,
         "sigma_arcmin": data.sigma,
-        "held_out": identification.folds.cells,
-        **{f"{stage}_arcmin": angle for stage, angle in predictions.items()},
-        **{f"residual_{stage}_arcmin": data.angle - angle for stage, angle in predictions.items()},
-        "written_arcmin": np.full(len(data), np.nan) if study_angle is None else study_angle,
+        "held_out": is_judged,
+        **{f"{name}_arcmin": angle for name, angle in curves.items()},
+        **{f"residual_{name}_arcmin": data.angle - angle for name, angle in curves.items()},
     }
 
 
 def signature_rows(signatures_of_stage: Mapping[str, Sequence[Signature]]) -> Columns:
     """Columns of `SIGNATURES`, by what the residual is of."""
-    rows = [(stage, signature) for stage, signatures in signatures_of_stage.items() for signature in signatures]
-    return {
-        "of": [stage for stage, _ in rows],
-        "signature": [signature.name for _, signature in rows],
-        "title": [signature.title for _, signature in rows],
-        "unit": [signature.unit for _, signature in rows],
-        **{
-            name: np.array([getattr(signature, name) for _, signature in rows], float)
-            for name in ("value", "ci_low", "ci_high")
-        },
-        "p": np.array([signature.p_value for _, signature in rows], float),
-        "significant": np.array([signature.significant for _, signature in rows], bool),
-        "why_not": [signature.why_not for _, signature in rows],
-    }
+    rows = [(stage, *astuple(signature)) for stage, of_stage in signatures_of_stage.items() for signature in of_stage]
+    return SIGNATURES.columns_of_rows(rows)
 
 
 def parameters_of(fit: Fit) -> dict[str, dict[str, float]]:
@@ -142,12 +149,8 @@ def candidate_rows(identification: Identification) -> Columns:
     unsolved_names = sorted(
         set(selection.promised_misfits) - set(fitted_names), key=lambda name: selection.promised_misfits[name]
     )
-    rows = [_candidate(identification, name) for name in (*fitted_names, *unsolved_names, *identification.why_not)]
-    columns: dict[str, Any] = {column.name: [row[column.name] for row in rows] for column in CANDIDATES.columns}
-    for column in CANDIDATES.columns:
-        if column.kind in ("float64", "bool"):
-            columns[column.name] = np.array(columns[column.name], column.kind)
-    return columns
+    names = (*fitted_names, *unsolved_names, *identification.why_not)
+    return CANDIDATES.columns_of_rows([_candidate(identification, name) for name in names])
 
 
 def _candidate(identification: Identification, name: str) -> dict[str, Any]:

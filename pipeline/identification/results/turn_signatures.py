@@ -1,6 +1,7 @@
 """Prediction errors and signatures of a unit whose crank turned."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from pipeline.identification.results.prediction_errors import NO_LOSS, SEPARATIO
 from pipeline.identification.results.residual_signatures import (
     Signature,
     SignatureCells,
+    cells_of,
     judged_signature,
     not_testable,
     trend,
@@ -84,7 +86,8 @@ ARCMIN, PER_TORQUE = "arcmin", "arcmin/(N m)"
 
 def turn_signatures(measurement: Measurement, data: TurningData, predicted_angle: Real) -> tuple[Signature, ...]:
     """Signatures of the residual of predicted angles (n_cells,) [arcmin]; cells without a prediction are left out."""
-    cells = _cells(measurement, data, predicted_angle)
+    all_cells = cells_of(measurement, data, predicted_angle)
+    cells = replace(all_cells, position=np.zeros_like(all_cells.position))  # one zero for all
     lobes = measurement.unit.study.design.cycloid.lobes
     return (
         *_senses(cells),
@@ -92,23 +95,6 @@ def turn_signatures(measurement: Measurement, data: TurningData, predicted_angle
         *_orders(cells, len(measurement.rows.cranks)),
         *_output_order(cells, lobes),
         *_over_time(cells),
-    )
-
-
-def _cells(measurement: Measurement, data: TurningData, predicted_angle: Real) -> SignatureCells:
-    cells, residual = measurement.cells, data.angle - predicted_angle
-    finite = np.isfinite(residual)
-    return SignatureCells(
-        residual=residual[finite],
-        torque=data.torque[finite],
-        falling=-data.direction[finite].astype(float),
-        crank=np.radians(data.crank[finite]),
-        angle=data.angle[finite],
-        cycle=data.cycle[finite].astype(float),
-        hours=cells.time_mean[finite] / 3600,
-        warmer=cells.temperature_mean[finite],
-        position=np.zeros(int(finite.sum()), np.int64),  # one zero for all
-        block=data.block[finite],
     )
 
 

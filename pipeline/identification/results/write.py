@@ -11,6 +11,7 @@ import pandas as pd
 from pipeline.engine.store import write_json, write_tables
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import FaultyUnit, Identification, one_thread
+from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.results import tables
 from pipeline.identification.results.corrected_design import (
     DESIGN_FILES,
@@ -27,8 +28,9 @@ from pipeline.identification.results.prediction_errors import LoopError, loop_er
 from pipeline.identification.results.residual_signatures import Signature, signatures
 from pipeline.identification.results.turn_signatures import turn_errors, turn_signatures
 from pipeline.identification.selection.held_out import STAGES
+from pipeline.identification.selection.statements.statement import fault_statement
+from pipeline.identification.selection.statements.verdict import FAULT, VERDICT_FILE
 
-VERDICT_FILE = "verdict.json"
 NO_VERDICT = "the data do not support a verdict"
 STALE = (
     *(f"{table.name}.parquet" for table in (tables.RESIDUAL, tables.SIGNATURES, tables.CANDIDATES)),
@@ -82,32 +84,34 @@ def write(findings_of_unit: Findings | FaultyUnit, folder: Path) -> tuple[dict[s
         paths = best_design.paths or corrected_design.paths
         fit = ((best_trial(identification) if best_design.paths else None) or corrected_trial(identification)).fit
         trial_written = written_study(identification, paths[-1], fit) if paths else None
-        if trial_written and corrected_design.paths and not best_design.paths and _is_behind(trial_written):
+        if trial_written and corrected_design.paths and not best_design.paths and trial_written.is_behind:
             for path in corrected_design.paths:
                 path.unlink()
             reason = "the study that was written leaves {:.3g} arcmin, the design as declared {:.3g}"
             corrected_design = Corrected((), reason.format(trial_written.rms_arcmin, trial_written.declared_rms_arcmin))
             trial_written = None
         frames = _write_tables(findings_of_unit, trial_written, folder)
-        content = _common(identification) | _keys_of_fit(findings_of_unit)
-        content |= {
+        numbers_written = vars(trial_written).items() if trial_written else ()
+        content = {
+            **_common(identification),
+            **_keys_of_fit(findings_of_unit),
             "corrected": [path.name for path in corrected_design.paths],
             "not_corrected": corrected_design.why_not,
-        }
-        content |= {"best": [path.name for path in best_design.paths]}
-        content |= {
-            "written": {name: value for name, value in vars(trial_written).items() if name != "angle"}
-            if trial_written
-            else None
+            "best": [path.name for path in best_design.paths],
+            "written": {name: value for name, value in numbers_written if name != "angle"} or None,
         }
     content = finite(content)
     write_json(folder / VERDICT_FILE, content)
     return content, frames
 
 
-def _is_behind(study: WrittenStudy) -> bool:
-    """Whether a written study is worse than the design as declared."""
-    return study.rms_arcmin > study.declared_rms_arcmin
+def write_fault(unit: str, faults: Sequence[Fault], folder: Path) -> str:
+    """Write the verdict on a record or a drive without a design whose data have a fatal fault; returns its sentence."""
+    sentence = fault_statement([fault for fault in faults if fault.severity == "fatal"]).sentence
+    data_faults = [asdict(fault) for fault in faults]
+    verdict = {"unit": unit, "verdict": FAULT, "sentence": sentence, "data_faults": data_faults}
+    write_json(folder / VERDICT_FILE, verdict)
+    return sentence
 
 
 def _write_tables(

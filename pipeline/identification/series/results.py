@@ -11,11 +11,11 @@ from pipeline.engine.store import write_json, write_tables
 from pipeline.engine.table import Column, Columns, Table, interval_columns
 from pipeline.identification.generic.drive_terms import BASIC
 from pipeline.identification.results.write import finite
+from pipeline.identification.selection.statements.verdict import VERDICT_FILE
 from pipeline.identification.series.answer import SeriesAnswer, effect_sizes
 from pipeline.identification.series.shared_effects import TriedEffect, fold_groups
 from pipeline.statistics.resampling import jackknife_interval
 
-VERDICT_FILE = "verdict.json"
 STATES = Table(
     "states",
     "number of a state",
@@ -154,7 +154,7 @@ def state_rows(answer: SeriesAnswer) -> Columns:
             low, high = jackknife_interval(value, left_out)
             row = {"number": number, "loops": "", "unit": described_number.unit}
             records.append({**state, "source": "fit", **row, "value": value, "ci_low": low, "ci_high": high})
-    return {column.name: [record[column.name] for record in records] for column in STATES.columns}
+    return STATES.columns_of_rows(records)
 
 
 def trend_rows(answer: SeriesAnswer) -> Columns:

@@ -24,6 +24,7 @@ WITHIN_TOLERANCE = "within tolerance"
 UNEXPLAINED = "not explained by the library"
 NOT_TESTABLE = "not testable with these data"
 FAULT = "data fault"
+VERDICT_FILE = "verdict.json"
 
 
 @dataclass(frozen=True)
