@@ -212,86 +212,50 @@ def output_problems(design: Design | None, turns: bool) -> list[Mistake]:
     return [Mistake("design", None, requirement)]
 
 
+HELD_OUT_OF: Mapping[str, tuple[tuple[str, ...], str]] = {
+    "loops": (("position", "cycle"), 'must be "position" or "cycle"'),
+    "record": (("torque", "sense", "temperature"), 'must be "torque", "sense" or "temperature" of a record'),
+    "turns of a design": (("cycle", "torque", "sense"), 'must be "cycle", "torque" or "sense" of a design that turns'),
+}
+"""What may be left out at once, and the same in words, by what was measured."""
+
+
 def turning_problems(parts: Mapping[str, Any], design: Design | None) -> list[Mistake]:
     """A record of a turning drive has one zero; other units are held out by position or cycle."""
     record = bool(parts.get("generic")) or (design is not None and design.output.carries_disks)
-    held_out_by, turns = parts.get("held_out", HeldOut()).by, parts.get("locked") == NEITHER
     side, locked_end = parts.get("side", "output"), parts.get("locked")
-    refusals: tuple[tuple[bool, str, Any, str], ...]
-    if not turns:
-        refusals = (
-            (
-                side == "input" == locked_end,
-                "side",
-                side,
-                'must be "output" where the input is locked: only that moves',
-            ),
-            (
-                held_out_by in ("torque", "sense", "temperature"),
-                "held_out.by",
-                held_out_by,
-                'must be "position" or "cycle"',
-            ),
-            (parts.get("angle") == "absolute", "angle", "absolute", 'requires locked = "neither"'),
-        )
-    else:
-        offset, crank_angles = parts.get("offset", "common"), parts.get("crank_angles", "measured")
-        refusals = (
-            (
-                held_out_by == "position",
-                "held_out.by",
-                held_out_by,
-                'must be "cycle", "torque" or "sense" where the crank turns',
-            ),
-            (
-                held_out_by == "temperature" and not record,
-                "held_out.by",
-                held_out_by,
-                'must be "cycle", "torque" or "sense" of a design',
-            ),
-            (
-                held_out_by == "cycle" and record,
-                "held_out.by",
-                held_out_by,
-                'must be "torque", "sense" or "temperature" of a record',
-            ),
-            (offset != "common", "offset", offset, 'must be "common" where the crank turns: all rows have one zero'),
-            (
-                crank_angles != "measured",
-                "crank_angles",
-                crank_angles,
-                "a crank that turns is read from the drawing's zero",
-            ),
-            (side == "input" and not record, "side", side, 'must be "output" where the crank of a design turns'),
-        )
-    return [Mistake(key, value, requirement) for is_wrong, key, value, requirement in refusals if is_wrong]
+    held_out_by = parts.get("held_out", HeldOut()).by
+    measured = "loops" if locked_end != NEITHER else "record" if record else "turns of a design"
+    names, requirement = HELD_OUT_OF[measured]
+    problems = [] if held_out_by in (None, *names) else [Mistake("held_out.by", held_out_by, requirement)]
+    if measured == "loops":
+        if side == "input" == locked_end:
+            problems.append(Mistake("side", side, 'must be "output" where the input is locked: only that moves'))
+        if parts.get("angle") == "absolute":
+            problems.append(Mistake("angle", "absolute", 'requires locked = "neither"'))
+        return problems
+    offset, crank_angles = parts.get("offset", "common"), parts.get("crank_angles", "measured")
+    if offset != "common":
+        problems.append(Mistake("offset", offset, 'must be "common" where the crank turns: all rows have one zero'))
+    if crank_angles != "measured":
+        problems.append(Mistake("crank_angles", crank_angles, "a crank that turns is read from the drawing's zero"))
+    if side == "input" and not record:
+        problems.append(Mistake("side", side, 'must be "output" where the crank of a design turns'))
+    return problems
 
 
 def crank_problems(parts: Mapping[str, Any]) -> list[Mistake]:
     """A crank that moves has a signed ratio; it follows the angle at the motor's side of a locked output alone."""
     crank = parts.get("crank", CrankSection())
-    moves = crank.moves != "fixed"
-    refusals: tuple[tuple[bool, str, Any, str], ...] = (
-        (
-            moves and not crank.ratio,
-            "crank.ratio",
-            crank.ratio,
-            "where the crank moves, a number such as -13",
-        ),
-        (
-            crank.moves == "follows_angle" and parts.get("locked") != "output",
-            "crank.moves",
-            crank.moves,
-            'requires locked = "output": the crank follows the angle of the motor\'s side',
-        ),
-        (
-            (crank.moves == "column") != (crank.column is not None),
-            "crank.column",
-            crank.column,
-            'name it with moves = "column", and only then',
-        ),
-    )
-    return [Mistake(key, value, requirement) for is_wrong, key, value, requirement in refusals if is_wrong]
+    problems = []
+    if crank.moves != "fixed" and not crank.ratio:
+        problems.append(Mistake("crank.ratio", crank.ratio, "where the crank moves, a number such as -13"))
+    if crank.moves == "follows_angle" and parts.get("locked") != "output":
+        requirement = 'requires locked = "output": the crank follows the angle of the motor\'s side'
+        problems.append(Mistake("crank.moves", crank.moves, requirement))
+    if (crank.moves == "column") != (crank.column is not None):
+        problems.append(Mistake("crank.column", crank.column, 'name it with moves = "column", and only then'))
+    return problems
 
 
 def crank_of_design_problems(parts: Mapping[str, Any], design: Design | None) -> list[Mistake]:
