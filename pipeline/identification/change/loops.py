@@ -11,7 +11,7 @@ from pipeline.constant_kinds import Fineness
 from pipeline.identification.change.scatter import indicators
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.data import Data
-from pipeline.identification.measurement.cells import CELL_POWER, CELLS_PER_SENSE
+from pipeline.identification.measurement.cells import cell_edges
 from pipeline.identification.measurement.measurement import Measurement
 
 Numbers = Index
@@ -154,8 +154,7 @@ def curves_at(state: State, position: int, size: LoopSize) -> Curves:
     cells = state.cells_at(position, size)
     torque, angle = state.data.torque[cells], state.data.angle[cells]
     top = float(np.max(np.abs(torque), initial=0.0))
-    levels = top * (np.arange(CELLS_PER_SENSE + 1) / CELLS_PER_SENSE) ** CELL_POWER
-    edges = np.concatenate([-levels[:0:-1], levels])[1:-1]
+    edges = cell_edges(top)
     rising = state.measurement.cells.direction[cells] > 0
     interval = np.searchsorted(edges, torque) + rising * (len(edges) + 1)
     intervals, place = np.unique(interval, return_inverse=True)

@@ -104,12 +104,8 @@ def followed_torques(measurement: Measurement) -> Real:
     return np.where(measurement.cells.direction[:, None] > 0, middles, middles[:, ::-1])
 
 
-def crank_loops(measurement: Measurement, largest_torque: float = np.inf) -> CrankLoops:
+def crank_loops(measurement: Measurement) -> CrankLoops:
     """The cells of a measurement with the crank angle at each.
-
-    Parameters
-    ----------
-    largest_torque : [N m]; cells beyond it have no weight.
 
     Notes
     -----
@@ -135,7 +131,7 @@ def crank_loops(measurement: Measurement, largest_torque: float = np.inf) -> Cra
         position=cells.position,
         torque=torque,
         angle=cells.angle_mean,
-        weight=cells.count / np.mean(cells.count) * (np.max(np.abs(torque), axis=1) <= largest_torque),
+        weight=cells.count / np.mean(cells.count),
         crank=crank,
         start=rows.angle[first_rows][cells.position],
         crank_per_output=crank_per_output,

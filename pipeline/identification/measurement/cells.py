@@ -46,31 +46,40 @@ class Cells:
     def __len__(self) -> int:
         return len(self.block)
 
+    def some(self, chosen: Truth) -> "Cells":
+        """The cells that are chosen (n_cells,)."""
+        return Cells(**{name: values[chosen] for name, values in vars(self).items()})
+
     @property
     def are_rows(self) -> bool:
         """Whether each cell is one row."""
         return bool(np.all(self.count == 1))
 
 
-def are_rows_few(usable: Truth, blocks: BranchBlocks, levels: int = CELLS_PER_SENSE) -> bool:
+def cell_edges(top: float) -> Real:
+    """Torques [N m] (2 CELLS_PER_SENSE - 1,) between the cells of loops up to a torque ``top`` [N m]."""
+    levels = top * (np.arange(CELLS_PER_SENSE + 1) / CELLS_PER_SENSE) ** CELL_POWER
+    return np.concatenate([-levels[:0:-1], levels])[1:-1]
+
+
+def are_rows_few(usable: Truth, blocks: BranchBlocks) -> bool:
     """Whether even the longest block has fewer than three usable rows for each interval of torque."""
     most_rows = max((np.count_nonzero(usable[of_block]) for of_block in blocks.rows), default=0)
-    return bool(most_rows < FEWEST_COMPARED * (2 * levels - 1))
+    return bool(most_rows < FEWEST_COMPARED * (2 * CELLS_PER_SENSE - 1))
 
 
-def cells(
-    rows: Rows, usable: Truth, blocks: BranchBlocks, levels: int = CELLS_PER_SENSE, *, may_be_single: bool = False
-) -> Cells:
+def cells(rows: Rows, usable: Truth, blocks: BranchBlocks, *, may_be_single: bool = False) -> Cells:
     """Usable rows of each block averaged over cells of torque, at least three rows in each.
 
     Parameters
     ----------
-    levels : cells in each sense of the torque, denser near zero; the same edges for all blocks of a position.
     may_be_single : whether each row is a cell of its own if even the longest block has fewer than three rows for each
         interval of torque: friction shows in the first rows after the torque has turned, which a mean would hide.
 
     Notes
     -----
+    Cells are denser near zero torque; their edges are the same for all blocks of a position.
+
     A row belongs to the cell of its place on the monotone (isotonic least-squares) fit of the torque over the block's
     rows: cells are then runs of rows in time, and noise of the torque does not bias their mean. A block with fewer than
     three usable rows has no cell.
@@ -81,12 +90,11 @@ def cells(
     """
     owners: list[int] = []
     averages: list[tuple[float, ...]] = []
-    is_single = may_be_single and are_rows_few(usable, blocks, levels)
+    is_single = may_be_single and are_rows_few(usable, blocks)
     for position in range(len(rows.cranks)):
         in_position = usable & (rows.position == position)
         top = np.max(np.abs(rows.coordinate[in_position]), initial=0.0)
-        levels_up = top * (np.arange(levels + 1) / levels) ** CELL_POWER
-        edges = np.concatenate([-levels_up[:0:-1], levels_up])[1:-1]
+        edges = cell_edges(top)
         for number, block in enumerate(np.flatnonzero(blocks.position == position).tolist()):
             usable_rows = np.flatnonzero(usable[blocks.rows[block]]) + blocks.start[block]
             if number == 0:
@@ -98,7 +106,7 @@ def cells(
                 groups = [(row, row + 1) for row in range(usable_rows.size)]
             else:
                 bin_index = np.searchsorted(edges, monotone(rows.coordinate[usable_rows], blocks.direction[block]))
-                groups = _merged_runs(bin_index, levels - 1)
+                groups = _merged_runs(bin_index, CELLS_PER_SENSE - 1)
             owners += [block] * len(groups)
             averages += [_average(rows, usable_rows[group_start:group_end]) for group_start, group_end in groups]
     block_of = np.array(owners, dtype=np.int64)

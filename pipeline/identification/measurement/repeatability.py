@@ -3,7 +3,7 @@
 All numbers are of cells (averages over neighbouring torques), which are what is fitted.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -135,15 +135,10 @@ def restrict_to_training(
     blocks: BranchBlocks, cells: Cells, is_training: Truth
 ) -> tuple[BranchBlocks, Cells]:
     """Branches that have a cell ``trained`` (n_cells,), numbered anew, and these cells."""
-    block_numbers = np.unique(cells.block[is_training])
-    of_block = {f.name: getattr(blocks, f.name) for f in fields(blocks)}
-    of_block |= {
-        name: of_block[name][block_numbers] for name in ("position", "cycle", "direction", "branch", "start", "stop")
-    }
-    of_cell = {f.name: getattr(cells, f.name)[is_training] for f in fields(cells)}
-    return BranchBlocks(**of_block), Cells(
-        **of_cell | {"block": np.searchsorted(block_numbers, cells.block[is_training])}
-    )
+    trained_cells, of_blocks = cells.some(is_training), ("position", "cycle", "direction", "branch", "start", "stop")
+    numbers = np.unique(trained_cells.block)
+    trained_blocks = replace(blocks, **{name: getattr(blocks, name)[numbers] for name in of_blocks})
+    return trained_blocks, replace(trained_cells, block=np.searchsorted(numbers, trained_cells.block))
 
 
 def _repeats(blocks: BranchBlocks, cells: Cells, rows: UsableRows) -> list[Real]:

@@ -1,6 +1,6 @@
 """A unit whose crank turned while a torque was held: its rows, turns, cells and noise."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -217,7 +217,7 @@ class TurnedRows(Measurement):
 
     def noise_of(self, visible: Truth) -> Noise:
         """Noise of some cells (n_cells,), from their rows alone."""
-        cells = Cells(**{f.name: getattr(self.cells, f.name)[visible] for f in fields(self.cells)})
+        cells = self.cells.some(visible)
         kind = self.branches.kind[cells.block]
         crank = self.rows.cranks[cells.position]
         return turning_noise(cells, kind, crank, self.revolution[visible], self.torque_noise, self._resolution)
