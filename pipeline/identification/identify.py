@@ -206,7 +206,7 @@ def _other_sense(measurement: Measurement, condense: Condensed, selection: Selec
     other = Selector(Fitter(problem), cells)
     models = {trial.fit.model.name: trial.fit for trial in (selection.base, selection.answer)}
     fits = [fit for fit in (_fit_from(known, other.fitter, cells) for known in models.values()) if fit.sound]
-    there = [_at_fit(other.trial(fit, cells, other.tries(cells).covariance)) for fit in fits]
+    there = [_at_fit(other.trial(fit, other.tries(cells).covariance)) for fit in fits]
     if not there:
         return None
     best = max(there, key=lambda trial: _log_posterior(trial, other))
@@ -251,7 +251,7 @@ def _best_selection(selector: Selector, cells: Truth) -> tuple[Selector, Selecti
     start = replace(answer.fit.unknowns, reach=problem.short_range)
     fits = short_contacts.recalibrate(cells), short_contacts.fitter.fit(answer.fit.model, cells, start)
     rivals = [
-        (short_contacts.trial(fit, cells, base.evidence.covariance, known), known)
+        (short_contacts.trial(fit, base.evidence.covariance, known), known)
         for fit, known in zip(fits, (base, answer), strict=True)
         if fit.sound
     ]

@@ -29,7 +29,7 @@ def noted(measurement: Measurement, condensed: Condensed, effects: tuple[str, ..
     cells, problem = _problem_of(measurement, condensed)
     selector, models = Selector(Fitter(problem), cells), (Model(), Model(tuple(candidates()[n] for n in effects)))
     fits = [selector.fitter.fit(model, cells, selector.fitter.start(model)) for model in models]
-    base, answer = (selector.trial(fit, cells, selector.tries(cells).covariance) for fit in fits)
+    base, answer = (selector.trial(fit, selector.tries(cells).covariance) for fit in fits)
     answer.evidence.value += gain
     name = answer.fit.model.name
     return _other_sense(measurement, condensed, Selection(base, {name: answer}, best_model=name if effects else ""))

@@ -16,7 +16,7 @@ from pipeline.constant_kinds import Fineness, Rounding, Shortcut, ShortcutCount,
 from pipeline.identification.bench.load_path import Instrument
 from pipeline.identification.bench.simulator import Drives, Forward
 from pipeline.identification.fitting.least_squares import Descent
-from pipeline.identification.fitting.parameters import Fit, Prediction, Vector, values_at_shares
+from pipeline.identification.fitting.parameters import Fit, Prediction, Vector, shares_of_zero, values_at_shares
 from pipeline.identification.fitting.problem import Model, Problem, first_states
 from pipeline.model.load_history.drive import Drive
 
@@ -309,15 +309,6 @@ class Fitter:
         )
         return moved_fit, prediction
 
-    def slopes(self, fit: Fit) -> Real:
-        """d angle / d torque (n_cells,) [arcmin/(N m)] of a fitted model."""
-        problem, slope = self.problem, np.zeros(len(self.problem.data))
-        drives, instrument = self.drives(fit.model, fit.unknowns)
-        forward = self.forward(fit.model)
-        for position in self.positions:
-            slope[problem.data.position == position] = forward.read(drives[position], position, instrument).slope
-        return slope
-
     def penalty(self, vector: Vector) -> Real:
         """Inverse prior standard deviation of every unknown."""
         spread = np.full(len(vector.shares), OPEN_SHARE)
@@ -325,8 +316,8 @@ class Fitter:
 
     def centre(self, model: Model, vector: Vector) -> Real:
         """Mean of the prior of every unknown (n_unknowns,)."""
-        shares = [-low / (high - low) if low <= 0 <= high else 0.5 for low, high in self.bounds(model)]
-        return np.concatenate([np.zeros(len(vector.scales)), shares, np.zeros(len(vector.modes))])
+        zero = shares_of_zero(self.bounds(model), np.full(len(vector.shares), 0.5))
+        return np.concatenate([np.zeros(len(vector.scales)), zero, np.zeros(len(vector.modes))])
 
     def jacobian(
         self,

@@ -1,7 +1,7 @@
 """What a fit seeks, and what it found: unknowns within their bounds, a prediction at them, and a fitted model."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +41,10 @@ class Vector:
         return Vector(
             np.clip(scales, *self.reach), np.clip(shares, 0.0, 1.0), np.clip(modes, -LIMIT, LIMIT), self.reach
         )
+
+    def with_shares(self, shares: Real) -> "Vector":
+        """The same with shares of further parameters (n_further,) behind its own."""
+        return replace(self, shares=np.concatenate([self.shares, shares]))
 
     @property
     def at_reach(self) -> Truth:
@@ -124,6 +128,12 @@ def values_at_shares(bounds: Sequence[tuple[float, float]], shares: Real) -> Rea
             for (low, high), share in zip(bounds, shares, strict=True)
         ]
     )
+
+
+def shares_of_zero(bounds: Sequence[tuple[float, float]], elsewhere: Sequence[float] | Real) -> Real:
+    """Shares (n_parameters,) of the bounds at which parameters are zero; ``elsewhere`` of those that cannot be."""
+    pairs = zip(bounds, elsewhere, strict=True)
+    return np.array([-low / (high - low) if low <= 0 <= high else share for (low, high), share in pairs])
 
 
 def shares_of_values(bounds: Sequence[tuple[float, float]], values: Sequence[float]) -> Real:

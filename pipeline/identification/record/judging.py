@@ -1,7 +1,7 @@
 """The verdict on a record, by the rule of ``selection.criteria``."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -52,28 +52,20 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Judgement(Choice):
     """What was tried on a record, and what may be named.
 
     Attributes
     ----------
     verdict : one of the terms of ``selection.statements.verdict``.
     trials : by the name of the model, effects joined by +; "" of none.
-    odds : by name, logarithm of the posterior odds against "no effect".
-    members : models of what is named, the most probable first.
-    named_effects : what is named of each of them: effects that tolerances of the parts cannot cause, joined by +.
-    reasons : by name of a model that is as probable as what may be named, why it is not.
-    best_model : the most probable model, or "".
     finding : why a record without a named effect is not adequate, or "".
     tolerated_waves : effects of the named models that are no larger than errors of parts cause.
+    named_effects : what is named of each model: effects that tolerances of the parts cannot cause, joined by +.
     """
 
     verdict: str
     trials: Mapping[str, Trial]
-    odds: Mapping[str, float] = field(default_factory=dict)
-    members: tuple[str, ...] = ()
-    reasons: Mapping[str, str] = field(default_factory=dict)
-    best_model: str = ""
     finding: str = ""
     tolerated_waves: tuple[str, ...] = ()
     named_effects: tuple[str, ...] = ()
@@ -81,12 +73,12 @@ class Judgement:
     @property
     def answer(self) -> Trial:
         """The trial of what is named, else of no effect."""
-        return self.trials[self.members[0] if self.members else ""]
+        return self.trials[self.claimed_model]
 
     @property
     def description(self) -> Trial:
         """The trial of the most probable model."""
-        return self.trials[self.members[0] if self.members else self.best_model]
+        return self.trials[self.claimed_model or self.best_model]
 
 
 def parts_of(points: Points, held_out_by: str | None) -> tuple[str, Whole]:
@@ -134,10 +126,7 @@ class RecordJudge(Rule[Trial]):
             return Judgement(
                 verdict=IDENTIFIED if len(named_effects) == 1 else EQUIVALENT,
                 trials=trials,
-                odds=choice.odds,
-                members=choice.members,
-                reasons=choice.reasons,
-                best_model=choice.best_model,
+                **vars(choice),
                 tolerated_waves=tuple(sorted({name for waves in tolerated.values() for name in waves})),
                 named_effects=tuple(named_effects),
             )
@@ -196,7 +185,7 @@ class RecordJudge(Rule[Trial]):
         else:
             finding = self._misfit_reason(trials[""], trials[""])
             verdict = UNEXPLAINED if finding else ADEQUATE
-        return Judgement(verdict, trials, choice.odds, (), choice.reasons, best_model, finding)
+        return Judgement(verdict, trials, finding, **vars(choice))
 
     def _value_up_to(self, limit: float) -> float:
         """Logarithm of the evidence without an effect, of a structure that the form of the model may leave."""

@@ -88,24 +88,18 @@ def most_probable(solutions: Sequence[Trial]) -> Trial:
     return replace(solutions[best], other_solutions=tuple(solutions[k] for k in near))
 
 
-@dataclass(frozen=True)
-class Selection:
-    """What was tried on a set of cells.
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """What the clauses choose of some models.
 
     Attributes
     ----------
-    base : calibrated numbers and tolerances alone.
-    trials : by name of the model.
-    promised_misfits : (share of the base's misfit) by name of every effect that could be tested.
     odds : by name, logarithm of the posterior odds against "no effect".
     reasons : by name of a model that is as probable as what may be named, why it is not; empty reasons: it may be.
-    best_model : the most probable model of at most two effects, or "" where "no effect" is not rejected.
+    best_model : the most probable model, or "" where "no effect" is not rejected.
     members : names of the class that is named, the most probable first; empty where nothing is.
     """
 
-    base: Trial
-    trials: Mapping[str, Trial] = field(default_factory=dict)
-    promised_misfits: Mapping[str, float] = field(default_factory=dict)
     odds: Mapping[str, float] = field(default_factory=dict)
     reasons: Mapping[str, str] = field(default_factory=dict)
     best_model: str = ""
@@ -115,6 +109,22 @@ class Selection:
     def claimed_model(self) -> str:
         """The most probable of the models that are named, or ""."""
         return self.members[0] if self.members else ""
+
+
+@dataclass(frozen=True)
+class Selection(Choice):
+    """What was tried on a set of cells, and what is chosen of it.
+
+    Attributes
+    ----------
+    base : calibrated numbers and tolerances alone.
+    trials : by name of the model.
+    promised_misfits : (share of the base's misfit) by name of every effect that could be tested.
+    """
+
+    base: Trial
+    trials: Mapping[str, Trial] = field(default_factory=dict)
+    promised_misfits: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def chosen_trial(self) -> Trial:
@@ -178,16 +188,6 @@ def least_fall(n_effects: int, n_tried: int, n_before: int = 0) -> float:
     return 2 * (NAMED_ODDS + prior_log_odds(n_before, n_tried) - prior_log_odds(n_effects, n_tried))
 
 
-@dataclass(frozen=True)
-class Choice:
-    """What the clauses choose of some models; attributes as of ``Selection``."""
-
-    odds: Mapping[str, float]
-    reasons: Mapping[str, str]
-    best_model: str
-    members: tuple[str, ...]
-
-
 class Rule(ABC, Generic[T]):
     """The clauses on trials of models of any kind of data; models are named by their effects, joined by +.
 
@@ -233,13 +233,14 @@ class Rule(ABC, Generic[T]):
         odds = self.odds(self.value(base), {name: self.value(trial) for name, trial in trials.items()})
         best_model = best_of(odds)
         reasons: dict[str, str] = {}
+        members: tuple[str, ...] = ()
         smaller_models = [best_of(_up_to(size, odds)) for size in range(_size(best_model) - 1, 0, -1)]
         for leader in dict.fromkeys([best_model, *smaller_models]):
             class_reasons, members = self._class_of(leader, odds, base, trials) if leader else ({}, ())
             reasons |= class_reasons
             if members:
-                return Choice(odds, reasons, best_model, members)
-        return Choice(odds, reasons, best_model, ())
+                break
+        return Choice(odds=odds, reasons=reasons, best_model=best_model, members=members)
 
     def _class_of(
         self, leader: str, odds: Mapping[str, float], base: T, trials: Mapping[str, T]
@@ -310,7 +311,7 @@ class Judge(Rule[Trial]):
     def select(self, base: Trial, trials: Mapping[str, Trial], promised_misfits: Mapping[str, float]) -> Selection:
         """What may be named of some trials."""
         choice = self.choice(base, {name: t for name, t in trials.items() if self._is_beyond_form(t, base, trials)})
-        return Selection(base, trials, promised_misfits, choice.odds, choice.reasons, choice.best_model, choice.members)
+        return Selection(base, trials, promised_misfits, **vars(choice))
 
     @staticmethod
     def _is_beyond_form(trial: Trial, base: Trial, trials: Mapping[str, Trial]) -> bool:

@@ -10,7 +10,7 @@ from pipeline.arrays import Real, Truth
 from pipeline.config.studies.study import LAW_FACTORS
 from pipeline.constant_kinds import Shown
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import SCALE_REACH, Fit, values_at_shares
+from pipeline.identification.fitting.parameters import SCALE_REACH, Fit, shares_of_zero, values_at_shares
 from pipeline.identification.selection.criteria import FORM, Trial
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.statistics.resampling import CONFIDENCE
@@ -144,7 +144,7 @@ def _ends(trial: Trial, bounds: Sequence[tuple[float, float]]) -> tuple[Real, Re
     shares, first_share = unknowns.shares, len(unknowns.scales)
     deviation = trial.evidence.deviations[first_share : first_share + len(shares)]
     is_size = np.array([low <= 0 <= high for low, high in bounds])
-    zero = np.where(is_size, [-low / (high - low) for low, high in bounds], shares)
+    zero = shares_of_zero(bounds, shares)
     size = shares - zero
     step = float(ndtri(0.5 * (1 + CONFIDENCE))) * np.hypot(deviation, FORM * size)
     low_end, high_end = shares - step, shares + step

@@ -98,7 +98,7 @@ class Selector:
         covariance = Covariance(self.problem.data, cells, parts_of(self.problem.data, cells))
         return Tries(cells, covariance, Judge(self.fitter, cells, len(self.testable)))
 
-    def trial(self, fit: Fit, cells: Truth, covariance: Covariance, base: Trial | None = None) -> Trial:
+    def trial(self, fit: Fit, covariance: Covariance, base: Trial | None = None) -> Trial:
         """A fitted model with its evidence."""
         evidence = Evidence(covariance, self.fitter, fit, base.evidence.structure if base else None)
         return Trial(fit, evidence, covariance.rms(fit.predicted_angle))
@@ -146,7 +146,7 @@ class Selector:
                 drawn = map(selection.base.fit.unknowns.like, base_evidence.drawn(RESTARTS))
                 fits += [self.fitter.fit_by_load(Model(), cells, start) for start in drawn]
             fits = [self.fitter.refine(fit, cells, fit.unknowns) for fit in fits]
-        trials = (self.trial(fit, cells, base_evidence.covariance, selection.base) for fit in fits if fit.sound)
+        trials = (self.trial(fit, base_evidence.covariance, selection.base) for fit in fits if fit.sound)
         best = most_probable([selection.base, *map(self.at_most_probable, trials)])
         value, of_base = (trial.evidence.without_promise().value for trial in (best, selection.base))
         return best if value - of_base > LEAST_GAIN else selection.base
@@ -164,17 +164,16 @@ class Selector:
         The more probable fit of a model counts, from this base or from the ``former`` one.
         """
         tries = self.tries(cells)
-        base = self.trial(base_fit, cells, tries.covariance)
+        base = self.trial(base_fit, tries.covariance)
         promises = self.screen(cells, base.fit, names)
         fits = self.fits(base.fit, cells, promises)
         fall = least_fall(MOST_NAMED, len(self.testable))
         for model, start in promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, fall):
             fits.append(self.fitter.fit_from_best(model, cells, [start], None, _rival_cost(fits, base.fit.cost - fall)))
-        trials = {f.model.name: self.trial(f, cells, tries.covariance, base) for f in fits if np.isfinite(f.cost)}
+        trials = {f.model.name: self.trial(f, tries.covariance, base) for f in fits if np.isfinite(f.cost)}
         promised_misfits = {name: promise.misfit for name, promise in promises.items()}
         if former is not None:
-            known = {name: [trial, trials[name]] for name, trial in former.trials.items() if name in trials}
-            trials = {**former.trials, **trials, **{name: most_probable(both) for name, both in known.items()}}
+            trials = _joined_trials(former.trials, trials)
             promised_misfits = {**former.promised_misfits, **promised_misfits}
         selection = tries.judge.select(base, trials, promised_misfits)
         selection = self._with_all_solutions(selection, promises, tries)
@@ -200,7 +199,7 @@ class Selector:
             trials[name], done = self.at_most_probable(trials[name]), done | {name}
             there = self._fit_without_effects(trials[name].evidence.fit, tries.cells, 0)
             if there.sound and name == selection.best_model:
-                rival = self.at_most_probable(self.trial(there, tries.cells, tries.covariance, base)).evidence
+                rival = self.at_most_probable(self.trial(there, tries.covariance, base)).evidence
                 base = replace(base, evidence=max(base.evidence, rival, key=lambda evidence: evidence.value))
             selection = tries.judge.select(base, trials, promised)
         return selection
@@ -256,7 +255,7 @@ class Selector:
             fits = [refined_ripple(self.fitter, fit, tries.cells) for fit in fits]
             start = start_from_declared(self.fitter, model, tries.cells, base.fit.unknowns)
             fits.append(self.fitter.fit(model, tries.cells, start))
-            solutions = [self.trial(fit, tries.cells, tries.covariance, base) for fit in fits if fit.sound]
+            solutions = [self.trial(fit, tries.covariance, base) for fit in fits if fit.sound]
             trials[name] = most_probable([trials[name], *solutions])
         return tries.judge.select(selection.base, trials, selection.promised_misfits)
 
@@ -279,7 +278,7 @@ class Selector:
                 leads = name == known_leader or (odds[name] + largest_gain >= asked and known.fit.cost <= rival_cost)
                 if leads and not known.is_refined:
                     fit = self.fitter.refine(known.fit, tries.cells, known.fit.unknowns)
-                    solutions = [self.trial(fit, tries.cells, tries.covariance, base), known, *known.other_solutions]
+                    solutions = [self.trial(fit, tries.covariance, base), known, *known.other_solutions]
                     trials[name] = replace(most_probable(solutions), is_refined=True)
             odds = tries.judge.select(base, trials, selection.promised_misfits).odds
         return tries.judge.select(base, trials, selection.promised_misfits)
@@ -298,7 +297,7 @@ class Selector:
                 others = {other.name for other in best.model.effects} - {effect.name}
                 names = [name for name in twins(effect.name) if name in self.testable and name not in others]
                 if others or names:
-                    left = self.trial(self._without(best, effect.name, tries.cells), tries.cells, tries.covariance)
+                    left = self.trial(self._without(best, effect.name, tries.cells), tries.covariance)
                     count = ADDITIONS if others and others not in extended else 0
                     selection = self._extended(selection, left, tries, names, count)
                     extended.append(others)
@@ -323,7 +322,7 @@ class Selector:
                 known = [trials[effect.name], *trials[effect.name].other_solutions] if effect.name in trials else []
                 if not known or known[0].fit.cost > pair.cost + FALL_OF_PASS:
                     fit = self.fitter.fit(Model((effect,)), tries.cells, replace(pair.unknowns, shares=shares))
-                    solutions = [self.trial(fit, tries.cells, tries.covariance, base)] if fit.sound else []
+                    solutions = [self.trial(fit, tries.covariance, base)] if fit.sound else []
                     trials |= {effect.name: most_probable([*known, *solutions])} if solutions else {}
         return tries.judge.select(base, trials, selection.promised_misfits)
 
@@ -345,10 +344,8 @@ class Selector:
         best_names = sorted(promises, key=lambda name: promises[name].misfit)[:count]
         promises = {name: promise for name, promise in promises.items() if name in {*names, *best_names}}
         fits = [fit for fit in self.fits(current.fit, tries.cells, promises) if np.isfinite(fit.cost)]
-        added_trials = {fit.model.name: self.trial(fit, tries.cells, tries.covariance, current) for fit in fits}
-        known = {name: selection.trials[name] for name in added_trials if name in selection.trials}
-        added_trials |= {name: most_probable([trial, added_trials[name]]) for name, trial in known.items()}
-        trials = {**selection.trials, **added_trials}
+        added_trials = {fit.model.name: self.trial(fit, tries.covariance, current) for fit in fits}
+        trials = _joined_trials(selection.trials, added_trials)
         return tries.judge.select(selection.base, trials, selection.promised_misfits)
 
     def recalibrate(self, cells: Truth) -> Fit:
@@ -362,7 +359,7 @@ class Selector:
         if fit.cost < WELL_FITTED * np.count_nonzero(cells):
             return fit
         fits = fit, self.fitter.refine(first_fit, cells, first_fit.unknowns)
-        ends = [self.at_most_probable(self.trial(one, cells, covariance)) for one in fits if np.isfinite(one.cost)]
+        ends = [self.at_most_probable(self.trial(one, covariance)) for one in fits if np.isfinite(one.cost)]
         return max(ends, key=lambda trial: trial.evidence.value).fit if ends else first_fit
 
     def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise]) -> list[Fit]:
@@ -407,6 +404,12 @@ def _promising(selection: Selection) -> list[str]:
     rivals = [name for name in odds if trials[name].fit.model.n_effects == n_effects]
     gains = {name: np.clip(trials[name].evidence.promise, CLOSE_ODDS, LARGEST_GAIN) for name in rivals}
     return [name for name in rivals if odds[name] + gains[name] >= odds[leader] - NAMED_ODDS]
+
+
+def _joined_trials(known: Mapping[str, Trial], further: Mapping[str, Trial]) -> dict[str, Trial]:
+    """All trials by name; of a model that was tried twice the most probable solution."""
+    of_both = {name: most_probable([known[name], trial]) for name, trial in further.items() if name in known}
+    return {**known, **further, **of_both}
 
 
 def _close_effects(selection: Selection, gain: float) -> set[str]:

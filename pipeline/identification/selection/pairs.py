@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.arrays import Real, Truth
 from pipeline.constant_kinds import Shortcut
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import Fit, Vector
+from pipeline.identification.fitting.parameters import Fit, Vector, shares_of_zero
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.screening import Promise, Screening
 
@@ -66,9 +66,8 @@ def promising_pairs(
         if (float(goal @ goal) - misfit_left) * in_noise < least_fall:
             break
         model = Model((first_probe.effect, second.effect))
-        start = replace(
-            base.unknowns, shares=np.concatenate([first_probe.shares_at(amounts[0]), second.shares_at(amounts[1])])
-        )
+        shares = np.concatenate([first_probe.shares_at(amounts[0]), second.shares_at(amounts[1])])
+        start = replace(base.unknowns, shares=shares)
         best_vectors.setdefault(model.name, (model, start))
         if len(best_vectors) == count:
             break
@@ -81,12 +80,7 @@ def _probes(screening: Screening, effect: Candidate, promise: Promise) -> list[_
     evaluations = []
     for start in promise.starts:
         shares = start.shares[len(screening.base.unknowns.shares) :]
-        zero = np.array(
-            [
-                -low / (high - low) if low <= 0 <= high else share
-                for (low, high), share in zip(bounds, shares, strict=True)
-            ]
-        )
+        zero = shares_of_zero(bounds, shares)
         change = screening.change(effect, shares)
         change = None if change is None else screening.unfollowed_part(change)
         if change is not None and change @ change > 0:

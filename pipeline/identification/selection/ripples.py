@@ -152,10 +152,6 @@ def refined_ripple(fitter: Fitter, fit: Fit, cells: Truth) -> Fit:
     return fitter.refine(fit, cells, fit.unknowns) if has_ripple and not is_well_fitted else fit
 
 
-def _is_of_angle(effect: Candidate) -> bool:
-    return isinstance(effect, InstrumentEffect) and effect.is_of_angle
-
-
 class _Search:
     """The search for a ripple beside the base of a screening, in the cells where the curve has no play.
 
@@ -171,7 +167,9 @@ class _Search:
         self.loaded, self.base, self.data = screening.of_cells(is_loaded), base.unknowns, problem.data
         self.bounds = problem.bounds(effect)
         self.model = Model((*base.model.effects, effect))
-        self.response = np.ones(len(torque)) if _is_of_angle(effect) else -screening.fitter.slopes(base)
+        is_of_angle = isinstance(effect, InstrumentEffect) and effect.is_of_angle
+        slope = screening.fitter.predict(base.model, base.unknowns).slope
+        self.response = np.ones(len(torque)) if is_of_angle else -slope
         self.goal = self.loaded.unfollowed_part(self.loaded.residual_left)
         self.step = WAVE_STEP * 2 * np.pi * ARCMIN / problem.span
         self.waves = np.arange(*self.bounds[2], self.step)
@@ -213,4 +211,4 @@ class _Search:
             turned = phases.get(position, phases[first]) - reference - middle[position]
             values[2 + position] += (turned + np.pi) % (2 * np.pi) - np.pi
         shares = np.clip((values - low) / (high - low), 0.0, 1.0)
-        return replace(self.base, shares=np.concatenate([self.base.shares, shares]))
+        return self.base.with_shares(shares)

@@ -97,7 +97,7 @@ class Screening:
 
     def change(self, effect: Candidate, shares: Real) -> Real | None:
         """Change of the curves [sigmas] by an effect at shares of its bounds; None without an equilibrium."""
-        start = replace(self.base.unknowns, shares=np.concatenate([self.base.unknowns.shares, shares]))
+        start = self.base.unknowns.with_shares(shares)
         prediction = self.fitter.predict(Model((*self.base.model.effects, effect)), start, self.positions)
         return self.scaled_residuals(prediction.angle - self.base_angle) if prediction.sound else None
 
@@ -114,7 +114,7 @@ class Screening:
         shapes, grows = self._shapes(effect)
         best_of_shape: dict[int, tuple[float, Real, Real]] = {}
         for shape, length in product(shapes, STEPS):
-            for sense, probe in enumerate(self._probes(model, shape, grows, length)):
+            for sense, probe in enumerate(self._probes(effect, shape, grows, length)):
                 if sense not in best_of_shape or probe[0] < best_of_shape[sense][0]:
                     best_of_shape[sense] = probe
         confirmed_starts = []
@@ -128,10 +128,9 @@ class Screening:
         """Least misfit by secants of an effect, which cost less than its starts; infinite without an equilibrium."""
         if effect.starts == PERIODIC:
             return min((misfit for misfit, _ in ripple_starts(self, effect)), default=np.inf)
-        model = Model((*self.base.model.effects, effect))
         shapes, grows = self._shapes(effect)
         looks = product(shapes, STEPS[:0:-1])  # the smallest looks the same, or at the play alone
-        probes = (probe for shape, length in looks for probe in self._probes(model, shape, grows, length))
+        probes = (probe for shape, length in looks for probe in self._probes(effect, shape, grows, length))
         return min((misfit for misfit, *_ in probes), default=np.inf)
 
     def _shapes(self, effect: Candidate) -> tuple[list[Real], Truth]:
@@ -153,51 +152,38 @@ class Screening:
 
     def _start_at(self, model: Model, shares: Real) -> tuple[float, Vector]:
         """Misfit and start of an effect at shares of its bounds beside the base; infinite where they are beyond."""
-        base = self.base.unknowns
-        start = replace(base, shares=np.concatenate([base.shares, shares]))
+        start = self.base.unknowns.with_shares(shares)
         return self.misfit_at(model, start) if np.all((shares > 0) & (shares < 1)) else np.inf, start
 
     def _starts_beside_base(self, shares: Real, scale_step: Real) -> list[Vector]:
         """The effect beside the base as it stands, and as it would move."""
         base = self.base.unknowns
-        moved_unknowns = base.like(base.flat + scale_step)
-        return [
-            replace(unknowns, shares=np.concatenate([unknowns.shares, shares])) for unknowns in (moved_unknowns, base)
-        ]
+        return [unknowns.with_shares(shares) for unknowns in (base.like(base.flat + scale_step), base)]
 
     def misfit_at(self, model: Model, start: Vector) -> float:
         """Misfit of a model's prediction; infinite where an equilibrium was not found."""
         prediction = self.fitter.predict(model, start, self.positions)
         flat = np.concatenate([start.scales, start.shares[: len(self.base.unknowns.shares)], start.modes])
         data = self.fitter.problem.data
-        return (
-            self.square(
-                self.unfollowed_part(
-                    self.scaled_residuals(data.angle - prediction.angle) - self.prior_residuals(flat)
-                )
-            )
-            if prediction.sound
-            else np.inf
-        )
+        if not prediction.sound:
+            return np.inf
+        residual = self.scaled_residuals(data.angle - prediction.angle) - self.prior_residuals(flat)
+        return self.square(self.unfollowed_part(residual))
 
-    def _probes(self, model: Model, shape: Real, grows: Truth, length: float) -> list[tuple[float, Real, Real]]:
+    def _probes(self, effect: Candidate, shape: Real, grows: Truth, length: float) -> list[tuple[float, Real, Real]]:
         """Misfit, shares of the effect's bounds and moves of the base's unknowns, by secants from ``shape``.
 
         One probe for each combination of the senses in which parameters can go: gaps that open and gaps that close are
         two effects.
         """
-        base, sides = self.base.unknowns, []
+        sides = []
         for number in np.flatnonzero(grows):
             secants = []
             for step in (-length * shape[number], length * (1 - shape[number])):
                 shares = shape.copy()
                 shares[number] += step
-                start = replace(base, shares=np.concatenate([base.shares, shares]))
-                if step:
-                    prediction = self.fitter.predict(model, start, self.positions)
-                    secants += (
-                        [(step, self.scaled_residuals(prediction.angle - self.base_angle))] if prediction.sound else []
-                    )
+                change = self.change(effect, shares) if step else None
+                secants += [] if change is None else [(step, change)]
             sides.append(secants)
         return [self._joint_fit(shape, grows, sides_of_share) for sides_of_share in product(*sides)]
 
@@ -290,6 +276,6 @@ def start_from_declared(fitter: Fitter, model: Model, cells: Truth, base: Vector
     fits = []
     for senses in product((-1.0, 1.0), repeat=len(bounds)):
         shares = np.clip(zero[-len(bounds) :] + FIRST_SHARE * np.array(senses), EDGE, 1 - EDGE)
-        start = replace(held, shares=np.concatenate([base.shares, shares]))
+        start = replace(held, shares=base.with_shares(shares).shares)
         fits.append(fitter.fit(model, cells, start, FIRST_ITERATIONS))
     return replace(min(fits, key=lambda fit: fit.cost).unknowns, reach=declared_unknowns.reach)

@@ -133,11 +133,11 @@ def test_what_looks_like_the_best_effect_is_fitted_from_its_numbers_too(tmp_path
     selector = Selector(Fitter(problem), cells)
     fitter, tries = selector.fitter, selector.tries(cells)
     selector.testable = {name: selector.testable[name] for name in ("preload", "pin_radius_error")}
-    base = selector.trial(fitter.fit(Model(), cells, fitter.start(Model())), cells, tries.covariance)
+    base = selector.trial(fitter.fit(Model(), cells, fitter.start(Model())), tries.covariance)
     models = {name: Model((effect,)) for name, effect in selector.testable.items()}
     early = fitter.fit(models["pin_radius_error"], cells, fitter.start(models["pin_radius_error"]), 0)
     fits = {"preload": fitter.fit(models["preload"], cells, fitter.start(models["preload"])), early.model.name: early}
-    trials = {name: selector.trial(fit, cells, tries.covariance, base) for name, fit in fits.items()}
+    trials = {name: selector.trial(fit, tries.covariance, base) for name, fit in fits.items()}
     selection = tries.judge.select(base, trials, {})
     assert selection.members == ("preload",)
     with_twins = selector._with_twins(selection, tries)
@@ -154,9 +154,9 @@ def test_beside_each_member_of_the_best_pair_what_explains_most_is_tried(tmp_pat
     selector = Selector(Fitter(problem), cells)
     fitter, tries = selector.fitter, selector.tries(cells)
     selector.testable = {name: selector.testable[name] for name in (*effects, "torque_zero", "torque_gain")}
-    base = selector.trial(fitter.fit(Model(), cells, fitter.start(Model())), cells, tries.covariance)
+    base = selector.trial(fitter.fit(Model(), cells, fitter.start(Model())), tries.covariance)
     pair = Model((selector.testable["pin_radius_error"], selector.testable["torque_zero"]))
-    trials = {pair.name: selector.trial(fitter.fit(pair, cells, fitter.start(pair)), cells, tries.covariance, base)}
+    trials = {pair.name: selector.trial(fitter.fit(pair, cells, fitter.start(pair)), tries.covariance, base)}
     selection = tries.judge.select(base, trials, {})
     assert selection.best_model == pair.name
     exchanged = selector._with_twins(selection, tries)

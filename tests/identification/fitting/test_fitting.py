@@ -304,7 +304,7 @@ def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unkno
     assert passes.cost <= averaged.cost
     assert rms(fitter.problem, passes.predicted_angle)[1] < 0.5 * rms(fitter.problem, plain.predicted_angle)[1]
 
-    known = selector.trial(plain, cells, Covariance(data, cells, data.position))
+    known = selector.trial(plain, Covariance(data, cells, data.position))
     selection = Selection(known, {"coulomb": known}, odds={"coulomb": 60.0}, members=("coulomb",))
     refined = selector._without_effects(selection, cells).fit.cost
     assert refined < 0.2 * plain.cost
@@ -312,7 +312,7 @@ def test_a_unit_far_from_the_declared_one_is_found_by_averaged_derivatives(unkno
 
     monkeypatch.setattr(selector.fitter, "refine", lambda fit, *_: fit)
     assert selector._without_effects(selection, cells).fit.cost > 2 * refined
-    far_along = selector.trial(passes, cells, Covariance(data, cells, data.position))
+    far_along = selector.trial(passes, Covariance(data, cells, data.position))
     trials = {"coulomb": known, "preload": known, "ovality_2": far_along, "creep": known}
     selection = replace(selection, trials=trials, odds={**dict.fromkeys(trials, -3.0), "coulomb": 60.0})
     assert selector._without_effects(selection, cells).fit.cost < 1.1 * passes.cost
@@ -336,7 +336,7 @@ def test_a_fit_with_an_effect_is_refined_too_where_it_could_then_be_named(unknow
     assert selector.fitter.refine(from_base, cells, from_base.unknowns).cost < 1.2 * len(data)
 
     covariance, judge = Covariance(data, cells, data.position), Judge(selector.fitter, cells, 1)
-    base_trial, trial = (selector.trial(fit, cells, covariance) for fit in (base, from_base))
+    base_trial, trial = (selector.trial(fit, covariance) for fit in (base, from_base))
     value = base_trial.evidence.value - 3 * ODDS
     far_behind = SimpleNamespace(value=value, log_evidence_up_to=lambda *_: value)
     far_behind.without_promise = lambda: far_behind
@@ -378,7 +378,7 @@ def test_what_is_named_is_still_so_beside_a_better_fit_without_effects(exact_uni
     selector = Selector(Fitter(with_angles(unit, fitter.predict(COULOMB, truth).angle + noise)), cells)
     selector.testable = {"coulomb": candidates()["coulomb"]}
     declared, beside, bases = selector.fitter.fit(Model(), cells, start, 0), selector._beside, []
-    better = selector.trial(selector.recalibrate(cells), cells, Covariance(unit.data, cells, unit.data.position))
+    better = selector.trial(selector.recalibrate(cells), Covariance(unit.data, cells, unit.data.position))
     monkeypatch.setattr(selector, "recalibrate", lambda _: declared)
     monkeypatch.setattr(selector, "_beside", lambda base, *known: bases.append(base) or beside(base, *known))
     monkeypatch.setattr(selector, "_without_effects", lambda selection, _: selection.base if bases[1:] else better)
@@ -410,7 +410,7 @@ def test_of_fits_without_effects_that_miss_as_much_the_most_probable_counts(unkn
     fit = selector.recalibrate(cells)
     narrow = replace(fit, jacobian=20 * fit.jacobian)
     covariance = Covariance(unknown.data, cells, unknown.data.position)
-    base, wide = (selector.trial(one, cells, covariance) for one in (narrow, fit))
+    base, wide = (selector.trial(one, covariance) for one in (narrow, fit))
     assert wide.evidence.without_promise().value > base.evidence.without_promise().value + 5
     selection = Selection(base, {"coulomb": wide}, odds={"coulomb": 9.0}, members=())
     found = selector._without_effects(selection, cells)
@@ -445,9 +445,9 @@ def test_a_single_effect_is_fitted_from_where_a_pair_led(exact_unit):
     pair_model = Model((COULOMB.effects[0], candidates()["torque_zero"]))
     shares = {COULOMB: [4 * share], pair_model: [share, 0.5]}
     fits = [selector.fitter.fit(m, cells, selector.fitter.start(m, np.array(v)), 0) for m, v in shares.items()]
-    far_single, pair = (selector.trial(fit, cells, tries.covariance) for fit in fits)
+    far_single, pair = (selector.trial(fit, tries.covariance) for fit in fits)
     declared = selector.fitter.fit(Model(), cells, selector.fitter.start(Model()), 0)
-    base = selector.trial(declared, cells, tries.covariance)
+    base = selector.trial(declared, tries.covariance)
     for trials, is_better in (((far_single, pair), True), ((far_single, replace(pair, fit=far_single.fit)), False)):
         known = dict(zip(("coulomb", pair_model.name), trials, strict=True))
         selection = tries.judge.select(base, known, {})

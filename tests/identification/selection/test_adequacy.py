@@ -84,7 +84,7 @@ def problem_without_effects(folder, condensed, **bench):
     everything = np.ones(len(problem.data), bool)
     selector = Selector(Fitter(problem), everything)
     covariance = Covariance(problem.data, everything, parts_of(problem.data, everything))
-    return selector, Selection(selector.trial(selector.recalibrate(everything), everything, covariance)), everything
+    return selector, Selection(selector.trial(selector.recalibrate(everything), covariance)), everything
 
 
 @pytest.mark.long

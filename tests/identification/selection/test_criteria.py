@@ -526,10 +526,10 @@ def test_an_effect_is_not_named_for_a_size_at_which_the_model_bends_away(fitter_
     fitter.problem.record = {}
     selector = Selector.__new__(Selector)
     selector.fitter, selector.problem = fitter, fitter.problem
-    base = selector.trial(fitter.fit(model_of(0), cells, fitter.start(model_of(0))), cells, covariance)
+    base = selector.trial(fitter.fit(model_of(0), cells, fitter.start(model_of(0))), covariance)
     model = Model((candidates()["coulomb"],))
     near_zero = stood(fitter, model, fitter.start(model, np.zeros(1)), data.sigma)
-    trials = {"coulomb": selector.trial(near_zero, cells, covariance)}
+    trials = {"coulomb": selector.trial(near_zero, covariance)}
     judge = Judge(fitter, cells, 1)
     promised = judge.select(base, trials, {})
     assert promised.best_model == "coulomb"
@@ -559,7 +559,7 @@ def test_the_most_probable_unknowns_are_found_from_a_fit_that_ended_elsewhere(sh
     selector = Selector.__new__(Selector)
     selector.fitter, selector.problem = fitter, fitter.problem
     there = fitter.fit_at(fitter.fit(model, cells, fitter.start(model), 0), np.array([share]), cells)
-    trial_there = selector.trial(there, cells, Covariance(data, cells, parts_of(data, cells)))
+    trial_there = selector.trial(there, Covariance(data, cells, parts_of(data, cells)))
     found = selector.at_most_probable(trial_there)
     evidence = found.evidence
     shares = np.linspace(0.15, 0.25, 401)

@@ -55,7 +55,8 @@ def selection_of(members, left=0.1, best="", modes=()):
     odds = dict.fromkeys(names, 45.0) | {"rayleigh": 4.0}
     trials["rayleigh"] = trial("rayleigh", Known(4.0), 4.0)
     reasons = {best: "the interval reaches zero"} if best else {}
-    return Selection(base, trials, {}, odds, reasons, best or (members[0] if members else ""), members)
+    best = best or (members[0] if members else "")
+    return Selection(base, trials, odds=odds, reasons=reasons, best_model=best, members=members)
 
 
 def statement(result, selection, where="", expected=1.0, to_noise=5.0):

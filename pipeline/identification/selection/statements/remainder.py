@@ -43,9 +43,23 @@ def remainder(data: Data, predicted_angle: Real, cells: Truth, structure: float,
     Means over the cells of a position in one interval of the torque and one sense of loading: their mean over the
     positions is common to them. The offset of each position is removed.
     """
-    if isinstance(data, TurningData):
-        return _of_turns(data, predicted_angle, cells, structure, base_to_noise)
     residual = data.angle[cells] - predicted_angle[cells]
+    if isinstance(data, TurningData):
+        residual, common = _parts_of_turns(data, residual, cells)
+    else:
+        residual, common = _parts_of_loops(data, residual, cells)
+    return Remainder(
+        structure,
+        1 - structure / base_to_noise,
+        float(np.sqrt(np.mean(residual**2))),
+        float(np.sqrt(np.mean(common**2))) if common.size else float("nan"),
+        position_scatter(data, predicted_angle, cells),
+        data.noise,
+    )
+
+
+def _parts_of_loops(data: Data, residual: Real, cells: Truth) -> tuple[Real, Real]:
+    """Residuals (n,) of some cells about the offset of each position, and the means that positions have in common."""
     _, position = np.unique(data.position[cells], return_inverse=True)
     residual = residual - (np.bincount(position, residual) / np.bincount(position))[position]
     torque, sense = data.torque[cells], data.senses[cells]
@@ -56,34 +70,15 @@ def remainder(data: Data, predicted_angle: Real, cells: Truth, structure: float,
     np.add.at(count, (position, kind), 1)
     np.add.at(total, (position, kind), residual)
     mean = total[:, np.all(count > 0, axis=0)] / count[:, np.all(count > 0, axis=0)]
-    common = mean.mean(axis=0)
-    return Remainder(
-        structure,
-        1 - structure / base_to_noise,
-        float(np.sqrt(np.mean(residual**2))),
-        float(np.sqrt(np.mean(common**2))) if mean.size else float("nan"),
-        position_scatter(data, predicted_angle, cells),
-        data.noise,
-    )
+    return residual, mean.mean(axis=0)
 
 
-def _of_turns(
-    data: TurningData, predicted_angle: Real, cells: Truth, structure: float, base_to_noise: float
-) -> Remainder:
+def _parts_of_turns(data: TurningData, residual: Real, cells: Truth) -> tuple[Real, Real]:
     """The same of turns: common is what all turns of one sense at one torque share at equal crank angle."""
-    residual = data.angle[cells] - predicted_angle[cells]
     residual = residual - residual.mean()
     places = np.column_stack([data.position[cells], data.level[cells], data.direction[cells]])
     place = np.unique(places, axis=0, return_inverse=True)[1].ravel()
-    common = np.bincount(place, residual) / np.bincount(place)
-    return Remainder(
-        structure,
-        1 - structure / base_to_noise,
-        float(np.sqrt(np.mean(residual**2))),
-        float(np.sqrt(np.mean(common**2))),
-        None,
-        data.noise,
-    )
+    return residual, np.bincount(place, residual) / np.bincount(place)
 
 
 def position_scatter(data: Data, predicted_angle: Real, cells: Truth) -> CurveScatter | None:

@@ -80,10 +80,9 @@ def statement_of_verdict(
     """
     findings = "".join(f" {finding[0].upper()}{finding[1:]}." for finding in verdict.findings)
     if in_sample:
-        sentence = _in_sample(selection, refit_error, in_sample)
+        sentence, advice = _in_sample(selection, refit_error, in_sample), MEASURE_MORE[in_sample]
     else:
-        sentence = _sentence(verdict, selection, refit_error, best_error, remainder)
-    advice = MEASURE_MORE[in_sample] if in_sample else _advice(verdict, selection)
+        sentence, advice = _sentence(verdict, selection, refit_error, best_error), _advice(verdict, selection)
     return Statement(sentence + findings, advice, _glance(verdict, selection, remainder, where))
 
 
@@ -138,9 +137,7 @@ def _in_sample(selection: Selection, refit_error: AngleError, measured_text: str
     )
 
 
-def _sentence(
-    verdict: Verdict, selection: Selection, refit_error: AngleError, best_error: AngleError, remainder: Remainder
-) -> str:
+def _sentence(verdict: Verdict, selection: Selection, refit_error: AngleError, best_error: AngleError) -> str:
     error_text = f"prediction error on unused data {_error(refit_error)}"
     if verdict.verdict == ADEQUATE:
         return f"The model with refitted numbers explains the unit: {error_text}{_expected_clause(refit_error)}."

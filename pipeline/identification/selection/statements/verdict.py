@@ -6,7 +6,6 @@ import numpy as np
 
 from pipeline.arrays import Truth
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.selection.criteria import UNLIKELY, Selection
 from pipeline.identification.selection.fitted_numbers import (
     CalibratedNumber,
@@ -67,14 +66,10 @@ def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
 
 def _of_class(fitter: Fitter, selection: Selection) -> str:
     """The term for what is named: tolerances stand for it, one effect or several alike."""
-    if any(_is_within_tolerance(fitter, selection.trials[name].fit) for name in selection.members):
+    fits = [selection.trials[name].fit for name in selection.members]
+    if any(fitter.problem.within_tolerance(fit.model, fit.values.tolist()) for fit in fits):
         return WITHIN_TOLERANCE
     return IDENTIFIED if len(selection.members) == 1 else EQUIVALENT
-
-
-def _is_within_tolerance(fitter: Fitter, fit: Fit) -> bool:
-    """Whether tolerances within their limits can be what an effect of the model is."""
-    return fitter.problem.within_tolerance(fit.model, fit.values.tolist())
 
 
 def verdict_without_test(verdict: Verdict, reason: str, testable: bool) -> Verdict:
@@ -94,13 +89,8 @@ def _findings(fitter: Fitter, selection: Selection, cells: Truth, verdict: str, 
         )
     if verdict == UNEXPLAINED:
         free_fit = refit_with_free_numbers(fitter, selection.chosen_trial.fit, cells)
-        misfit = np.inf if free_fit is None else _misfit(fitter, free_fit, cells)
-        if free_fit is not None and misfit <= np.hypot(1.0, selection.limit):
+        covariance = selection.base.evidence.covariance
+        if free_fit and covariance.rms(free_fit.predicted_angle) <= np.hypot(1.0, selection.limit):
             numbers = implausible(calibrated_numbers(fitter, free_fit, selection.chosen_trial.evidence))
             findings.append(f"The unit would be explained only by {numbers}")
     return tuple(findings)
-
-
-def _misfit(fitter: Fitter, fit: Fit, cells: Truth) -> float:
-    data = fitter.problem.data
-    return float(np.sqrt(np.mean(((data.angle - fit.predicted_angle) / data.sigma)[cells] ** 2)))
