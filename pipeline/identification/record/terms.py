@@ -148,31 +148,12 @@ def loaded_both_ways(record: TurnRecord) -> bool:
 def effects(record: TurnRecord) -> tuple[list[Term], dict[str, str]]:
     """The effects that a record can test, and why not of the others, by name."""
     values, tested_terms, reasons = Covariates.from_record(record), [], {}
-    has_both_senses, several = loaded_both_ways(record), loaded_sizes(record) > 1
-    for name, title, physics, column, reason in _thermal_and_speed_terms(values, has_both_senses, several):
+    one_sense = "" if loaded_both_ways(record) else ONE_SENSE
+    for term, reason in (*_thermal_and_speed_terms(record, values, one_sense), *_waves(record, values, one_sense)):
         if reason:
-            reasons[name] = reason
+            reasons[term.name] = reason
         else:
-            tested_terms.append(Term(name, title, physics, column[:, None]))
-    for wave, (title, order) in record.orders.waves.items():
-        acting = {
-            f"compliance_{wave}": (
-                f"compliance that varies {title}",
-                COMPLIANCE,
-                values.torque,
-                len(record.levels) > 1,
-            ),
-            f"friction_{wave}": (f"friction that varies {title}", FRICTION, values.sense, has_both_senses),
-        }
-        missing = _order_refusal(record, order)
-        for name, (of_effect, physics, factor, is_usable) in acting.items():
-            reason = missing or ("" if is_usable else ONE_LEVEL if factor is values.torque else ONE_SENSE)
-            if reason:
-                reasons[name] = reason
-            else:
-                columns = factor[:, None] * np.column_stack(record.wave(order))
-                waves = order * record.span_deg / 360
-                tested_terms.append(Term(name, of_effect, physics, columns, waves=waves))
+            tested_terms.append(term)
     return tested_terms, reasons
 
 
@@ -195,32 +176,36 @@ def _order_refusal(record: TurnRecord, order: float) -> str:
     return ""
 
 
-def _thermal_and_speed_terms(
-    values: Covariates, has_both_senses: bool, several: bool
-) -> Iterator[tuple[str, str, str, Real, str]]:
-    """Name, title, physics, column and reason against it of the effects of temperature and speed."""
-    same_temperature, steady = "no temperature that varies", "no speed that varies"
-    warm, fast = np.any(values.warm), np.any(values.fast)
-    yield (
-        *("zero_over_temperature", "zero of the error that moves with the temperature"),
-        "parts of unlike expansion, or the holder of an encoder, move as the drive warms",
-        *(values.warm, "" if warm else same_temperature),
-    )
-    yield (
-        *("compliance_over_temperature", "compliance that changes with the temperature"),
-        "clearances and moduli change: the spring of a warm drive differs",
-        *(values.warm * values.torque, (same_temperature if not warm else "" if several else ONE_LEVEL)),
-    )
-    yield (
-        *("friction_over_temperature", "friction that changes with the temperature"),
-        "the lubricant gets thinner",
-        *(
-            values.warm * values.sense * values.lag,
-            (same_temperature if not warm else "" if has_both_senses else ONE_SENSE),
-        ),
-    )
-    yield (
-        *("friction_over_speed", "friction that changes with the speed"),
-        "viscous or mixed friction of the lubricant (Stribeck)",
-        *(values.fast * values.sense * values.lag, (steady if not fast else "" if has_both_senses else ONE_SENSE)),
-    )
+def _thermal_and_speed_terms(record: TurnRecord, values: Covariates, one_sense: str) -> Iterator[tuple[Term, str]]:
+    """Effects of temperature and speed, and the reason against each."""
+    steady_temperature = "" if np.any(values.warm) else "no temperature that varies"
+    steady_speed = "" if np.any(values.fast) else "no speed that varies"
+    one_level = "" if loaded_sizes(record) > 1 else ONE_LEVEL
+    title = "zero of the error that moves with the temperature"
+    physics = "parts of unlike expansion, or the holder of an encoder, move as the drive warms"
+    yield Term("zero_over_temperature", title, physics, values.warm[:, None]), steady_temperature
+    title = "compliance that changes with the temperature"
+    physics = "clearances and moduli change: the spring of a warm drive differs"
+    column = values.warm * values.torque
+    yield Term("compliance_over_temperature", title, physics, column[:, None]), steady_temperature or one_level
+    title, physics = "friction that changes with the temperature", "the lubricant gets thinner"
+    column = values.warm * values.sense * values.lag
+    yield Term("friction_over_temperature", title, physics, column[:, None]), steady_temperature or one_sense
+    title = "friction that changes with the speed"
+    physics = "viscous or mixed friction of the lubricant (Stribeck)"
+    column = values.fast * values.sense * values.lag
+    yield Term("friction_over_speed", title, physics, column[:, None]), steady_speed or one_sense
+
+
+def _waves(record: TurnRecord, values: Covariates, one_sense: str) -> Iterator[tuple[Term, str]]:
+    """Effects that vary with the turn of a shaft, and the reason against each."""
+    one_level = "" if len(record.levels) > 1 else ONE_LEVEL
+    for wave, (title, order) in record.orders.waves.items():
+        columns, waves = np.column_stack(record.wave(order)), order * record.span_deg / 360
+        missing = _order_refusal(record, order)
+        for name, physics, factor, reason in (
+            ("compliance", COMPLIANCE, values.torque, one_level),
+            ("friction", FRICTION, values.sense, one_sense),
+        ):
+            of_wave = f"{name} that varies {title}"
+            yield Term(f"{name}_{wave}", of_wave, physics, factor[:, None] * columns, waves=waves), missing or reason
