@@ -212,8 +212,6 @@ def write_record(folder: Path, table: pd.DataFrame, drive: Sequence[str] = ()) -
         'locked = "neither"',
         'offset = "common"',
     ]
-    tables = [line for line in text if line.startswith("[")]
-    assert not tables
     (folder / "unit.toml").write_text("\n".join(text) + "\n", encoding="utf-8")
     table.to_csv(folder / "data.csv", index=False)
     return folder

@@ -11,17 +11,17 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from joblib import Parallel, delayed
+from joblib import parallel_config
 
-from pipeline.engine import progress
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.settings import VARIABLE
 from tests.validation.blind.compliant_drive.unit import Unit, drawn_unit
 from tests.validation.blind.generate import COMPLIANT, ONE, TWO
-from tests.validation.blind.run import FAILED, Row, has_both, is_correct, read_rows, write_rows
+from tests.validation.blind.run import FAILED, Row, has_both, is_correct, solved_cases
 
 SEPARABLE = 25.0
 """Chi-square of what was put in, beside a stretch of the curve, beyond which a unit counts as separable."""
@@ -33,17 +33,10 @@ SEAL, TRUTH = "truth.sha256", "truth.json"
 def through_command_line(cases: Sequence[int], seed: int, jobs: int, root: Path, runs: Path) -> list[Row]:
     """Rows of some cases; compliant.csv keeps all that it has of the same seed and sources."""
     folder = runs / "blind"
-    table, code = folder / "compliant.csv", _source_hash()
-    rows = {row.case: row for row in read_rows(table) if row.seed == seed and row.code == code}
-    remaining = [case for case in cases if case not in rows]
-    solved = Parallel(n_jobs=jobs, return_as="generator_unordered")(
-        delayed(one_unit)(seed, case, code, root, folder) for case in remaining
-    )
-    for count, row in enumerate(solved, len(cases) - len(remaining) + 1):
-        rows[row.case] = row
-        write_rows(table, [rows[case] for case in sorted(rows)])
-        progress.say("blind", f"{count} of {len(cases)}", f"{COMPLIANT}: {row.truth}: {row.verdict} {row.named}")
-    return [rows[case] for case in cases]
+    code = _source_hash()
+    solve = partial(one_unit, seed, code=code, root=root, folder=folder)
+    with parallel_config("loky", n_jobs=jobs):
+        return solved_cases(folder / "compliant.csv", cases, seed, code, solve, f"{COMPLIANT}: ")
 
 
 def one_unit(seed: int, case: int, code: str, root: Path, folder: Path) -> Row:

@@ -167,8 +167,7 @@ def confusion(rows: Sequence[Row]) -> dict[tuple[str, str], int]:
     """Cases by truth and what was named: the class, or the verdict where nothing was."""
     counts: dict[tuple[str, str], int] = {}
     for row in rows:
-        truth = "two effects" if row.kind == TWO else row.truth
-        key = truth, row.named or row.verdict
+        key = _truth(row), row.named or row.verdict
         counts[key] = counts.get(key, 0) + 1
     return counts
 

@@ -7,8 +7,9 @@ import hashlib
 import io
 import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -89,17 +90,22 @@ def blind(cases: Sequence[int], seed: int, jobs: int, root: Path, runs: Path) ->
     folder = runs / "blind"
     reducers = catalogue(root)
     maker = Maker(reducers, condense(reducers, folder / "condensed", jobs), folder, root, seed)
-    table, code = folder / "cases.csv", source_hash(reducers)
+    code = source_hash(reducers)
+    with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
+        return solved_cases(folder / "cases.csv", cases, seed, code, partial(one_case, maker, code=code))
+
+
+def solved_cases(
+    table: Path, cases: Sequence[int], seed: int, code: str, solve: Callable[[int], Row], simulator: str = ""
+) -> list[Row]:
+    """Rows of some cases: those that a table has of the same seed and sources, and the others, which it keeps."""
     rows = {row.case: row for row in read_rows(table) if row.seed == seed and row.code == code}
     remaining = [case for case in cases if case not in rows]
-    with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-        rows_solved = Parallel(return_as="generator_unordered")(
-            delayed(one_case)(maker, case, code) for case in remaining
-        )
-        for count, row in enumerate(rows_solved, len(cases) - len(remaining) + 1):
-            rows[row.case] = row
-            write_rows(table, [rows[case] for case in sorted(rows)])
-            progress.say("blind", f"{count} of {len(cases)}", f"{row.truth}: {row.verdict} {row.named}")
+    rows_solved = Parallel(return_as="generator_unordered")(delayed(solve)(case) for case in remaining)
+    for count, row in enumerate(rows_solved, len(cases) - len(remaining) + 1):
+        rows[row.case] = row
+        write_rows(table, [rows[case] for case in sorted(rows)])
+        progress.say("blind", f"{count} of {len(cases)}", f"{simulator}{row.truth}: {row.verdict} {row.named}")
     return [rows[case] for case in cases]
 
 

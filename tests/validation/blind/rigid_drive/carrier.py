@@ -14,21 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Complex, Real
-from tests.validation.blind.rigid_drive.drive import (
-    BALANCED,
-    EASED,
-    FIRST_DAMPING,
-    HOPELESS,
-    LARGEST_MOVE,
-    LEAST_DAMPING,
-    LEAST_WAY,
-    LESS,
-    ROUNDED,
-    STEPS,
-    STIFFENED,
-    Bearing,
-    NoBalanceError,
-)
+from tests.validation.blind.rigid_drive.drive import Bearing, NoBalanceError, State, balanced_pose
 from tests.validation.blind.rigid_drive.flank import Flank, LineContact
 
 ROUGHLY = 1e-4
@@ -62,17 +48,6 @@ class Gears:
     def planet_radius(self) -> float:
         """Radius of a planet's pitch circle [mm]."""
         return self.circle_radius * self.planet_teeth / (self.sun_teeth + self.planet_teeth)
-
-
-@dataclass(frozen=True)
-class _Sum:
-    """Energy [N mm], its slope (n,) [N] and curvature (n, n) [N/mm], and the sum of all forces [N]."""
-
-    energy: float
-    slope: Real
-    curvature: Real
-    pressed: float
-    feet: tuple[Real, ...]
 
 
 @dataclass(frozen=True)
@@ -121,7 +96,7 @@ class CarrierDrive:
         """Phase of the eccentric of each disk [rad]."""
         return 2 * np.pi * np.arange(len(self.flanks)) / len(self.flanks)
 
-    def _state(self, place: float, pose: Real, torque: float, feet: Sequence[Real] | None) -> _Sum:
+    def _state(self, place: float, pose: Real, torque: float, feet: Sequence[Real] | None) -> State:
         """Energy and forces of a pose (n,) [mm] at a place of the ideal output [rad] under a torque on it [N mm]."""
         radius, n_disks = self.flanks[0].circle_radius, len(self.flanks)
         crank_angle, centres = self._ideal(place)
@@ -180,7 +155,7 @@ class CarrierDrive:
             slope += tooth_force * row
             curvature += self.gears.stiffness * (tooth_force != 0) * np.outer(row, row)
         slope[-1] -= torque / radius
-        return _Sum(energy - torque * (output - place), slope, curvature, pressed, tuple(found))
+        return State(energy - torque * (output - place), slope, curvature, pressed, tuple(found))
 
     def _mesh(self, j: int, place: float, output: float, turned: float) -> tuple[float, float, Real]:
         """Energy [N mm], force [N] and way (n,) of the mesh of one planet with the held sun."""
@@ -203,26 +178,9 @@ class CarrierDrive:
         NoBalanceError
             If the forces do not balance.
         """
-        radius, damping = self.flanks[0].circle_radius, FIRST_DAMPING
-        pose = np.zeros(self._size) if start is None else start
-        state = self._state(place, pose, torque, None)
-        for _ in range(STEPS):
-            unbalanced = float(np.linalg.norm(state.slope))
-            if unbalanced <= max(BALANCED * abs(torque) / radius, ROUNDED * state.pressed):
-                return pose
-            stiffest = max(float(np.max(np.diag(state.curvature))), abs(torque) / radius / LARGEST_MOVE)
-            step = np.linalg.solve(state.curvature + damping * stiffest * np.eye(len(pose)), -state.slope)
-            step *= min(1.0, LARGEST_MOVE / max(float(np.linalg.norm(step)), LEAST_WAY))
-            trial = self._state(place, pose + step, torque, state.feet)
-            if trial.energy <= state.energy or np.linalg.norm(trial.slope) <= LESS * unbalanced:
-                pose, state, damping = pose + step, trial, max(EASED * damping, LEAST_DAMPING)
-            elif damping > HOPELESS:
-                if unbalanced <= ROUGHLY * abs(torque) / radius:
-                    return pose
-                break
-            else:
-                damping *= STIFFENED
-        raise NoBalanceError(f"{np.linalg.norm(state.slope):.3g} N unbalanced at {torque:.3g} N mm")
+        start = np.zeros(self._size) if start is None else start
+        radius = self.flanks[0].circle_radius
+        return balanced_pose(lambda pose, feet: self._state(place, pose, torque, feet), start, torque, radius, ROUGHLY)
 
     def error(self, place: float, torques: Sequence[float]) -> Real:
         """Error of the carrier (n_torques,) [rad] at a place of the ideal output [rad] under torques [N mm]."""

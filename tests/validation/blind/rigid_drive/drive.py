@@ -4,6 +4,7 @@ Poses are finite: pins slide along the curved flank as the disk moves, and nothi
 shift and rotation and the output's, all as lengths; Newton's method on the energy, damped after Levenberg.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,21 +64,61 @@ class Bearing:
 
 
 @dataclass(frozen=True)
-class _State:
+class State:
     """A pose.
 
     Attributes
     ----------
-    energy, slope, curvature : [N mm], its derivatives (5,) [N] and (5, 5) [N/mm].
-    pressed : sum of all contact forces [N].
-    parameter : (n_pins,) places on the flank where the pins are nearest.
+    energy, slope, curvature : [N mm], its derivatives (n,) [N] and (n, n) [N/mm].
+    pressed : sum of all forces [N].
+    feet : of each disk, (n_pins,) places on the flank where the pins are nearest.
     """
 
     energy: float
     slope: Real
     curvature: Real
     pressed: float
-    parameter: Real
+    feet: tuple[Real, ...]
+
+
+def balanced_pose(
+    state_at: Callable[[Real, tuple[Real, ...] | None], State],
+    start: Real,
+    torque: float,
+    radius: float,
+    roughly: float = 0.0,
+) -> Real:
+    """Pose (n,) [mm] of least energy under a torque [N mm], by Newton's method, damped after Levenberg.
+
+    Parameters
+    ----------
+    state_at : pose (n,) [mm] and feet of a neighbouring one, if there is one, to its state.
+    radius : at which the torque is a force [mm].
+    roughly : unbalanced force over that of the torque that is good enough where no step can be taken.
+
+    Raises
+    ------
+    NoBalanceError
+        If the forces do not balance.
+    """
+    pose, state, damping = start, state_at(start, None), FIRST_DAMPING
+    for _ in range(STEPS):
+        unbalanced = float(np.linalg.norm(state.slope))
+        if unbalanced <= max(BALANCED * abs(torque) / radius, ROUNDED * state.pressed):
+            return pose
+        stiffest = max(float(np.max(np.diag(state.curvature))), abs(torque) / radius / LARGEST_MOVE)
+        step = np.linalg.solve(state.curvature + damping * stiffest * np.eye(len(pose)), -state.slope)
+        step *= min(1.0, LARGEST_MOVE / max(float(np.linalg.norm(step)), LEAST_WAY))
+        trial = state_at(pose + step, state.feet)
+        if trial.energy <= state.energy or np.linalg.norm(trial.slope) <= LESS * unbalanced:
+            pose, state, damping = pose + step, trial, max(EASED * damping, LEAST_DAMPING)
+        elif damping > HOPELESS:
+            if unbalanced <= roughly * abs(torque) / radius:
+                return pose
+            break
+        else:
+            damping *= STIFFENED
+    raise NoBalanceError(f"{np.linalg.norm(state.slope):.3g} N unbalanced at {torque:.3g} N mm")
 
 
 @dataclass(frozen=True)
@@ -149,12 +190,12 @@ class RigidDrive:
         slope[:, 2] = np.real(np.conj(outwards) * 1j * pin_position)
         return self.pin_growth - gap, slope, parameter
 
-    def _state(self, pose: Real, torque: float, parameter: Real | None) -> _State:
+    def _state(self, pose: Real, torque: float, feet: tuple[Real, ...] | None) -> State:
         """Energy and forces at a pose (5,) [mm] under a torque on the output [N mm]."""
         radius = self.flank.circle_radius
         rotation = pose[2:] / radius
         trial_pose = Pose(complex(pose[0], pose[1]), rotation[0], rotation[1], rotation[2])
-        of_pins, pin_slopes, parameter = self._pin_approaches(trial_pose, parameter)
+        of_pins, pin_slopes, parameter = self._pin_approaches(trial_pose, feet[0] if feet else None)
         of_output, output_slopes = self.output.approaches(trial_pose, self.eccentric, self.rotation)
         energy, bearing_force, hold = self.bearing.held(pose[:2])
         pressed = 0.0
@@ -168,7 +209,7 @@ class RigidDrive:
             slope += force @ scaled
             curvature += scaled.T @ (contact.stiffness(force)[:, None] * scaled)
         slope[4] -= torque / radius
-        return _State(energy - torque * rotation[2], slope, curvature, pressed, parameter)
+        return State(energy - torque * rotation[2], slope, curvature, pressed, (parameter,))
 
     def balanced(self, torque: float, start: Real) -> Real:
         """Pose (5,) [mm] under a torque on the output [N mm]: shift x, y and rotations times the pins' circle radius.
@@ -178,23 +219,8 @@ class RigidDrive:
         NoBalanceError
             If the forces do not balance.
         """
-        radius, pose, damping = self.flank.circle_radius, start, FIRST_DAMPING
-        state = self._state(pose, torque, None)
-        for _ in range(STEPS):
-            unbalanced = float(np.linalg.norm(state.slope))
-            if unbalanced <= max(BALANCED * abs(torque) / radius, ROUNDED * state.pressed):
-                return pose
-            stiffest = max(float(np.max(np.diag(state.curvature))), abs(torque) / radius / LARGEST_MOVE)
-            step = np.linalg.solve(state.curvature + damping * stiffest * np.eye(5), -state.slope)
-            step *= min(1.0, LARGEST_MOVE / float(np.linalg.norm(step)))
-            trial_state = self._state(pose + step, torque, state.parameter)
-            if trial_state.energy <= state.energy or np.linalg.norm(trial_state.slope) <= LESS * unbalanced:
-                pose, state, damping = pose + step, trial_state, max(EASED * damping, LEAST_DAMPING)
-            elif damping > HOPELESS:
-                break
-            else:
-                damping *= STIFFENED
-        raise NoBalanceError(f"{np.linalg.norm(state.slope):.3g} N unbalanced at {torque:.3g} N mm")
+        radius = self.flank.circle_radius
+        return balanced_pose(lambda pose, feet: self._state(pose, torque, feet), start, torque, radius)
 
     def energy_stored(self, pose: Real) -> float:
         """Elastic energy [N mm] at a pose (5,) [mm]."""
