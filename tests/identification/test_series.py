@@ -303,12 +303,10 @@ def test_a_class_has_the_twins_that_help_as_much_and_no_other_effect():
     tried = [
         shared_effects.TriedEffect(
             name=name,
-            title=name,
             companions=(),
             folds=Folds((), (), None, size * noise**k),
             p=0.01,
             p_left_out=0.01,
-            is_claimed=name not in notes,
             note=notes.get(name, ""),
         )
         for k, (name, size) in enumerate(loss.items())

@@ -47,27 +47,34 @@ class TriedEffect:
 
     Attributes
     ----------
-    name, title : of it.
+    name : of it.
     companions : effects that were shared already.
     folds : of the model with it.
     p : of no gain at what was left out, all effects of its round counted.
     p_left_out : the same by the scatter over positions, or states, alone, without counting.
-    is_claimed : whether both are significant, and no number of it ended at a bound; of folds over states, whether it is
-        one of a class of which that holds.
-    note : why it is not claimed, empty where it is.
+    note : why it is not claimed, empty where it is: where both are significant, and no number of it ended at a bound;
+        of folds over states, where it is one of a class of which that holds.
     control : root mean square error [arcmin] at what was left out with its sign turned round; NaN of a soft material,
         and over positions of what is not claimed.
     """
 
     name: str
-    title: str
     companions: tuple[str, ...]
     folds: Folds
     p: float
     p_left_out: float
-    is_claimed: bool
     note: str
     control: float = float("nan")
+
+    @property
+    def title(self) -> str:
+        """The effect in words."""
+        return title(self.name)
+
+    @property
+    def is_claimed(self) -> bool:
+        """Whether nothing speaks against it."""
+        return not self.note
 
     @property
     def left_out(self) -> str:
@@ -259,19 +266,7 @@ def _tried_round(series: Series, base: Folds, names: Sequence[str]) -> list[Trie
         at_bound = sorted(set(TERMS[name]) & trial.final.at_bound)
         note = next(_reasons(series, held_out, at_bound, float(p), p_left_out), "")
         control = _reversed_rms(series, trial, name) if not note and name in CRANK_EFFECTS else float("nan")
-        effects.append(
-            TriedEffect(
-                name=name,
-                title=title(name),
-                companions=base.terms,
-                folds=trial,
-                p=float(p),
-                p_left_out=p_left_out,
-                is_claimed=not note,
-                note=note,
-                control=control,
-            )
-        )
+        effects.append(TriedEffect(name, base.terms, trial, float(p), p_left_out, note, control))
     return effects
 
 
@@ -322,19 +317,7 @@ def _tried_by_states(series: Series, names: Sequence[str]) -> tuple[StateFolds, 
         elif not is_shown:
             note = NOT_SHOWN
         family_p, control = min(1.0, len(names) * p), trial.reversed_rms()
-        effects.append(
-            TriedEffect(
-                name=name,
-                title=title(name),
-                companions=companions,
-                folds=trial,
-                p=family_p,
-                p_left_out=p,
-                is_claimed=not note,
-                note=note,
-                control=control,
-            )
-        )
+        effects.append(TriedEffect(name, companions, trial, family_p, p, note, control))
     return folds_without, tuple(effects)
 
 
