@@ -10,7 +10,7 @@ from pipeline.constant_kinds import ShownCount
 from pipeline.identification.measurement.enough import FEWEST_SCATTERED
 from pipeline.identification.measurement.faults import shape_faults
 from pipeline.identification.measurement.faults.branch_faults import branch_faults
-from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
+from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows, frequent_fault
 from pipeline.identification.measurement.measured_rows import MeasuredRows
 from pipeline.identification.measurement.repeated_branches import mean_loops
 from pipeline.identification.measurement.row_filters import SATURATION_RULE
@@ -110,17 +110,9 @@ def _not_numbers(rows: Rows) -> Iterator[Fault]:
         if mask is None:
             continue
         mask = mask & ~np.isin(rows.file, [file for file, name in missing_columns if name == quantity])
-        if mask.any():
-            fault_text = "no whole number" if quantity == "cycle" else f"no number up to {LARGEST_VALUE:g}"
-            frequent = mask.mean() > TOLERATED_SHARE
-            advice = "correct the file" if frequent else "these rows are left out"
-            yield fault_of_rows(
-                rows,
-                mask,
-                "not a number",
-                "fatal" if frequent else "note",
-                f"{quantity} is {fault_text} in {mask.sum()} of {len(rows)} rows; {advice}",
-            )
+        fault_text = "no whole number" if quantity == "cycle" else f"no number up to {LARGEST_VALUE:g}"
+        text = f"{quantity} is {fault_text} in {mask.sum()} of {len(rows)} rows"
+        yield from frequent_fault(rows, mask, "not a number", TOLERATED_SHARE, text, "correct the file")
 
 
 def _order(rows: Rows, good: Truth) -> Iterator[Fault]:
@@ -244,16 +236,13 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
         )
     yield from (Fault("unit", message, "fatal") for message in findings if message)
     settings = unit.settings
-    if (
-        unit.design_study
-        and not any(findings)
-        and span > (likely := shape_faults.largest_span(unit.study.design, top, shape_faults.LIKELY_TWIST))
-    ):
-        text = f"the angle spans {span:.4g} arcmin, a drive of this design is likely to have {likely:.3g} at most"
-        yield Fault("unit", f"{text}: check unit and factor in [columns]", "note")
-    if unit.design_study and not any(findings) and span < (least := shape_faults.least_span(unit.study.design, top)):
-        text = f"the angle spans {span:.4g} arcmin, a drive of this design is likely to twist by {least:.3g} at least"
-        yield Fault("unit", f"{text}: check unit and factor in [columns]", "note")
+    if unit.design_study and not any(findings):
+        least = shape_faults.least_span(unit.study.design, top)
+        most = shape_faults.largest_span(unit.study.design, top, shape_faults.LIKELY_TWIST)
+        if not least <= span <= most:
+            usual = f"have {most:.3g} at most" if span > most else f"twist by {least:.3g} at least"
+            text = f"the angle spans {span:.4g} arcmin, a drive of this design is likely to {usual}"
+            yield Fault("unit", f"{text}: check unit and factor in [columns]", "note")
     if settings.generic and settings.side == "output" and settings.locked == "output" and not any(findings):
         doubt = shape_faults.doubtful_side(top, span, settings.generic.rated_torque_Nm, settings.generic.ratio)
         yield from (Fault("unit", doubt, "note") for _ in range(bool(doubt)))
@@ -288,29 +277,17 @@ def _angle_falls(rows: Rows, file_rows: Index) -> bool:
 
 def _left_out(rows: Rows, cut: Truth, is_clipped: Truth, jumps: Truth) -> Iterator[Fault]:
     if is_clipped.any():
-        frequent = is_clipped.mean() > CLIPPED_SHARE
         ends = f"{rows.angle[is_clipped].min():.4g} to {rows.angle[is_clipped].max():.4g} arcmin"
-        yield fault_of_rows(
-            rows,
-            is_clipped,
-            "clipped angle",
-            "fatal" if frequent else "note",
+        text = (
             f"the angle stands still at the ends of its range ({ends}) in {is_clipped.sum()} of {len(rows)} rows while "
-            f"the torque goes on; {'measure with a wider range' if frequent else 'these rows are left out'}",
+            "the torque goes on"
         )
+        yield from frequent_fault(rows, is_clipped, "clipped angle", CLIPPED_SHARE, text, "measure with a wider range")
     if cut.any():
         message = f"the torque is saturated in {cut.sum()} rows; {SATURATION_RULE}"
         yield fault_of_rows(rows, cut, "saturation", "note", message)
-    if jumps.any():
-        frequent = jumps.mean() > TOLERATED_SHARE
-        yield fault_of_rows(
-            rows,
-            jumps,
-            "encoder jump",
-            "fatal" if frequent else "note",
-            f"the angle jumps out and back in {jumps.sum()} rows, three in a row at most; "
-            + ("check the encoder" if frequent else "these rows are left out"),
-        )
+    text = f"the angle jumps out and back in {jumps.sum()} rows, three in a row at most"
+    yield from frequent_fault(rows, jumps, "encoder jump", TOLERATED_SHARE, text, "check the encoder")
 
 
 def _offsets(unit: UnitFile, rows: Rows, usable: Truth) -> Iterator[Fault]:

@@ -68,3 +68,13 @@ def fault_of_rows(rows: Rows, selected_rows: Index | Truth, kind: str, severity:
     """A fault of some rows, a mask (n,) or their indices."""
     row_numbers = np.flatnonzero(selected_rows) if selected_rows.dtype == bool else selected_rows
     return Fault(kind, message, severity, rows.where(row_numbers[:SHOWN_ROWS]), len(row_numbers))
+
+
+def frequent_fault(
+    rows: Rows, is_faulty: Truth, kind: str, tolerated_share: float, text: str, advice: str
+) -> Iterator[Fault]:
+    """A fault of rows (n,), if there are any: fatal, with advice, where more than a share of all, else a note."""
+    if is_faulty.any():
+        is_fatal = is_faulty.mean() > tolerated_share
+        message = f"{text}; {advice if is_fatal else 'these rows are left out'}"
+        yield fault_of_rows(rows, is_faulty, kind, "fatal" if is_fatal else "note", message)

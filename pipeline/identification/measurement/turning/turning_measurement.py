@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.identification.measurement.enough import FEWEST_COMPARED
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
 from pipeline.identification.measurement.faults.data_faults import recording_faults
-from pipeline.identification.measurement.faults.fault import Fault, fault_of_rows
+from pipeline.identification.measurement.faults.fault import Fault, fault_of_rows, frequent_fault
 from pipeline.identification.measurement.faults.shape_faults import implausible_angle, implausible_torque, largest_span
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.motion import HELD_SHARE, fewest_pitches
@@ -48,17 +48,12 @@ def _turns(measurement: TurnedRows) -> Iterator[Fault]:
         )
         return
     is_beside = good & (motion.turn < 0)
-    if is_beside.any():
-        frequent = is_beside.mean() > UNHELD_SHARE
-        yield fault_of_rows(
-            rows,
-            is_beside,
-            "torque not held",
-            "fatal" if frequent else "note",
-            f"{is_beside.sum()} of {len(rows)} rows lie in less than half a turn, in a turn that is left out, or "
-            f"differ by more than {HELD_SHARE:.0%} of the largest torque from the one held; "
-            + ("hold a torque over whole turns" if frequent else "these rows are left out"),
-        )
+    text = (
+        f"{is_beside.sum()} of {len(rows)} rows lie in less than half a turn, in a turn that is left out, or "
+        f"differ by more than {HELD_SHARE:.0%} of the largest torque from the one held"
+    )
+    advice = "hold a torque over whole turns"
+    yield from frequent_fault(rows, is_beside, "torque not held", UNHELD_SHARE, text, advice)
     cut = measurement.is_saturated & good
     if cut.any():
         yield fault_of_rows(
