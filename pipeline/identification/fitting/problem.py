@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate, pairwise
 
 import numpy as np
 from scipy.linalg import svd
@@ -289,14 +290,15 @@ class Model:
     def n_effects(self) -> int:
         return len(self.effects)
 
+    @property
+    def places(self) -> list[tuple[Candidate, slice]]:
+        """Every effect, and where its parameters stand among all."""
+        ends = list(accumulate((len(effect.parameters) for effect in self.effects), initial=0))
+        return [(effect, slice(*pair)) for effect, pair in zip(self.effects, pairwise(ends), strict=True)]
+
     def split(self, values: Sequence[float]) -> list[tuple[Candidate, Sequence[float]]]:
         """Every effect with its own values."""
-        parts, start = [], 0
-        for effect in self.effects:
-            stop = start + len(effect.parameters)
-            parts.append((effect, values[start:stop]))
-            start = stop
-        return parts
+        return [(effect, values[place]) for effect, place in self.places]
 
     def put(
         self, drives: Sequence[Drive], conditions: Sequence[Conditions], values: Sequence[float]

@@ -350,9 +350,9 @@ class Judge(Rule[Trial]):
         fit = trial.fit
         if not fit.sound:
             yield "it needs equilibria that are not found, or a crank beyond the angles that were measured"
-        bounds, start = self.fitter.bounds(fit.model), 0
-        for effect in fit.model.effects:
-            for k, parameter in enumerate(effect.parameters, start):
+        bounds = self.fitter.bounds(fit.model)
+        for effect, place in fit.model.places:
+            for k, parameter in enumerate(effect.parameters, place.start):
                 (low, high), share, value = bounds[k], fit.unknowns.shares[k], fit.values[k]
                 if low <= 0 <= high and (share > 1 - AT_BOUND or (low < 0 and share < AT_BOUND)):
                     yield f"{parameter.name} = {value:.3g} of {effect.name} is at a bound of what the library allows"
@@ -360,7 +360,6 @@ class Judge(Rule[Trial]):
                     yield f"{parameter.name} = {value:.3g} of {effect.name} is the slowest ripple that is searched for"
                 if parameter.record and value > self.fitter.problem.record[parameter.record]:
                     yield f"{parameter.name} = {value:.3g} of {effect.name} is longer than the record"
-            start += len(effect.parameters)
         if (share := trial.evidence.tolerance_share) < UNLIKELY:
             yield f"it needs tolerances that {share:.1g} of the study's units have"
 

@@ -92,8 +92,8 @@ class Evidence:
 
     def _sizes_by_effect(self) -> list[list[int]]:
         """Columns of the sizes of each effect, the parameters that can be zero."""
-        columns = iter(enumerate(self.bounds, len(self.fit.unknowns.scales)))
-        of_effects = [[next(columns) for _ in effect.parameters] for effect in self.fit.model.effects]
+        columns = list(enumerate(self.bounds, len(self.fit.unknowns.scales)))
+        of_effects = [columns[place] for _, place in self.fit.model.places]
         return [[column for column, (low, high) in one if low <= 0 <= high] for one in of_effects]
 
     @cached_property
@@ -323,23 +323,19 @@ class Evidence:
         was fitted, this identity is used, because the density may be far from normal: that the torque has a zero
         offset can be certain, although every value between two rows fits as well. Otherwise a normal density is used.
         """
-        (mean, covariance), first_share, start = self.unknowns, len(self.fit.unknowns.scales), 0
-        for member in self.fit.model.effects:
-            stop = start + len(member.parameters)
-            if member.name == effect:
-                is_size = np.array([low <= 0 <= high for low, high in self.bounds[start:stop]])
-                of_effect = slice(first_share + start, first_share + stop)
-                precision = np.linalg.inv(covariance[of_effect, of_effect])
-                sizes, shapes = mean[of_effect][is_size], mean[of_effect][~is_size]
-                square = sizes @ precision[np.ix_(is_size, is_size)] @ sizes
-                if without is not None:
-                    gain = self.cost_of_widths - without.cost_of_widths
-                    gain += self._value(self.structure) - without._value(self.structure)
-                    narrowing = np.linalg.slogdet(precision)[1] + 2 * np.sum(np.log(self.widths[of_effect]))
-                    square = max(2 * gain + narrowing + shapes @ shapes, 0.0)
-                return float(np.sqrt(square / (2 * gammaincinv(0.5 * len(sizes), CONFIDENCE))))
-            start = stop
-        raise KeyError(effect)
+        (mean, covariance), first_share = self.unknowns, len(self.fit.unknowns.scales)
+        place = {member.name: place for member, place in self.fit.model.places}[effect]
+        is_size = np.array([low <= 0 <= high for low, high in self.bounds[place]])
+        of_effect = slice(first_share + place.start, first_share + place.stop)
+        precision = np.linalg.inv(covariance[of_effect, of_effect])
+        sizes, shapes = mean[of_effect][is_size], mean[of_effect][~is_size]
+        square = sizes @ precision[np.ix_(is_size, is_size)] @ sizes
+        if without is not None:
+            gain = self.cost_of_widths - without.cost_of_widths
+            gain += self._value(self.structure) - without._value(self.structure)
+            narrowing = np.linalg.slogdet(precision)[1] + 2 * np.sum(np.log(self.widths[of_effect]))
+            square = max(2 * gain + narrowing + shapes @ shapes, 0.0)
+        return float(np.sqrt(square / (2 * gammaincinv(0.5 * len(sizes), CONFIDENCE))))
 
     @property
     def deviations(self) -> Real:

@@ -148,10 +148,8 @@ def _ends(trial: Trial, bounds: Sequence[tuple[float, float]]) -> tuple[Real, Re
     size = shares - zero
     step = float(ndtri(0.5 * (1 + CONFIDENCE))) * np.hypot(deviation, FORM * size)
     low_end, high_end = shares - step, shares + step
-    start = 0
-    for effect in trial.fit.model.effects:
-        sizes = [k for k in range(start, start + len(effect.parameters)) if is_size[k]]
-        start += len(effect.parameters)
+    for _, place in trial.fit.model.places:
+        sizes = [k for k in range(place.start, place.stop) if is_size[k]]
         if len(sizes) == 1 and 0 < abs(size[k := sizes[0]]) <= step[k]:
             ratio = step[k] / abs(size[k])
             factors = np.exp(-ratio), np.exp(ratio) if bounds[k][0] == 0 else 1 + ratio

@@ -315,13 +315,12 @@ class Selector:
         trials, base, misfit = dict(selection.trials), selection.base, tries.judge.misfit(selection.base)
         pairs = [name for name in selection.odds if trials[name].fit.model.n_effects == MOST_NAMED]
         for name in sorted(pairs, key=lambda name: -tries.judge.value(trials[name], misfit))[:MOST_REFINED]:
-            pair, first = trials[name].fit, 0
-            for effect in pair.model.effects:
-                shares = pair.unknowns.shares[first : first + len(effect.parameters)]
-                first += len(effect.parameters)
+            pair = trials[name].fit
+            for effect, place in pair.model.places:
                 known = [trials[effect.name], *trials[effect.name].other_solutions] if effect.name in trials else []
                 if not known or known[0].fit.cost > pair.cost + FALL_OF_PASS:
-                    fit = self.fitter.fit(Model((effect,)), tries.cells, replace(pair.unknowns, shares=shares))
+                    start = replace(pair.unknowns, shares=pair.unknowns.shares[place])
+                    fit = self.fitter.fit(Model((effect,)), tries.cells, start)
                     solutions = [self.trial(fit, tries.covariance, base)] if fit.sound else []
                     trials |= {effect.name: most_probable([*known, *solutions])} if solutions else {}
         return tries.judge.select(base, trials, selection.promised_misfits)

@@ -55,12 +55,9 @@ class OwnPhases:
         data = fitter.problem.data
         self.first = len(fit.unknowns.scales)
         self.ripples: list[tuple[slice, Real]] = []  # shares of the parameters, and their bounds
-        number = 0
-        for effect in fit.model.effects:
+        for effect, shares in fit.model.places:
             if isinstance(effect, InstrumentEffect) and effect.own_phases:
-                shares = slice(number, number + len(effect.parameters))
                 self.ripples.append((shares, np.array(fitter.problem.bounds(effect))))
-            number += len(effect.parameters)
         left_out = np.setdiff1d(data.position, data.position[training]).tolist()
         self.places = list(product(self.ripples, left_out))
 

@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.studies.study import Study
-from pipeline.identification.fitting.problem import Candidate
+from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.sampling.errors import Errors
 from tests.validation.blind.bench import Bench, Ramp
 from tests.validation.blind.rigid_drive.drive import Bearing, Curve, NoBalanceError, RigidDrive
@@ -48,10 +48,7 @@ class RigidUnit:
         ------
         UnsoundError : an equilibrium was not found.
         """
-        by_name, start = {}, 0
-        for effect in effects:
-            by_name[effect.name] = tuple(values[start : start + len(effect.parameters)])
-            start += len(effect.parameters)
+        by_name = {effect.name: tuple(own_values) for effect, own_values in Model(tuple(effects)).split(values)}
         try:
             return [position.angle(by_name) for position in self.positions]
         except NoBalanceError as error:
