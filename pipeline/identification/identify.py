@@ -206,9 +206,10 @@ def _other_sense(measurement: Measurement, condense: Condensed, selection: Selec
     other = Selector(Fitter(problem), cells)
     models = {trial.fit.model.name: trial.fit for trial in (selection.base, selection.answer)}
     fits = [fit for fit in (_fit_from(known, other.fitter, cells) for known in models.values()) if fit.sound]
-    there = [_at_fit(other.trial(fit, other.tries(cells).covariance)) for fit in fits]
-    if not there:
+    if not fits:
         return None
+    trials = [other.trial(fit, other.tries(cells).covariance) for fit in fits]
+    there = [replace(trial, evidence=trial.evidence.without_promise()) for trial in trials]
     best = max(there, key=lambda trial: _log_posterior(trial, other))
     gain = _log_posterior(best, other) - _log_posterior(selection.answer, other)
     is_explained = best.evidence.structure.size <= NO_EFFECT_LEFT
@@ -224,11 +225,6 @@ def _fit_from(known: Fit, fitter: Fitter, cells: Truth) -> Fit:
         for sign in ((1, -1) if model.effects else (1,))
     ]
     return fitter.fit_from_best(model, cells, starts)
-
-
-def _at_fit(trial: Trial) -> Trial:
-    """The trial with its evidence at the fit."""
-    return replace(trial, evidence=trial.evidence.without_promise())
 
 
 def _log_posterior(trial: Trial, selector: Selector) -> float:

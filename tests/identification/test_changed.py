@@ -357,4 +357,4 @@ def test_of_four_positions_one_pairing_of_24_shows_that_they_kept_their_pattern(
 
 @pytest.mark.parametrize(("unit", "text"), [("1", "+12 %"), ("N m", "+0.12 N m")])
 def test_a_change_is_told_in_percent_or_in_its_unit(unit, text):
-    assert results._percent_or_unit(0.12, SimpleNamespace(unit=unit), sign="+") == text
+    assert results._percent_or_unit(0.12, SimpleNamespace(unit=unit)) == text

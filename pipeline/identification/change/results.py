@@ -156,7 +156,7 @@ class ChangeAnswer:
 def detection_limits(comparison: Comparison) -> tuple[str, ...]:
     """For each number the change that would be shown with a chance of 80 %; empty where the scatter is unknown."""
     return tuple(
-        f"{change.number.title} {_percent_or_unit(change.detectable, change, sign='+')}"
+        f"{change.number.title} {_percent_or_unit(change.detectable, change)}"
         for change in comparison.changes
         if math.isfinite(change.detectable)
     )
@@ -164,8 +164,8 @@ def detection_limits(comparison: Comparison) -> tuple[str, ...]:
 
 def change_text(change: Change) -> str:
     """A change with its interval in words."""
-    size = _percent_or_unit(change.mean, change, sign="+")
-    low, high = (_percent_or_unit(value, change, sign="+") for value in (change.low, change.high))
+    size = _percent_or_unit(change.mean, change)
+    low, high = (_percent_or_unit(value, change) for value in (change.low, change.high))
     return f"{change.words} ({size}, 95 % interval {low} to {high}; loops up to {change.number.size.label})"
 
 
@@ -288,14 +288,12 @@ def change_rows(comparison: Comparison) -> Columns:
 def position_rows(comparison: Comparison) -> Columns:
     """Columns of `POSITIONS`, of all states."""
     table = comparison.table
-    count = len(table.numbers)
-    return {
-        "state": [table.states[number].name for number in table.state for _ in range(count)],
-        "position": [label for label in table.label for _ in range(count)],
-        "kind": [number.kind.name for _ in table.state for number in table.numbers],
-        "loops": [number.size.label for _ in table.state for number in table.numbers],
-        "value": table.values.ravel(),
-    }
+    rows = [
+        (table.states[state].name, label, number.kind.name, number.size.label, value)
+        for state, label, values in zip(table.state, table.label, table.values, strict=True)
+        for number, value in zip(table.numbers, values, strict=True)
+    ]
+    return POSITIONS.columns_of_rows(rows)
 
 
 def loop_rows(comparison: Comparison) -> Columns:
@@ -322,6 +320,6 @@ def _loop_parts(comparison: Comparison) -> Iterator[tuple[str, str, str, Any]]:
                 yield table.states[number].name, label, size.label, loop
 
 
-def _percent_or_unit(value: float, change: Change, sign: str = "") -> str:
+def _percent_or_unit(value: float, change: Change) -> str:
     scale, unit = (100, "%") if change.unit == "1" else (1, change.unit)
-    return f"{scale * value:{sign}.3g} {unit}"
+    return f"{scale * value:+.3g} {unit}"

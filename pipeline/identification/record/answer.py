@@ -168,12 +168,9 @@ def effect_values(answer: RecordAnswer) -> list[Value]:
         size = float(np.linalg.norm(mean))
         direction = mean / max(size, 1e-300)
         error = float(np.sqrt(direction @ covariance @ direction))
-        low = size - WIDTH * error
-        value = float(mean[0]) if len(mean) == 1 else size
-        ends = (
-            (value - WIDTH * error, value + WIDTH * error) if len(mean) == 1 else (max(low, 0.0), size + WIDTH * error)
-        )
-        rows.append(Value(name, answer.titles[name], "arcmin", value, *ends))
+        value, least = (float(mean[0]), -np.inf) if len(mean) == 1 else (size, 0.0)
+        low, high = max(value - WIDTH * error, least), value + WIDTH * error
+        rows.append(Value(name, answer.titles[name], "arcmin", value, low, high))
     return rows
 
 

@@ -178,7 +178,7 @@ class RecordJudge(Rule[Trial]):
             verdict, finding = WITHIN_TOLERANCE, f"{best_model.replace('_', ' ')}: {reason}"
         elif best_model:
             finding = f"the most probable, {best_model.replace('_', ' ')}, is not named: {reason}"
-        elif trials[""].value - self._value_up_to(limit) >= ODDS:
+        elif trials[""].value - self.evidence.posterior((), self.evidence.most_likely((), limit)).value >= ODDS:
             finding = f"structure of {trials[''].structure.size:.2g} times the noise is left, {limit:.2g} may be"
         elif len(np.unique(self.parts)) < 2:
             verdict, finding = NOT_TESTABLE, "nothing can be held out"
@@ -186,10 +186,6 @@ class RecordJudge(Rule[Trial]):
             finding = self._misfit_reason(trials[""], trials[""])
             verdict = UNEXPLAINED if finding else ADEQUATE
         return Judgement(verdict, trials, finding, **vars(choice))
-
-    def _value_up_to(self, limit: float) -> float:
-        """Logarithm of the evidence without an effect, of a structure that the form of the model may leave."""
-        return self.evidence.posterior((), self.evidence.most_likely((), limit)).value
 
     def _trial(self, names: tuple[str, ...], limit: float) -> Trial:
         evidence = self.evidence

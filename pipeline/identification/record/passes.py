@@ -229,11 +229,10 @@ class RecordedPasses:
         )
         interval = np.minimum((folded_place / width).astype(np.int64), self.n_intervals - 1)
         keys = number[rows] * self.n_intervals + interval
-        kept_keys, cell, count = np.unique(keys, return_inverse=True, return_counts=True)
+        _, cell, count = np.unique(keys, return_inverse=True, return_counts=True)
         has_enough = count >= FEWEST_COMPARED
         new_numbers = np.cumsum(has_enough) - 1
         good = has_enough[cell]
-        del kept_keys
         return rows[good], new_numbers[cell[good]]
 
     def cell_means(self, values: Real) -> Real:
@@ -251,10 +250,10 @@ class RecordedPasses:
         """The cells of all passes, pass by pass."""
         rows, cell = self._cell_of_row
         count = np.bincount(cell)
-        place = self.place - self.cell_means(self.place)[_fill_cells(cell, rows, len(self))]
-        error = self.error - self.cell_means(self.error)[_fill_cells(cell, rows, len(self))]
-        slope = np.bincount(cell, (place * error)[rows]) / np.maximum(np.bincount(cell, (place**2)[rows]), 1e-300)
-        squares = (error[rows] - slope[cell] * place[rows]) ** 2
+        place = self.place[rows] - self.cell_means(self.place)[cell]
+        error = self.error[rows] - self.cell_means(self.error)[cell]
+        slope = np.bincount(cell, place * error) / np.maximum(np.bincount(cell, place**2), 1e-300)
+        squares = (error - slope[cell] * place) ** 2
         first_row = np.full(len(count), len(self))
         np.minimum.at(first_row, cell, rows)
         number = self._passes[1]
@@ -311,13 +310,6 @@ def torque_of_both_senses(torque: Real, sense: Whole, group: Whole, gap: float) 
                 [torque[numbers == load].mean() for numbers in by_sense]
             )
     return found
-
-
-def _fill_cells(cell: Whole, rows: Whole, n: int) -> Whole:
-    """Cell (n,) of every row; of those in none the first."""
-    filled_cells = np.zeros(n, np.int64)
-    filled_cells[rows] = cell
-    return filled_cells
 
 
 def _narrow_groups(values: Real, width: float) -> Whole:

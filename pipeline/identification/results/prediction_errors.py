@@ -1,7 +1,7 @@
 """Errors of predictions on held-out data of the metrics that are read off a loop."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,10 +24,18 @@ NO_LOSS = "a measured loop alone does not part friction from play; branch_separa
 class LoopError:
     """A number read off the loops by one procedure, means over the loops that reach; why_not where none does."""
 
-    measured_value: float | None
-    predicted_values: Mapping[str, float]
-    loops: int
+    measured_value: float | None = None
+    predicted_values: Mapping[str, float] = field(default_factory=dict)
+    loops: int = 0
     why_not: str = ""
+
+    @classmethod
+    def from_readings(cls, readings: Sequence[Mapping[str, float]], why_not: str) -> "LoopError":
+        """Means of what was read off loops, measured and of each curve; of none the reason."""
+        if not readings:
+            return cls(why_not=why_not)
+        mean = {name: float(np.mean([reading[name] for reading in readings])) for name in readings[0]}
+        return cls(mean.pop("measured"), mean, len(readings))
 
 
 def loop_errors(identification: Identification) -> dict[str, LoopError]:
@@ -46,15 +54,8 @@ def loop_errors(identification: Identification) -> dict[str, LoopError]:
             values = {name: numbers[metric] for name, numbers in of_curves.items()}
             if np.all(np.isfinite(list(values.values()))):
                 complete.append(values)
-    errors = {}
-    for metric, rows in read.items():
-        if rows:
-            mean = {name: float(np.mean([row[name] for row in rows])) for name in curves}
-            errors[metric] = LoopError(mean.pop("measured"), mean, len(rows))
-        else:
-            errors[metric] = LoopError(None, {}, 0, _why_not(identification, metric))
-    errors["hysteresis_loss_arcmin"] = LoopError(None, {}, 0, NO_LOSS)
-    return errors
+    errors = {name: LoopError.from_readings(rows, _why_not(identification, name)) for name, rows in read.items()}
+    return errors | {"hysteresis_loss_arcmin": LoopError(why_not=NO_LOSS)}
 
 
 def _why_not(identification: Identification, metric: str) -> str:

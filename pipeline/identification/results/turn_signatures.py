@@ -42,15 +42,12 @@ def turn_errors(identification: Identification) -> dict[str, LoopError]:
         {name: _read(angles) for name, angles in turn.items()}
         for turn in mean_turns(data, {"measured": data.angle} | identification.curves, identification.folds.cells)
     ]
-    errors = {metric: LoopError(None, {}, 0, NO_LOOP) for metric in (*measurable_metrics(), SEPARATION)}
-    errors["hysteresis_loss_arcmin"] = LoopError(None, {}, 0, NO_LOSS)
+    errors = {metric: LoopError(why_not=NO_LOOP) for metric in (*measurable_metrics(), SEPARATION)}
+    errors["hysteresis_loss_arcmin"] = LoopError(why_not=NO_LOSS)
     for metric in (SPAN, *(ORDER.format(order) for order in ORDERS)):
         complete_turns = [turn for turn in readings if all(metric in numbers for numbers in turn.values())]
-        if not complete_turns:
-            errors[metric] = LoopError(None, {}, 0, "no whole turn of enough intervals was held out")
-            continue
-        mean = {name: float(np.mean([turn[name][metric] for turn in complete_turns])) for name in complete_turns[0]}
-        errors[metric] = LoopError(mean.pop("measured"), mean, len(complete_turns))
+        of_metric = [{name: numbers[metric] for name, numbers in turn.items()} for turn in complete_turns]
+        errors[metric] = LoopError.from_readings(of_metric, "no whole turn of enough intervals was held out")
     return errors
 
 
