@@ -6,7 +6,6 @@ from itertools import permutations
 
 import numpy as np
 
-from pipeline.arrays import Real
 from pipeline.constant_kinds import Fineness, Seed
 from pipeline.identification.change.loops import Loop
 from pipeline.identification.change.table import LoopTable
@@ -30,13 +29,10 @@ class Pattern:
     ----------
     p : share of pairings that agree at least as well; NaN with fewer than `FEWEST_POSITIONS`.
     pairings : number of pairings that were tried.
-    distance : (n, n) mean square difference [arcmin^2] of the second state at a position (row) from the first at
-        another (column), offsets removed.
     """
 
     p: float
     pairings: int
-    distance: Real
 
     @property
     def persists(self) -> bool:
@@ -60,18 +56,18 @@ def pattern(table: LoopTable, labels: Sequence[str]) -> Pattern:
         ]
         for state in (0, 1)
     )
-    distance = np.array(
+    if n < FEWEST_POSITIONS:
+        return Pattern(float("nan"), 1)
+    distance = np.array(  # of the second state at a position (row) from the first at another (column)
         [[_distance(loop_before, loop_after) for loop_before in loops_before] for loop_after in loops_after]
     )
-    if n < FEWEST_POSITIONS:
-        return Pattern(float("nan"), 1, distance)
     if n <= MOST_EXACT:
         permutations_tried = np.array(list(permutations(range(n))))
     else:
         rng = np.random.default_rng(SEED)
         permutations_tried = np.array([np.arange(n), *(rng.permutation(n) for _ in range(PAIRINGS))])
     sums = distance[np.arange(n), permutations_tried].sum(axis=1)
-    return Pattern(float(np.mean(sums <= np.trace(distance) * (1 + 1e-12))), len(permutations_tried), distance)
+    return Pattern(float(np.mean(sums <= np.trace(distance) * (1 + 1e-12))), len(permutations_tried))
 
 
 def _distance(loop_before: Loop, loop_after: Loop) -> float:

@@ -38,7 +38,7 @@ class Passes:
 
     Attributes
     ----------
-    level, temperature_group, speed_group, cycle : (n_passes,) numbers; levels ascend with the torque.
+    level, temperature_group, speed_group : (n_passes,) numbers; levels ascend with the torque.
     sense : (n_passes,) 1 where the output turns forward, -1 backward.
     torque, temperature, speed : (n_passes,) means [N m], [deg C], [deg/s of the output]; NaN where not measured.
     """
@@ -47,7 +47,6 @@ class Passes:
     sense: Whole
     temperature_group: Whole
     speed_group: Whole
-    cycle: Whole
     torque: Real
     temperature: Real
     speed: Real
@@ -97,7 +96,6 @@ class RecordedPasses:
     error : (n,) [arcmin].
     torque, time, temperature, speed : (n,) [N m], [s], [deg C], [deg/s of the output]; NaN where not measured.
     run : (n,) number of the file and cycle of each row.
-    cycle : (n,)
     reading_faults : what is wrong with the columns.
     """
 
@@ -109,7 +107,6 @@ class RecordedPasses:
     temperature: Real
     speed: Real
     run: Whole
-    cycle: Whole
     reading_faults: tuple[Fault, ...]
 
     def __len__(self) -> int:
@@ -160,7 +157,6 @@ class RecordedPasses:
                 sense=sense,
                 temperature_group=group,
                 speed_group=_narrow_groups(np.log(speed), np.log(SAME_SPEED)),
-                cycle=np.array([self.cycle[rows[0]] for rows in of_pass], np.int64),
                 torque=torque,
                 temperature=temperature,
                 speed=speed,

@@ -133,8 +133,7 @@ class TurnRecord(RecordedPasses):
     def read(cls, unit: UnitFile) -> "TurnRecord":
         """The record of a unit; raises as ``recorded_rows``."""
         table = recorded_rows(unit)
-        cycle = np.maximum(table.cycle[0], 0)
-        run = cycle * (int(table.source.max(initial=0)) + 1) + table.source
+        run = np.maximum(table.cycle[0], 0) * (int(table.source.max(initial=0)) + 1) + table.source
         faults = tuple(column_faults(table, unit, run))
         is_absolute = unit.settings.angle == "absolute"
         place = error = np.full(len(table.table), np.nan)
@@ -150,7 +149,6 @@ class TurnRecord(RecordedPasses):
             temperature=table.quantity("temperature_C"),
             speed=DEGREES_A_SECOND * table.quantity("input_rpm") / orders_of(unit).ratio,
             run=run,
-            cycle=cycle,
             reading_faults=faults,
         )
 
