@@ -172,6 +172,18 @@ def judged_signature(name: str, title: str, unit: str, line: tuple[Real, Real, i
     )
 
 
+def signature_of(
+    cells: SignatureCells,
+    names: tuple[str, str, str],
+    *columns: Real,
+    is_selected: Truth | None = None,
+    free_offset: bool = True,
+) -> Signature:
+    """The signature, by name, title and unit, of the first of some columns (n,), over all cells or selected ones."""
+    chosen = np.ones(len(cells.residual), bool) if is_selected is None else is_selected
+    return judged_signature(*names, trend(cells, chosen, np.column_stack(columns), 0, free_offset))
+
+
 def not_testable(name: str, title: str, unit: str, reason: str) -> Signature:
     """A signature that the data do not hold, and why."""
     return Signature(name, title, unit, why_not=reason)
@@ -192,26 +204,19 @@ def _friction(cells: SignatureCells) -> list[Signature]:
 
 
 def _play(cells: SignatureCells) -> tuple[Signature, ...]:
-    near_zero = cells.near_zero()
-    columns = np.column_stack([0.5 * np.sign(cells.torque), cells.falling])
-    even_columns = np.column_stack([np.abs(cells.torque), cells.torque, np.sign(cells.torque), cells.falling])
+    side, size = np.sign(cells.torque), np.abs(cells.torque)
+    play = "play", "step of the branch mean across zero torque", "arcmin"
+    title = "part of the branch mean that is equal in both senses of load, per torque"
     return (
-        judged_signature(
-            "play", "step of the branch mean across zero torque", "arcmin", trend(cells, near_zero, columns, 0)
-        ),
-        judged_signature(
-            "asymmetry",
-            "part of the branch mean that is equal in both senses of load, per torque",
-            "arcmin/(N m)",
-            trend(cells, np.ones(len(near_zero), bool), even_columns, 0),
-        ),
+        signature_of(cells, play, 0.5 * side, cells.falling, is_selected=cells.near_zero()),
+        signature_of(cells, ("asymmetry", title, "arcmin/(N m)"), size, cells.torque, side, cells.falling),
     )
 
 
 def _rigidity(cells: SignatureCells) -> Signature:
-    columns = np.column_stack([cells.torque, np.sign(cells.torque), cells.falling])
-    line = trend(cells, cells.is_loaded(), columns, 0)
-    return judged_signature("compliance", "slope of the branch mean at high torque", "arcmin/(N m)", line)
+    names = "compliance", "slope of the branch mean at high torque", "arcmin/(N m)"
+    side = np.sign(cells.torque)
+    return signature_of(cells, names, cells.torque, side, cells.falling, is_selected=cells.is_loaded())
 
 
 def _over_the_crank(cells: SignatureCells, n_positions: int) -> list[Signature]:
@@ -221,14 +226,14 @@ def _over_the_crank(cells: SignatureCells, n_positions: int) -> list[Signature]:
     for order in range(1, HARMONICS + 1):
         needed_positions = 2 * order + 1
         for name, wave in (("cosine", np.cos(order * cells.crank)), ("sine", np.sin(order * cells.crank))):
-            key, title = f"crank_{order}_{name}", f"play over the crank angle, harmonic {order}, {name}"
+            names = f"crank_{order}_{name}", f"play over the crank angle, harmonic {order}, {name}", "arcmin"
             if n_positions < needed_positions:
                 reason = f"needs {needed_positions} crank positions of known angle, has {n_positions}"
-                signatures.append(not_testable(key, title, "arcmin", reason))
+                signatures.append(not_testable(*names, reason))
                 continue
             quadrature = np.sin(order * cells.crank) if name == "cosine" else np.cos(order * cells.crank)
-            columns = np.column_stack([step * wave, step * quadrature, step, cells.falling])
-            signatures.append(judged_signature(key, title, "arcmin", trend(cells, near_zero, columns, 0)))
+            columns = step * wave, step * quadrature, step, cells.falling
+            signatures.append(signature_of(cells, names, *columns, is_selected=near_zero))
     return signatures
 
 
@@ -278,43 +283,38 @@ def _over_the_angle(all_cells: SignatureCells) -> tuple[Signature, ...]:
 
 
 def _over_time(cells: SignatureCells) -> list[Signature]:
-    near_zero, step = cells.near_zero(), 0.5 * np.sign(cells.torque)
-    all_cells = np.ones(len(near_zero), bool)
-    signatures = []
-    for key, title, unit, rows, column in (
-        ("play_per_cycle", "growth of the play from cycle to cycle", "arcmin", near_zero, step * cells.cycle),
-        ("shift_per_cycle", "shift of the angle from cycle to cycle", "arcmin", all_cells, cells.cycle),
-    ):
-        if len(np.unique(cells.cycle)) < 2:
-            signatures.append(not_testable(key, title, unit, "fewer than 2 cycles"))
-            continue
-        columns = np.column_stack([column, step, cells.falling])
-        signatures.append(judged_signature(key, title, unit, trend(cells, rows, columns, 0)))
-    title, unit = "drift of the angle with time", "arcmin/h"
+    step = 0.5 * np.sign(cells.torque)
+    play = "play_per_cycle", "growth of the play from cycle to cycle", "arcmin"
+    shift = "shift_per_cycle", "shift of the angle from cycle to cycle", "arcmin"
+    drift = "drift", "drift of the angle with time", "arcmin/h"
+    if len(np.unique(cells.cycle)) < 2:
+        signatures = [not_testable(*names, "fewer than 2 cycles") for names in (play, shift)]
+    else:
+        signatures = [
+            signature_of(cells, play, step * cells.cycle, step, cells.falling, is_selected=cells.near_zero()),
+            signature_of(cells, shift, cells.cycle, step, cells.falling),
+        ]
     if not np.all(np.isfinite(cells.hours)) or np.ptp(cells.hours) == 0:
-        return [*signatures, not_testable("drift", title, unit, "no time stamps")]
-    columns = np.column_stack([cells.hours - cells.hours.mean(), step, cells.falling, cells.torque])
-    return [*signatures, judged_signature("drift", title, unit, trend(cells, all_cells, columns, 0))]
+        return [*signatures, not_testable(*drift, "no time stamps")]
+    hours = cells.hours - cells.hours.mean()
+    return [*signatures, signature_of(cells, drift, hours, step, cells.falling, cells.torque)]
 
 
 def _over_temperature(cells: SignatureCells) -> Signature:
-    name, title, unit = "play_per_kelvin", "growth of the play with the temperature", "arcmin/K"
+    names = "play_per_kelvin", "growth of the play with the temperature", "arcmin/K"
     finite = np.isfinite(cells.warmer)
     if not finite.all() or np.ptp(cells.warmer) < 0.2:
-        return not_testable(name, title, unit, "no temperature that varies")
+        return not_testable(*names, "no temperature that varies")
     step = 0.5 * np.sign(cells.torque)
-    columns = np.column_stack([step * (cells.warmer - cells.warmer.mean()), step, cells.falling])
-    return judged_signature(name, title, unit, trend(cells, cells.near_zero(), columns, 0))
+    warmer = cells.warmer - cells.warmer.mean()
+    return signature_of(cells, names, step * warmer, step, cells.falling, is_selected=cells.near_zero())
 
 
 def _shift(cells: SignatureCells, data: Data) -> Signature:
-    name, title, unit = "shift", "constant shift of the angle", "arcmin"
+    names = "shift", "constant shift of the angle", "arcmin"
     if not data.common_offset:
-        return not_testable(name, title, unit, "every position has its own zero of the angle")
-    columns = np.column_stack([np.ones(len(cells.residual)), cells.torque])
-    return judged_signature(
-        name, title, unit, trend(cells, np.ones(len(cells.residual), bool), columns, 0, free_offset=False)
-    )
+        return not_testable(*names, "every position has its own zero of the angle")
+    return signature_of(cells, names, np.ones(len(cells.residual)), cells.torque, free_offset=False)
 
 
 def _hold() -> Signature:

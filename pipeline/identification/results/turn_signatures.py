@@ -16,9 +16,8 @@ from pipeline.identification.results.residual_signatures import (
     Signature,
     SignatureCells,
     cells_of,
-    judged_signature,
     not_testable,
-    trend,
+    signature_of,
 )
 from pipeline.model.metrics import measurable_metrics
 from pipeline.model.turn import orders
@@ -95,69 +94,62 @@ def turn_signatures(measurement: Measurement, data: TurningData, predicted_angle
     )
 
 
-def _of_columns(cells: SignatureCells, name: str, title: str, unit: str, *columns: Real) -> Signature:
-    """The signature of the first of some columns (n,)."""
-    is_selected = np.ones(len(cells.residual), bool)
-    return judged_signature(name, title, unit, trend(cells, is_selected, np.column_stack(columns), 0))
-
-
 def _senses(cells: SignatureCells) -> Iterator[Signature]:
-    names = "sense_half_difference", "half-difference of the senses of the crank"
-    growth = "sense_growth", "half-difference of the senses, growth with the torque"
+    names = "sense_half_difference", "half-difference of the senses of the crank", ARCMIN
+    growth = "sense_growth", "half-difference of the senses, growth with the torque", PER_TORQUE
     if len(np.unique(cells.falling)) < 2:
-        yield not_testable(*names, ARCMIN, "the crank turns in one sense alone")
-        yield not_testable(*growth, PER_TORQUE, "the crank turns in one sense alone")
+        yield not_testable(*names, "the crank turns in one sense alone")
+        yield not_testable(*growth, "the crank turns in one sense alone")
         return
-    yield _of_columns(cells, *names, ARCMIN, cells.falling, cells.torque)
+    yield signature_of(cells, names, cells.falling, cells.torque)
     size = np.abs(cells.torque)
     if np.ptp(size) > 0.1 * size.max():
-        yield _of_columns(cells, *growth, PER_TORQUE, cells.falling * size, cells.falling, cells.torque)
+        yield signature_of(cells, growth, cells.falling * size, cells.falling, cells.torque)
     else:
-        yield not_testable(*growth, PER_TORQUE, "all torques are of one size")
+        yield not_testable(*growth, "all torques are of one size")
 
 
 def _compliance(cells: SignatureCells) -> Signature:
-    name, title = "compliance", "slope of the mean of both senses over the torque"
+    names = "compliance", "slope of the mean of both senses over the torque", PER_TORQUE
     if np.ptp(cells.torque) <= 0.1 * np.abs(cells.torque).max():
-        return not_testable(name, title, PER_TORQUE, "a single torque is held")
-    return _of_columns(cells, name, title, PER_TORQUE, cells.torque, cells.falling)
+        return not_testable(*names, "a single torque is held")
+    return signature_of(cells, names, cells.torque, cells.falling)
 
 
 def _orders(cells: SignatureCells, positions: int) -> Iterator[Signature]:
     turns = np.ptp(cells.crank) / (2 * np.pi)
     for order in ORDERS:
-        cosine, sine = np.cos(order * cells.crank), np.sin(order * cells.crank)
-        for word, columns in (("cosine", (cosine, sine)), ("sine", (sine, cosine))):
-            name, title = f"crank_{order}_{word}", f"order {order} of the crank, {word}"
-            if positions < 2 * order + 1 or turns < LEAST_OUTPUT_TURN:
-                yield not_testable(name, title, ARCMIN, "too few intervals of the crank")
-            else:
-                yield _of_columns(cells, name, title, ARCMIN, *columns, cells.falling, cells.torque)
+        is_held = positions >= 2 * order + 1 and turns >= LEAST_OUTPUT_TURN
+        reason = "" if is_held else "too few intervals of the crank"
+        yield from _wave(cells, order * cells.crank, f"crank_{order}", f"order {order} of the crank", reason)
 
 
 def _output_order(cells: SignatureCells, lobes: int) -> Iterator[Signature]:
     turns = np.ptp(cells.crank) / np.radians(TURN_DEG) / lobes
-    place = cells.crank / lobes
-    for word, columns in (
-        ("cosine", (np.cos(place), np.sin(place))),
-        ("sine", (np.sin(place), np.cos(place))),
-    ):
-        name, title = f"output_1_{word}", f"order 1 of the output, {word}"
-        if turns < LEAST_OUTPUT_TURN:
-            reason = f"the record holds {turns:.2g} turns of the output, {LEAST_OUTPUT_TURN:g} are needed"
-            yield not_testable(name, title, ARCMIN, reason)
+    reason = f"the record holds {turns:.2g} turns of the output, {LEAST_OUTPUT_TURN:g} are needed"
+    reason = "" if turns >= LEAST_OUTPUT_TURN else reason
+    yield from _wave(cells, cells.crank / lobes, "output_1", "order 1 of the output", reason)
+
+
+def _wave(cells: SignatureCells, angle: Real, name: str, title: str, reason: str) -> Iterator[Signature]:
+    """Signatures of cosine and sine of an angle (n,) [rad], each beside the other, or the reason against them."""
+    waves = {"cosine": np.cos(angle), "sine": np.sin(angle)}
+    for word, other in (("cosine", "sine"), ("sine", "cosine")):
+        names = f"{name}_{word}", f"{title}, {word}", ARCMIN
+        if reason:
+            yield not_testable(*names, reason)
         else:
-            yield _of_columns(cells, name, title, ARCMIN, *columns, cells.falling, cells.torque)
+            yield signature_of(cells, names, waves[word], waves[other], cells.falling, cells.torque)
 
 
 def _over_time(cells: SignatureCells) -> Iterator[Signature]:
-    name, title = "shift_per_cycle", "shift of the angle from cycle to cycle"
+    shift = "shift_per_cycle", "shift of the angle from cycle to cycle", ARCMIN
+    drift = "drift", "drift of the angle with time", "arcmin/h"
     if len(np.unique(cells.cycle)) < 2:
-        yield not_testable(name, title, ARCMIN, "fewer than 2 cycles")
+        yield not_testable(*shift, "fewer than 2 cycles")
     else:
-        yield _of_columns(cells, name, title, ARCMIN, cells.cycle, cells.falling, cells.torque)
-    name, title = "drift", "drift of the angle with time"
+        yield signature_of(cells, shift, cells.cycle, cells.falling, cells.torque)
     if not np.all(np.isfinite(cells.hours)) or np.ptp(cells.hours) == 0:
-        yield not_testable(name, title, "arcmin/h", "no time stamps")
+        yield not_testable(*drift, "no time stamps")
     else:
-        yield _of_columns(cells, name, title, "arcmin/h", cells.hours, cells.falling, cells.torque)
+        yield signature_of(cells, drift, cells.hours, cells.falling, cells.torque)
