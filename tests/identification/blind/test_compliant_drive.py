@@ -20,7 +20,6 @@ from tests.validation.blind.compliant_drive.statics import (
     carried,
     coupled_compliance,
     delayed,
-    followed,
     rayleigh_twist,
 )
 from tests.validation.blind.compliant_drive.unit import KINDS, LARGEST_SHARE, NO_WORK, drawn_unit, kind_of
@@ -113,7 +112,7 @@ def test_friction_is_a_play_of_the_torque():
     assert inside[599] == pytest.approx(-9 / 1.1)
     # just after the reversal the drive holds still until friction is overcome in the other sense
     assert inside[201] == inside[199]
-    assert followed(torque, 1.0)[199] == pytest.approx(9.0)
+    assert carried(torque, 1.0, 0.0)[199] == pytest.approx(9.0)
 
 
 def test_rayleighs_loop_has_the_area_of_four_thirds():

@@ -78,7 +78,7 @@ class Truth:
     outside_order: float = 57.0
 
 
-def reducer(rng: np.random.Generator, truth: Truth, perfect: bool = False) -> CarrierDrive:
+def reducer(rng: np.random.Generator, truth: Truth) -> CarrierDrive:
     """An RV-80E with errors of its parts in micrometres, each from a normal distribution that is cut at two sigma.
 
     Crank holes lie anywhere in zones of the diameter that the study `rv_80e` states, and the clearance of each crank's
@@ -87,13 +87,11 @@ def reducer(rng: np.random.Generator, truth: Truth, perfect: bool = False) -> Ca
     pins, circle, thrown, cranks, disks = 40, 77.5, 1.5, 3, 2
 
     def drawn(sigma: float, *shape: int) -> Real:
-        size = 0.0 if perfect else sigma * UM
-        return size * np.clip(rng.standard_normal(shape), -2, 2)
+        return sigma * UM * np.clip(rng.standard_normal(shape), -2, 2)
 
     lobes = pins - 1
-    room = 0.0 if perfect else 4.0 * UM
     flanks = [
-        Flank(pins, circle, thrown, room + drawn(1.0, lobes), drawn(1.5, lobes) / circle, 0j) for _ in range(disks)
+        Flank(pins, circle, thrown, 4.0 * UM + drawn(1.0, lobes), drawn(1.5, lobes) / circle, 0j) for _ in range(disks)
     ]
     clockwise = np.exp(-2j * np.pi * np.arange(pins) / pins)
     on_circle = 42.0 * np.exp(-2j * np.pi * np.arange(cranks) / cranks)
@@ -102,12 +100,12 @@ def reducer(rng: np.random.Generator, truth: Truth, perfect: bool = False) -> Ca
         return drawn(sigma, *shape) + 1j * drawn(sigma, *shape)
 
     def in_zone(*shape: int) -> Complex:
-        radius = 0.0 if perfect else 0.5 * ZONE_UM * UM
+        radius = 0.5 * ZONE_UM * UM
         place: Complex = radius * np.sqrt(rng.uniform(size=shape)) * np.exp(2j * np.pi * rng.uniform(size=shape))
         return place
 
     eccentrics = np.exp(2j * np.pi * np.arange(disks) / disks)[:, None]
-    clearance = (0.0 if perfect else UM) * rng.uniform(*CLEARANCE_UM, size=cranks)
+    clearance = UM * rng.uniform(*CLEARANCE_UM, size=cranks)
     return CarrierDrive(
         flanks,
         (circle + scattered(2.0, pins)) * clockwise,
@@ -118,7 +116,7 @@ def reducer(rng: np.random.Generator, truth: Truth, perfect: bool = False) -> Ca
         eccentrics * (thrown + scattered(1.0, disks, cranks)),
         bearings=[Bearing(87e3 * (truth.unlike if j == 0 else 1.0), 1.0, float(clearance[j])) for j in range(cranks)],
         gears=Gears(
-            *(10, 38, 42.0, 0.0 if perfect else 20.0 * UM, 140e3),
+            *(10, 38, 42.0, 20.0 * UM, 140e3),
             drawn(4.0, cranks),
             2 * np.pi * rng.uniform(size=cranks),
             float(np.abs(drawn(3.0, 1))[0]),

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -18,99 +19,81 @@ class OutsideEffect:
     ----------
     name, physics : for people.
     shape : draws what the amplitude leaves open, shares of the unit's own scales.
-    at : effect of an amplitude in (0, 1] and a shape.
+    angle : (n_rows,) [arcmin] of a position under the effect of an amplitude in (0, 1] and a shape.
     """
 
     name: str
     physics: str
     shape: Callable[[np.random.Generator], Mapping[str, float]]
-    at: Callable[[float, Mapping[str, float]], Outside]
+    angle: Callable[[float, Mapping[str, float], Track], Real]
+
+    def at(self, amplitude: float, shape: Mapping[str, float]) -> Outside:
+        """The effect of an amplitude in (0, 1] and a shape."""
+        return partial(self.angle, amplitude, shape)
 
 
 def _top(ramp: Ramp) -> float:
     return float(np.max(np.abs(ramp.turns)))
 
 
-def _one_sided_play(amplitude: float, shape: Mapping[str, float]) -> Outside:
-    def angle(track: Track) -> Real:
-        torque, top = track.ramp.torque, _top(track.ramp)
-        lifted = np.clip((shape["sense"] * torque - shape["seat"] * top) / (0.02 * top), 0, 1)
-        return track.angle_at(torque) + shape["sense"] * amplitude * track.span * lifted
-
-    return angle
+def _one_sided_play(amplitude: float, shape: Mapping[str, float], track: Track) -> Real:
+    torque, top = track.ramp.torque, _top(track.ramp)
+    lifted = np.clip((shape["sense"] * torque - shape["seat"] * top) / (0.02 * top), 0, 1)
+    return track.angle_at(torque) + shape["sense"] * amplitude * track.span * lifted
 
 
-def _tooth_ripple(amplitude: float, shape: Mapping[str, float]) -> Outside:
-    def angle(track: Track) -> Real:
-        smooth_angle = track.angle_at(track.ramp.torque)
-        load = np.abs(track.ramp.torque) / _top(track.ramp)
-        ripple = np.sin(2 * np.pi * shape["waves"] * smooth_angle / track.span + shape["phase"])
-        return smooth_angle + 0.5 * amplitude * track.span * load * ripple
-
-    return angle
+def _tooth_ripple(amplitude: float, shape: Mapping[str, float], track: Track) -> Real:
+    smooth_angle = track.angle_at(track.ramp.torque)
+    load = np.abs(track.ramp.torque) / _top(track.ramp)
+    ripple = np.sin(2 * np.pi * shape["waves"] * smooth_angle / track.span + shape["phase"])
+    return smooth_angle + 0.5 * amplitude * track.span * load * ripple
 
 
-def _viscous(amplitude: float, shape: Mapping[str, float]) -> Outside:
-    def angle(track: Track) -> Real:
-        ramp = track.ramp
-        rate = np.sign(ramp.sense) * np.abs(ramp.rate)
-        slowing = np.array([shape["slow"] if cycle % 2 else 1.0 for cycle in range(ramp.n_cycles)])
-        usual = np.median(np.abs(rate))
-        resisted = 0.5 * amplitude * _top(ramp) * slowing[ramp.cycle] * rate / usual
-        return track.angle_at(ramp.torque - resisted)
-
-    return angle
+def _viscous(amplitude: float, shape: Mapping[str, float], track: Track) -> Real:
+    ramp = track.ramp
+    rate = np.sign(ramp.sense) * np.abs(ramp.rate)
+    slowing = np.array([shape["slow"] if cycle % 2 else 1.0 for cycle in range(ramp.n_cycles)])
+    usual = np.median(np.abs(rate))
+    resisted = 0.5 * amplitude * _top(ramp) * slowing[ramp.cycle] * rate / usual
+    return track.angle_at(ramp.torque - resisted)
 
 
-def _stick_slip(amplitude: float, shape: Mapping[str, float]) -> Outside:
-    def angle(track: Track) -> Real:
-        ramp, top = track.ramp, _top(track.ramp)
-        end, begin = shape["slip"] * top, shape["stick"] * top
-        stuck = (ramp.sense > 0) & (ramp.torque > begin) & (ramp.torque < end)
-        lag = np.where(stuck, (ramp.torque - begin) / (end - begin), 0.0)
-        return track.angle_at(ramp.torque) - amplitude * track.span * lag
-
-    return angle
+def _stick_slip(amplitude: float, shape: Mapping[str, float], track: Track) -> Real:
+    ramp, top = track.ramp, _top(track.ramp)
+    end, begin = shape["slip"] * top, shape["stick"] * top
+    stuck = (ramp.sense > 0) & (ramp.torque > begin) & (ramp.torque < end)
+    lag = np.where(stuck, (ramp.torque - begin) / (end - begin), 0.0)
+    return track.angle_at(ramp.torque) - amplitude * track.span * lag
 
 
-def _dead_band(amplitude: float, shape: Mapping[str, float]) -> Outside:
-    def angle(track: Track) -> Real:
-        torque, top = track.ramp.torque, _top(track.ramp)
-        band_centre = shape["centre"] * top
-        torque_past_band = torque - band_centre
-        return track.angle_at(band_centre + torque_past_band + np.sign(torque_past_band) * 0.5 * amplitude * top)
-
-    return angle
+def _dead_band(amplitude: float, shape: Mapping[str, float], track: Track) -> Real:
+    torque, top = track.ramp.torque, _top(track.ramp)
+    band_centre = shape["centre"] * top
+    torque_past_band = torque - band_centre
+    return track.angle_at(band_centre + torque_past_band + np.sign(torque_past_band) * 0.5 * amplitude * top)
 
 
-def _loose_flange(amplitude: float, shape: Mapping[str, float]) -> Outside:
-    def angle(track: Track) -> Real:
-        ramp, top = track.ramp, _top(track.ramp)
-        threshold, run = shape["threshold"] * top, shape["run"] * top
-        slipped, lag = np.empty(len(ramp.torque)), 0.0
-        for k, torque in enumerate(ramp.torque):
-            lag = max(lag, min((torque - threshold) / run, 1.0))
-            lag = min(lag, max((torque + threshold) / run, -1.0))
-            slipped[k] = lag
-        return track.angle_at(ramp.torque) + 0.5 * amplitude * track.span * slipped
-
-    return angle
+def _loose_flange(amplitude: float, shape: Mapping[str, float], track: Track) -> Real:
+    ramp, top = track.ramp, _top(track.ramp)
+    threshold, run = shape["threshold"] * top, shape["run"] * top
+    slipped, lag = np.empty(len(ramp.torque)), 0.0
+    for k, torque in enumerate(ramp.torque):
+        lag = max(lag, min((torque - threshold) / run, 1.0))
+        lag = min(lag, max((torque + threshold) / run, -1.0))
+        slipped[k] = lag
+    return track.angle_at(ramp.torque) + 0.5 * amplitude * track.span * slipped
 
 
-def _drawn_law(amplitude: float, shape: Mapping[str, float]) -> Outside:
+def _drawn_law(amplitude: float, shape: Mapping[str, float], track: Track) -> Real:
     """A power of the torque times a harmonic of the crank, of the torque as it is or as a lag remembers it."""
-
-    def angle(track: Track) -> Real:
-        load = track.ramp.torque / _top(track.ramp)
-        felt, memory = np.empty(len(load)), 0.0
-        for k, now in enumerate(load):
-            memory = min(max(memory, now - shape["memory"]), now + shape["memory"])
-            felt[k] = memory
-        bent = np.sign(felt) ** (shape["odd"]) * np.abs(felt) ** shape["power"]
-        around = np.cos(shape["harmonic"] * track.crank + shape["phase"]) if shape["harmonic"] else 1.0
-        return track.angle_at(track.ramp.torque) + 0.5 * amplitude * track.span * bent * around
-
-    return angle
+    load = track.ramp.torque / _top(track.ramp)
+    felt, memory = np.empty(len(load)), 0.0
+    for k, now in enumerate(load):
+        memory = min(max(memory, now - shape["memory"]), now + shape["memory"])
+        felt[k] = memory
+    bent = np.sign(felt) ** (shape["odd"]) * np.abs(felt) ** shape["power"]
+    around = np.cos(shape["harmonic"] * track.crank + shape["phase"]) if shape["harmonic"] else 1.0
+    return track.angle_at(track.ramp.torque) + 0.5 * amplitude * track.span * bent * around
 
 
 def _law_shape(rng: np.random.Generator) -> Mapping[str, float]:

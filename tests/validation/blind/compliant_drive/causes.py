@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.arrays import Real, Whole
-from tests.validation.blind.compliant_drive.statics import UM, Curve, Disk, carried, delayed, followed, rayleigh_twist
+from tests.validation.blind.compliant_drive.statics import UM, Curve, Disk, carried, delayed, rayleigh_twist
 
 ARCMIN = np.pi / 180 / 60
 """Radians of an arc minute."""
@@ -250,7 +250,7 @@ class DrawnLaw:
         load = course.torque / course.top
         felt = load
         if self.memory == "play":
-            felt = followed(load, self.amount)
+            felt = carried(load, self.amount, 0.0)
         elif self.memory == "lag":
             felt = delayed(load, course.time, self.amount * (course.time[-1] - course.time[0]) / 10)
         wave = np.cos(self.harmonic * position.disk.crank + self.phase) if self.harmonic else 1.0

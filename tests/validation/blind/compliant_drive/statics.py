@@ -281,20 +281,11 @@ def rayleigh_twist(torque: Real, coefficient: float) -> Real:
     return twist
 
 
-def delayed(torque: Real, time: Real, constant: float, start: float = 0.0) -> Real:
+def delayed(torque: Real, time: Real, constant: float) -> Real:
     """First-order lag (n,) of a torque behind time (n,) [s], implicit in each of its rows."""
-    lagged, now = np.empty(len(torque)), start
+    lagged, now = np.empty(len(torque)), 0.0
     for k, load in enumerate(torque):
         step = (time[k] - time[k - 1]) if k else 0.0
         now = (now + step / constant * load) / (1 + step / constant)
         lagged[k] = now
     return lagged
-
-
-def followed(torque: Real, half_width: float) -> Real:
-    """Play (n,) of a half width along a torque."""
-    inside, now = np.empty(len(torque)), 0.0
-    for k, load in enumerate(torque):
-        now = min(max(now, load - half_width), load + half_width)
-        inside[k] = now
-    return inside
