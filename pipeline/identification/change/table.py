@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 
@@ -98,8 +99,11 @@ class LoopTable:
     def level(self, state: int, labels: Sequence[str]) -> Real:
         """Mean (n_numbers,) of a state over some positions, geometric of positive numbers."""
         rows = (self.state == state) & np.isin(self.label, labels)
-        means = self.layout.values[rows].mean(axis=0)
-        return np.where(self.positive, np.exp(np.where(self.positive, means, 0.0)), means)
+        return self.in_units(self.layout.values[rows].mean(axis=0))
+
+    def in_units(self, values: Real) -> Real:
+        """Values (..., n_numbers) of the layout in the units of the numbers."""
+        return np.where(self.positive, np.exp(np.where(self.positive, values, 0.0)), values)
 
 
 def loop_table(states: Sequence[State], n_compared: int) -> LoopTable:
@@ -134,20 +138,18 @@ def loop_table(states: Sequence[State], n_compared: int) -> LoopTable:
     for number, entry in enumerate(states):
         if not is_complete[state == number].any():
             raise InputError(f"{entry.name}: no position has loops like those of the states that are compared")
-    label = [
-        states[number].labels[place] for (number, place), is_kept in zip(rows, is_complete, strict=True) if is_kept
-    ]
+    label = [states[number].labels[place] for number, place in compress(rows, is_complete)]
     return LoopTable(
         states=tuple(states),
-        numbers=tuple(number for number, is_kept in zip(every, complete, strict=True) if is_kept),
-        unmeasured_numbers=tuple(number for number, is_kept in zip(every, complete, strict=True) if not is_kept),
+        numbers=tuple(compress(every, complete)),
+        unmeasured_numbers=tuple(compress(every, ~complete)),
         state=state[is_complete],
         position=_positions(states, state[is_complete], label, n_compared),
         label=tuple(label),
         values=values[np.ix_(is_complete, complete)],
         halves=(first_point[np.ix_(is_complete, complete)], second[np.ix_(is_complete, complete)]),
-        loops=tuple(curves for curves, is_kept in zip(read, is_complete, strict=True) if is_kept),
-        curves=tuple(curves for curves, is_kept in zip(loops, is_complete, strict=True) if is_kept),
+        loops=tuple(compress(read, is_complete)),
+        curves=tuple(compress(loops, is_complete)),
     )
 
 

@@ -186,12 +186,7 @@ def _held_out_by(unit: UnitFile, rows: Rows) -> tuple[Real, Real, Real]:
     """Crank angle or cycle of each row (n,), those that are fitted, and all that were measured."""
     held_out = unit.settings.held_out
     by_position = held_out.by == "position" if held_out.by else len(rows.cranks) >= 2
-    positions_known = len(rows.cranks) > 0
-    crank = (
-        np.where(rows.position >= 0, rows.cranks[rows.position], np.nan)
-        if positions_known
-        else np.full(len(rows), np.nan)
-    )
+    crank = np.append(rows.cranks, np.nan)[rows.position]  # the last one, -1, is that of an unknown position
     of_row = crank if by_position else rows.cycle.astype(float)
     cranks = np.unique(of_row[~rows.is_misnumbered])
     return of_row, np.round(held_out.train, CRANK_DIGITS) if held_out.train else cranks[::2], cranks

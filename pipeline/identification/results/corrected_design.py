@@ -162,11 +162,9 @@ def write_corrected(identification: Identification, folder: Path) -> Corrected:
 def write_best(identification: Identification, folder: Path) -> Corrected:
     """Write the model that describes an unexplained unit best, marked as not claimed, and a study that runs it."""
     trial = best_trial(identification)
-    return (
-        _write_design(identification, trial, BEST_KIND, folder)
-        if trial
-        else Corrected((), "the verdict's model is the best one")
-    )
+    if trial is None:
+        return Corrected((), "the verdict's model is the best one")
+    return _write_design(identification, trial, BEST_KIND, folder)
 
 
 def _write_design(identification: Identification, trial: Trial, kind: str, folder: Path) -> Corrected:
@@ -200,7 +198,6 @@ def _design_text(identification: Identification, trial: Trial, kind: str) -> str
         if omission:
             numbers_text = ", ".join(f"{name} = {value:g}" for name, value in numbers.items())
             comments.append(f"{effect.title} ({effect.name}: {numbers_text}) is left out: {omission}.")
-        if isinstance(effect, InstrumentEffect) or TIME in effect.needs:
             continue
         content["effects"] = {**content["effects"], effect.name: numbers}
         for name in numbers:
@@ -244,11 +241,7 @@ def _not_in_a_study(effect: Effect | InstrumentEffect) -> str:
 def _refit_provenance(identification: Identification, key: str) -> dict[str, str]:
     """Provenance of a refitted number; marked where it stands at an end of its plausible range."""
     reason = f"refitted to the measured unit {identification.measurement.unit.name}"
-    (number,) = (
-        calibrated_number
-        for calibrated_number in identification.verdict.calibrated_numbers
-        if calibrated_number.key == key
-    )
+    number = {number.key: number for number in identification.verdict.calibrated_numbers}[key]
     declared_value = number_at(identification.measurement.unit.study.design, key)
     low, high = declared_value * number.plausible_low, declared_value * number.plausible_high
     mark = f"; AT AN END of its plausible range, {low:.4g} to {high:.4g}: not plausible" if number.leaves else ""
@@ -298,15 +291,9 @@ def fitted_dimensions(identification: Identification, trial: Trial) -> Case:
     deviations = vars(problem.modes_of_errors(trial.fit.unknowns.modes))
     values: dict[str, Any] = {"label": "as fitted"}
     for name, dimension in dimension_library().items():
-        mean_value = getattr(problem.mean_unit, name, None)
+        mean_value = getattr(problem.mean_unit, name, np.empty(0))
         needs_more_disks = dimension.fewest_disks > study.design.disk.count
-        if (
-            mean_value is None
-            or not np.size(mean_value)
-            or name in OF_TEMPERATURE
-            or needs_more_disks
-            or dimension.acts_on
-        ):
+        if not np.size(mean_value) or name in OF_TEMPERATURE or needs_more_disks or dimension.acts_on:
             continue
         change = deviations.get({"lobe_profile": "lobe"}.get(name, name))
         total = mean_value[0] + (0.0 if change is None or np.iscomplexobj(change) else change.ravel() / MM_PER_UM)

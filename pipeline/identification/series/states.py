@@ -154,21 +154,19 @@ def trends_of(series: Series) -> tuple[tuple[Trend, ...], LoopTable]:
     centred_values = series.values - series.values.mean()
     weights = centred_values / np.sum(centred_values**2) if series.variable else None
     contrast = None if weights is None else layout.contrast(weights.tolist(), table.torque_error(weights))
-    slopes = (
-        np.full((3, len(table.numbers)), np.nan)
-        if contrast is None
-        else contrast.mean + np.array([[0.0], [-1.0], [1.0]]) * contrast.reach(CONFIDENCE)
-    )
-    p, p_family = (np.full(len(table.numbers), np.nan),) * 2 if contrast is None else (contrast.p, contrast.family.p)
-    p_states = _p_of_states(centred_values, _levels(table)) if series.variable else np.full(len(table.numbers), np.nan)
+    levels, unknown = _levels(table), np.full(len(table.numbers), np.nan)
+    slopes = np.array([unknown] * 3)
+    if contrast is not None:
+        slopes = contrast.mean + np.array([[0.0], [-1.0], [1.0]]) * contrast.reach(CONFIDENCE)
+    p, p_family = (unknown, unknown) if contrast is None else (contrast.p, contrast.family.p)
+    p_states = _p_of_states(centred_values, levels) if series.variable else unknown
     p_differ = layout.departure_p(np.zeros((len(table.state), 0)))
     bent_known = series.variable and len(np.unique(series.values)) > 2
     line = series.values[table.state][:, None]
-    p_bent = layout.departure_p(line) if bent_known else np.full(len(table.numbers), np.nan)
-    levels = _levels(table)
+    p_bent = layout.departure_p(line) if bent_known else unknown
     rows = np.bincount(table.state, minlength=count)[:, None]
     reach = layout.half_interval(CONFIDENCE) / np.sqrt(rows)
-    physical_values = [_physical_values(table, values) for values in (levels, levels - reach, levels + reach)]
+    physical_values = [table.in_units(values) for values in (levels, levels - reach, levels + reach)]
     shares = np.where(table.positive, np.expm1(np.where(table.positive, slopes, 0.0)), slopes)
     trends = []
     for k, number in enumerate(table.numbers):
@@ -202,8 +200,3 @@ def _p_of_states(centred_values: Real, levels: Real) -> Real:
     residuals = levels - levels.mean(axis=0) - np.outer(centred_values, slope)
     error = np.sqrt(np.sum(residuals**2, axis=0) / freedom / square)
     return np.asarray(2 * stdtr(freedom, -np.abs(slope) / np.maximum(error, SMALLEST_ERROR)), float)
-
-
-def _physical_values(table: LoopTable, values: Real) -> Real:
-    """Values (n_states, n_numbers) of the layout in the units of the numbers."""
-    return np.where(table.positive, np.exp(np.where(table.positive, values, 0.0)), values)

@@ -9,7 +9,7 @@ from scipy.special import logsumexp, ndtri  # scipy.stats is slow to import
 from pipeline.arrays import Real, Truth
 from pipeline.constant_kinds import Fineness, Rounding, Shown
 from pipeline.identification.fitting.fitter import OPEN_SHARE, Fitter
-from pipeline.identification.fitting.parameters import shares_of_values
+from pipeline.identification.fitting.parameters import Vector, shares_of_values
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.covariance import Structure
 from pipeline.identification.selection.criteria import LARGEST_CLASS, NAMED_ODDS, Trial, prior_log_odds
@@ -90,7 +90,9 @@ class _Sought:
         self.scatter, self.cost, self.is_noticed, self.amplitude, self.least_share = 1.0, 0.0, False, START, 0.0
         self.structure = base.evidence.structure
         self.pattern = np.zeros_like(self.base_angle)
-        self._search()
+        self._follow()
+        if len(self.bounds) > 1 and self.is_noticed:
+            self.cost = self._cost_of_all()
 
     @property
     def prior(self) -> float:
@@ -105,15 +107,12 @@ class _Sought:
         middle[self.grows] = amplitude * max(self.bounds[self.grows], key=abs)
         return middle
 
-    def _change(self, amplitude: float) -> Real | None:
-        unknowns = replace(self.base.fit.unknowns, shares=shares_of_values(self.bounds, self._values(amplitude)))
-        prediction = self.fitter.predict(Model((self.effect,)), unknowns)
-        return prediction.angle - self.base_angle if prediction.sound else None
+    def _unknowns(self, amplitude: float) -> Vector:
+        return replace(self.base.fit.unknowns, shares=shares_of_values(self.bounds, self._values(amplitude)))
 
-    def _search(self) -> None:
-        self._follow()
-        if len(self.bounds) > 1 and self.is_noticed:
-            self.cost = self._cost_of_all()
+    def _change(self, amplitude: float) -> Real | None:
+        prediction = self.fitter.predict(Model((self.effect,)), self._unknowns(amplitude))
+        return prediction.angle - self.base_angle if prediction.sound else None
 
     def _follow(self) -> None:
         """Follow the size to where it is noticed, its other parameters as they are.
@@ -184,9 +183,8 @@ class _Sought:
 
     def _cost_of_all(self) -> float:
         """As ``_cost_of_parameters``, of all parameters at the size that was found: phases and times are fitted too."""
-        fitter, model = self.fitter, Model((self.effect,))
-        base = self.base.fit
-        unknowns = replace(base.unknowns, shares=shares_of_values(self.bounds, self._values(self.amplitude)))
+        fitter, model, base = self.fitter, Model((self.effect,)), self.base.fit
+        unknowns = self._unknowns(self.amplitude)
         prediction = fitter.predict(model, unknowns)
         known_derivatives = base.unknowns.scales, base.jacobian
         weight = 1 / fitter.problem.data.sigma**2
