@@ -65,9 +65,8 @@ def _few_point_faults(rows: Rows, blocks: BranchBlocks, usable: Truth) -> Iterat
         yield fault_of_rows(rows, chosen_rows, "too few points", "note", message)
     branches = int(np.sum(counts >= FEWEST_PIECE_ROWS))
     if branches < FEWEST_BLOCKS:
-        yield Fault(
-            "too few points",
+        text = (
             f"{branches} branches (position x cycle x sense) of {FEWEST_PIECE_ROWS} rows or more, {FEWEST_BLOCKS} are "
-            "needed: no effect can be accepted; measure more cycles or positions",
-            "note" if branches > 1 else "fatal",
+            "needed: no effect can be accepted; measure more cycles or positions"
         )
+        yield Fault("too few points", text, "note" if branches > 1 else "fatal")

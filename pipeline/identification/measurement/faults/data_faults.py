@@ -60,39 +60,31 @@ def data_faults(measurement: MeasuredRows) -> list[Fault]:
 def _unknown_noise(measurement: MeasuredRows) -> Iterator[Fault]:
     noise = measurement.repeatability
     if not np.isfinite([noise.repeats.value, noise.within_branch.value]).any():
-        yield Fault(
-            "too few points",
+        text = (
             "the noise, which errors are counted in, is not known: no cycle is repeated, and no branch has the "
-            f"{FEWEST_SCATTERED} rows that its scatter takes; "
-            "measure more rows a branch, or each cycle twice",
-            "fatal",
+            f"{FEWEST_SCATTERED} rows that its scatter takes; measure more rows a branch, or each cycle twice"
         )
+        yield Fault("too few points", text, "fatal")
 
 
 def _standing_out(measurement: MeasuredRows) -> Iterator[Fault]:
     repeats = measurement.repeatability.repeats.value
-    for position, distance, largest_distance in shape_faults.standing_out(
-        mean_loops(measurement.branches, measurement.cells, measurement.usable_rows), repeats
-    ):
-        yield Fault(
-            "position stands out",
+    loops = mean_loops(measurement.branches, measurement.cells, measurement.usable_rows)
+    for position, distance, largest_distance in shape_faults.standing_out(loops, repeats):
+        text = (
             f"the loop at crank {measurement.rows.cranks[position]:g} deg differs by {distance:.3g} arcmin from all "
             f"others, which differ by {largest_distance:.3g} arcmin at most: is the output or its locking plate loose "
-            "there? Measure that position again after mounting it anew",
-            "note",
+            "there? Measure that position again after mounting it anew"
         )
+        yield Fault("position stands out", text, "note")
 
 
 def _missing_columns(rows: Rows) -> Iterator[Fault]:
     for file, column, quantity, present in rows.missing:
         constant = " or give it as a constant of the file" if quantity in ("crank_deg", "cycle") else ""
         header = ", ".join(map(str, present[:SHOWN_COLUMNS])) + ", ..." * (len(present) > SHOWN_COLUMNS)
-        yield Fault(
-            "missing column",
-            f"{file} has no column {column!r}, its header is: {header}; "
-            f"name the column of {quantity} in [columns.{quantity}]{constant}",
-            "fatal",
-        )
+        advice = f"name the column of {quantity} in [columns.{quantity}]{constant}"
+        yield Fault("missing column", f"{file} has no column {column!r}, its header is: {header}; {advice}", "fatal")
 
 
 def _not_numbers(rows: Rows) -> Iterator[Fault]:
@@ -126,25 +118,15 @@ def _order(rows: Rows, good: Truth) -> Iterator[Fault]:
         if good[run].any() and last_row.setdefault((position, cycle), number) != number:
             repeated_rows.append(run.start)
     if backward_rows:
-        yield fault_of_rows(
-            rows,
-            np.array(backward_rows),
-            "decreasing time",
-            "fatal",
-            "time falls within a cycle; rows must be in time order",
-        )
+        text = "time falls within a cycle; rows must be in time order"
+        yield fault_of_rows(rows, np.array(backward_rows), "decreasing time", "fatal", text)
     if repeated_rows:
         places = [f" at {rows.cranks[rows.position[row]]:g} deg" if len(rows.cranks) else "" for row in repeated_rows]
         listing = ", ".join(
             f"{rows.cycle[row]}{place}" for row, place in zip(repeated_rows[:SHOWN_ROWS], places, strict=False)
         )
-        yield fault_of_rows(
-            rows,
-            np.array(repeated_rows),
-            "disordered rows",
-            "fatal",
-            f"cycle {listing} appears again after another cycle or file; order the rows, or number the cycles on",
-        )
+        text = f"cycle {listing} appears again after another cycle or file; order the rows, or number the cycles on"
+        yield fault_of_rows(rows, np.array(repeated_rows), "disordered rows", "fatal", text)
 
 
 def _duplicates(rows: Rows) -> Iterator[Fault]:
@@ -154,24 +136,18 @@ def _duplicates(rows: Rows) -> Iterator[Fault]:
         content = np.stack([rows.torque[of_file], rows.angle[of_file]]).tobytes()
         original_file = first_file.setdefault(content, file)
         if original_file != file:
-            yield fault_of_rows(
-                rows,
-                of_file,
-                "duplicate file",
-                "fatal",
-                f"{name} repeats {rows.files[original_file]} value for value; remove one",
-            )
+            text = f"{name} repeats {rows.files[original_file]} value for value; remove one"
+            yield fault_of_rows(rows, of_file, "duplicate file", "fatal", text)
 
 
 def _turning_crank(rows: Rows, good: Truth) -> Iterator[Fault]:
     if good.any() and len(rows.cranks) > TURNING_SHARE * good.sum() and len(rows.cranks) > 1:
-        yield Fault(
-            "turning crank",
+        text = (
             f"crank_deg takes {len(rows.cranks)} values in {good.sum()} rows: the crank turns within a cycle, or its "
             "reading jitters. A record of a turning drive that has a design is read where unit.toml says "
-            'locked = "neither"; of loops give the angle of the locked position, rounded or as a constant of the file',
-            "fatal",
+            'locked = "neither"; of loops give the angle of the locked position, rounded or as a constant of the file'
         )
+        yield Fault("turning crank", text, "fatal")
 
 
 def _wrapped(rows: Rows, good: Truth) -> Iterator[Fault]:
@@ -181,14 +157,11 @@ def _wrapped(rows: Rows, good: Truth) -> Iterator[Fault]:
     turns = np.abs(np.round(np.diff(rows.angle[numbers]) / shape_faults.REVOLUTION)) * is_within
     is_jump = turns == 1
     if is_jump.any() and np.max(turns) == 1:
-        yield fault_of_rows(
-            rows,
-            numbers[1:][is_jump],
-            "wrapped angle",
-            "fatal",
+        text = (
             f"the angle jumps by a turn (360 degrees) at {is_jump.sum()} rows, as of an encoder that starts again; "
-            "add or subtract a turn in the rows after each jump",
+            "add or subtract a turn in the rows after each jump"
         )
+        yield fault_of_rows(rows, numbers[1:][is_jump], "wrapped angle", "fatal", text)
 
 
 def _constant(rows: Rows, good: Truth) -> Iterator[Fault]:
@@ -197,14 +170,9 @@ def _constant(rows: Rows, good: Truth) -> Iterator[Fault]:
         for position, crank in enumerate(rows.cranks):
             rows_here = good & (rows.position == position)
             if values is not None and rows_here.any() and np.ptp(values[rows_here]) == 0:
-                yield fault_of_rows(
-                    rows,
-                    rows_here,
-                    "constant column",
-                    "fatal",
-                    f"{quantity} is {values[rows_here][0]:g} in all rows at crank {crank:g} deg; is it the right "
-                    "column?",
-                )
+                constant = f"{quantity} is {values[rows_here][0]:g} in all rows at crank {crank:g} deg"
+                text = f"{constant}; is it the right column?"
+                yield fault_of_rows(rows, rows_here, "constant column", "fatal", text)
     time = np.empty(0) if rows.time is None else rows.time[np.isfinite(rows.time)]
     if len(time) > 1 and np.ptp(time) == 0:
         yield Fault("constant column", "time_s does not vary: effects of time cannot be tested", "note")
@@ -220,20 +188,18 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
     column = unit.settings.columns.angle_arcmin
     findings.append(shape_faults.implausible_angle(span, resolution, limit, column.unit))
     if all(shape_faults.columns_exchanged(rows.torque[loop], rows.angle[loop]) for loop in loops):
-        yield Fault(
-            "swapped columns",
+        text = (
             "the loops are flat near zero torque and steep under load, as torque over angle is: exchange the columns "
-            "of torque_Nm and angle_arcmin in [columns]",
-            "fatal",
+            "of torque_Nm and angle_arcmin in [columns]"
         )
+        yield Fault("swapped columns", text, "fatal")
     elif all(_gains_energy(rows, loop) for loop in loops):
         lag = "" if rows.time is not None else ". If the torque sensor lags behind, give the column time_s"
-        yield Fault(
-            "swapped columns",
+        text = (
             "every loop gives back more work than it takes, which no drive does: exchange the columns of torque_Nm and "
-            f"angle_arcmin in [columns], put the rows into the order of time, or give one column factor = -1{lag}",
-            "fatal",
+            f"angle_arcmin in [columns], put the rows into the order of time, or give one column factor = -1{lag}"
         )
+        yield Fault("swapped columns", text, "fatal")
     yield from (Fault("unit", message, "fatal") for message in findings if message)
     settings = unit.settings
     if unit.design_study and not any(findings):
@@ -252,12 +218,8 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
         if _angle_falls(rows, np.flatnonzero(good & (rows.position == position)))
     ]
     if falling:
-        yield Fault(
-            "sign",
-            f"the angle falls with rising torque at crank {', '.join(falling)} deg; give one of the two columns "
-            "factor = -1",
-            "fatal",
-        )
+        fall = f"the angle falls with rising torque at crank {', '.join(falling)} deg"
+        yield Fault("sign", f"{fall}; give one of the two columns factor = -1", "fatal")
 
 
 def _gains_energy(rows: Rows, loop: Truth) -> bool:
@@ -301,18 +263,11 @@ def _offsets(unit: UnitFile, rows: Rows, usable: Truth) -> Iterator[Fault]:
         if previous is not None and (previous[0] == position or unit.settings.offset == "common"):
             shift = (low + high) / 2 - (previous[2] + previous[3]) / 2
             if abs(shift) > max(high - low, previous[3] - previous[2]):
-                origin = f"cycle {previous[1]} at crank {rows.cranks[previous[0]]:g} deg"
-                advice = (
-                    "the zero of the angle was lost between them"
-                    if previous[0] == position
-                    else 'say offset = "per_position"'
+                is_same = previous[0] == position
+                advice = "the zero of the angle was lost between them" if is_same else 'say offset = "per_position"'
+                text = (
+                    f"cycle {cycle} at crank {rows.cranks[position]:g} deg lies {shift:+.4g} arcmin from cycle "
+                    f"{previous[1]} at crank {rows.cranks[previous[0]]:g} deg, more than the loop is high; {advice}"
                 )
-                yield fault_of_rows(
-                    rows,
-                    run_rows,
-                    "mixed offsets",
-                    "fatal",
-                    f"cycle {cycle} at crank {rows.cranks[position]:g} deg lies {shift:+.4g} arcmin from {origin}, "
-                    f"more than the loop is high; {advice}",
-                )
+                yield fault_of_rows(rows, run_rows, "mixed offsets", "fatal", text)
         previous = position, cycle, low, high

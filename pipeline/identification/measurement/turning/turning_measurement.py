@@ -40,12 +40,11 @@ def turning_faults(measurement: TurnedRows) -> list[Fault]:
 def _turns(measurement: TurnedRows) -> Iterator[Fault]:
     motion, rows, good = measurement.motion, measurement.rows, measurement.numeric
     if not np.any(motion.turn >= 0):
-        yield Fault(
-            "standing crank",
+        text = (
             'the crank makes no half turn at a held torque in any cycle; say locked = "input" or "output" of loops at '
-            "a standing crank, and number each pass of a turning one as a cycle",
-            "fatal",
+            "a standing crank, and number each pass of a turning one as a cycle"
         )
+        yield Fault("standing crank", text, "fatal")
         return
     is_beside = good & (motion.turn < 0)
     text = (
@@ -56,22 +55,17 @@ def _turns(measurement: TurnedRows) -> Iterator[Fault]:
     yield from frequent_fault(rows, is_beside, "torque not held", UNHELD_SHARE, text, advice)
     cut = measurement.is_saturated & good
     if cut.any():
-        yield fault_of_rows(
-            rows, cut, "saturation", "note", f"the torque is saturated in {cut.sum()} rows, which are left out"
-        )
+        text = f"the torque is saturated in {cut.sum()} rows, which are left out"
+        yield fault_of_rows(rows, cut, "saturation", "note", text)
     if motion.left_out:
-        yield Fault(
-            "many turns",
-            f"{motion.left_out} turns of the crank, even over the record, are left out: the others say as much",
-            "note",
-        )
+        text = f"{motion.left_out} turns of the crank, even over the record, are left out: the others say as much"
+        yield Fault("many turns", text, "note")
     if not len(measurement.cells) or motion.width > TURN_DEG / FEWEST_INTERVALS:
-        yield Fault(
-            "too few points",
+        text = (
             f"a turn has too few rows for {FEWEST_INTERVALS} intervals of whole pitches of the pins "
-            f"with {FEWEST_COMPARED} rows in each; record the angle more often",
-            "fatal",
+            f"with {FEWEST_COMPARED} rows in each; record the angle more often"
         )
+        yield Fault("too few points", text, "fatal")
 
 
 def _implausible(measurement: TurnedRows) -> Iterator[Fault]:
@@ -97,21 +91,16 @@ def _few_point_faults(measurement: TurnedRows) -> Iterator[Fault]:
     cells, motion = measurement.cells, measurement.motion
     fewest = fewest_pitches(measurement.unit.study.design.cycloid.pins)
     if motion.pitches > fewest:
-        yield Fault(
-            "coarse intervals",
+        text = (
             f"the rows of a turn fill intervals of {motion.width:.3g} deg, {motion.pitches} pitches of the pins, and "
             f"orders near {180 / motion.width:.2g} are blurred; record the angle {motion.pitches / fewest:.2g} times "
-            "as often for the finest",
-            "note",
+            "as often for the finest"
         )
+        yield Fault("coarse intervals", text, "note")
     turns, levels = len(np.unique(cells.block)), len(np.unique(measurement.level))
     if turns < FEWEST_BLOCKS:
-        yield Fault(
-            "too few points",
-            f"{turns} turns (cycle x held torque x sense), {FEWEST_BLOCKS} are needed: no effect can be accepted; "
-            "repeat them, or hold further torques",
-            "note",
-        )
+        needed = f"{turns} turns (cycle x held torque x sense), {FEWEST_BLOCKS} are needed: no effect can be accepted"
+        yield Fault("too few points", f"{needed}; repeat them, or hold further torques", "note")
     if not measurement.repeatability.repeats.n:
         advice = "no turn is repeated: the noise is that between neighbouring intervals; measure each turn twice"
         yield Fault("no repeats", advice, "note")
