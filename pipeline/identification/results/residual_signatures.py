@@ -252,14 +252,8 @@ def _over_the_angle(all_cells: SignatureCells) -> tuple[Signature, ...]:
     for number in range(len(blocks)):
         of_block = block == number
         spans.append(np.ptp(all_cells.angle[of_block]))
-        design = np.column_stack(
-            [
-                np.ones(of_block.sum()),
-                all_cells.torque[of_block],
-                all_cells.torque[of_block] ** 2,
-                all_cells.torque[of_block] ** 3,
-            ]
-        )
+        torque = all_cells.torque[of_block]
+        design = np.column_stack([np.ones(len(torque)), torque, torque**2, torque**3])
         residual[of_block] -= design @ np.linalg.lstsq(design, residual[of_block], rcond=None)[0]
     span, cells = float(np.median(spans)), len(residual) / len(blocks)
     if len(blocks) < FEWEST_BLOCKS or cells < 12 or span <= 0:
