@@ -257,9 +257,7 @@ def _along(
     return partial(_means_of_ways, course, ways, at_turns), sound
 
 
-def _means_of_ways(
-    course: Course, ways: Sequence[tuple[int, Real, Whole]], at_turns: Real, edges: Real
-) -> LoadPath:
+def _means_of_ways(course: Course, ways: Sequence[tuple[int, Real, Whole]], at_turns: Real, edges: Real) -> LoadPath:
     """Means over the cells, of each state (number, corners of its way, ends of its legs); NaN without a way."""
     total = np.full((2, 2, len(edges)), 0.0 if ways else np.nan)
     for state, corners, ends in ways:

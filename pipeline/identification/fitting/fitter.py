@@ -192,12 +192,7 @@ class Fitter:
         return self.problem.data.offsets(angle, is_fitted, sigma)
 
     def fit(
-        self,
-        model: Model,
-        is_fitted: Truth,
-        start: Vector,
-        iterations: int = ITERATIONS,
-        base_fit: Fit | None = None,
+        self, model: Model, is_fitted: Truth, start: Vector, iterations: int = ITERATIONS, base_fit: Fit | None = None
     ) -> Fit:
         """Least squares over the cells ``is_fitted`` (n_cells,) by Levenberg and Marquardt, from ``start``.
 

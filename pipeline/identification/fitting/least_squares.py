@@ -130,9 +130,7 @@ class Descent:
 
     def _rows(self, jacobian: Real) -> Real:
         """Derivatives (n_fitted, n_unknowns) of the predicted angle in sigmas, from those at all cells [arcmin]."""
-        return np.asarray(
-            self.fitter.centred_values(jacobian, self.weight)[self.is_fitted] * self.root[:, None]
-        )
+        return np.asarray(self.fitter.centred_values(jacobian, self.weight)[self.is_fitted] * self.root[:, None])
 
     def _system(self, jacobian: Real, misfit: Real) -> tuple[Real, Real]:
         """Gauss-Newton matrix of half the sum of squares, and its negative gradient (n_unknowns,), with the priors."""

@@ -143,9 +143,7 @@ class Problem:
         """The problem, and that of any other training cells, with the ranges of contacts on a part of the width."""
         of_others = self.trained_on
         return replace(
-            self,
-            scale_range=self.short_range,
-            trained_on=lambda training: of_others(training).with_short_contacts(),
+            self, scale_range=self.short_range, trained_on=lambda training: of_others(training).with_short_contacts()
         )
 
     @property

@@ -132,10 +132,7 @@ UNKNOWN_NOISE = NoiseEstimate(np.nan, np.nan, np.nan, 0, 0)
 def scaled_estimate(estimate: NoiseEstimate, factor: float) -> NoiseEstimate:
     """The estimate times a factor, with its interval."""
     return replace(
-        estimate,
-        value=factor * estimate.value,
-        ci_low=factor * estimate.ci_low,
-        ci_high=factor * estimate.ci_high,
+        estimate, value=factor * estimate.value, ci_low=factor * estimate.ci_low, ci_high=factor * estimate.ci_high
     )
 
 

@@ -131,9 +131,7 @@ def measured_noise(
     )
 
 
-def restrict_to_training(
-    blocks: BranchBlocks, cells: Cells, is_training: Truth
-) -> tuple[BranchBlocks, Cells]:
+def restrict_to_training(blocks: BranchBlocks, cells: Cells, is_training: Truth) -> tuple[BranchBlocks, Cells]:
     """Branches that have a cell ``trained`` (n_cells,), numbered anew, and these cells."""
     trained_cells, of_blocks = cells.some(is_training), ("position", "cycle", "direction", "branch", "start", "stop")
     numbers = np.unique(trained_cells.block)

@@ -43,9 +43,7 @@ def at_rest(rows: Rows, smallest_torque: float) -> Truth:
     return is_at_rest
 
 
-def rows_at_no_torque(
-    rows: Rows, usable: Truth, branches: BranchBlocks, smallest_torque: float, fewest: int
-) -> Truth:
+def rows_at_no_torque(rows: Rows, usable: Truth, branches: BranchBlocks, smallest_torque: float, fewest: int) -> Truth:
     """Rows (n,) of a hold at no torque, where every place within the play is an equilibrium.
 
     The least friction keeps the drive on the side of the play that it came from; a model without friction puts each

@@ -373,7 +373,6 @@ class RecordEvidence:
         with np.errstate(invalid="ignore"):
             return (np.bincount(points.zero, weight * residual, size) / total)[points.zero]
 
-
     def unused_misfit(self, residual: Real, is_held_out: Truth, names: Sequence[str]) -> Real:
         """What is left (n_held_out,) of points about zeros by all others, beside waves about each pass's mean."""
         misfit = (residual - self.zeros(residual, ~is_held_out))[is_held_out]

@@ -266,7 +266,6 @@ class RecordedPasses:
             scatter=np.sqrt(np.bincount(cell, squares) / np.maximum(count - 2, 1)),
         )
 
-
     def _torque_of_cells(self, owner: Whole) -> Real:
         """Torque (n_cells,) of each pass with its waves per turn of the shafts; the scatter of a meter is left out.
 

@@ -114,9 +114,7 @@ class Covariance:
         self.whitening = {one: _whitening(data.block[cells], one) for one in self.correlations}
         self.unit = float(np.median(self.sigma))
         group = data.group[cells]
-        self.fixed_features = np.hstack(
-            [OFFSET * self.unit * (group[:, None] == np.unique(group)), self._row_errors()]
-        )
+        self.fixed_features = np.hstack([OFFSET * self.unit * (group[:, None] == np.unique(group)), self._row_errors()])
         self._bumps = {reach: self._bumps_at(reach) for reach in REACHES}
         kinds, positions = self._kinds(), data.position[cells]
         self._of_kinds = [kinds == kind for kind in np.unique(kinds)]

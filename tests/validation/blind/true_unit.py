@@ -166,9 +166,7 @@ def _fine(drive: Drive, top: float) -> Backbone:
     return curve
 
 
-def _solved(
-    drive: Drive, ramp: Ramp, states: Whole, instrument: Instrument, ripple: Ripple, at_output: bool
-) -> Real:
+def _solved(drive: Drive, ramp: Ramp, states: Whole, instrument: Instrument, ripple: Ripple, at_output: bool) -> Real:
     """Angle [rad] at the rows of a ramp, each in its state, that loads the output, or the input of a locked output."""
     turns, true_torque = instrument.true_torque(ramp.turns), instrument.true_torque(ramp.torque)
     if instrument.torque_creep[0]:

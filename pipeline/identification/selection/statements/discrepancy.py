@@ -63,13 +63,7 @@ class Discrepancy:
 
 
 def discrepancy(
-    torque: Real,
-    sense: Real,
-    position: Whole,
-    residual: Real,
-    sigma: Real,
-    jacobian: Real,
-    random: Real | None = None,
+    torque: Real, sense: Real, position: Whole, residual: Real, sigma: Real, jacobian: Real, random: Real | None = None
 ) -> Discrepancy:
     """The discrepancy of a fitted model.
 

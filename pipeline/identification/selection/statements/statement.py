@@ -146,11 +146,7 @@ def _sentence(verdict: Verdict, selection: Selection, refit_error: AngleError, b
         return f"These data do not decide whether the model explains the unit: {error_text}{expected_text}."
     if not verdict.named_effects:
         nearest_model = selection.best_model or selection.nearest_model
-        text = (
-            f" The nearest, {title_of(nearest_model)}, leaves {_error(best_error)}."
-            if selection.best_model
-            else ""
-        )
+        text = f" The nearest, {title_of(nearest_model)}, leaves {_error(best_error)}." if selection.best_model else ""
         return (
             f"No cause named. The unit departs from the refitted model, {error_text}{_expected_clause(refit_error)}, "
             f"and no effect of the library explains it.{text}"

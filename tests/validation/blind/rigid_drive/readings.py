@@ -90,9 +90,7 @@ class Position:
         wave = sensors.encoder_cosine * np.cos(encoder) + sensors.encoder_sine * np.sin(encoder)
         return output_angle / RAD_PER_ARCMIN + wave + sensors.drift * loading.time / SECONDS_AN_HOUR
 
-    def curve(
-        self, effects: Mapping[str, Sequence[float]], condition: tuple[float, float], largest: float
-    ) -> Curve:
+    def curve(self, effects: Mapping[str, Sequence[float]], condition: tuple[float, float], largest: float) -> Curve:
         """The curve without friction [rad] to the ``largest`` torque [N mm], in a condition; kept."""
         acting = {name: tuple(values) for name, values in effects.items() if EFFECTS[name].drive}
         with_state = any(EFFECTS[name].changes_with for name in acting)
