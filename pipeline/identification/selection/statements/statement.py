@@ -145,8 +145,8 @@ def _sentence(verdict: Verdict, selection: Selection, refit_error: AngleError, b
         expected_text = _expected_clause(refit_error)
         return f"These data do not decide whether the model explains the unit: {error_text}{expected_text}."
     if not verdict.named_effects:
-        nearest_model = selection.best_model or selection.nearest_model
-        text = f" The nearest, {title_of(nearest_model)}, leaves {_error(best_error)}." if selection.best_model else ""
+        best = selection.best_model
+        text = f" The nearest, {title_of(best)}, leaves {_error(best_error)}." if best else ""
         return (
             f"No cause named. The unit departs from the refitted model, {error_text}{_expected_clause(refit_error)}, "
             f"and no effect of the library explains it.{text}"
