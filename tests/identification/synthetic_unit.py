@@ -123,7 +123,7 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
         )
         courses = [course] * (len(tables) + 1)  # the position is the last of these
         reading = Forward(courses, unit.rated_torque).read(
-            unit, len(tables), replace(instrument, ripple=Ripple(), interpolation=Ripple())
+            (unit,), len(tables), replace(instrument, ripple=Ripple(), interpolation=Ripple())
         )
         assert reading.sound
         offset = 2.0 if bench.common else rng.normal(0, 3)

@@ -130,11 +130,10 @@ class Forward:
             self._preloaded_backbones[kind] = curve
         return curve
 
-    def read(self, drives: Drive | Drives, position: int, instrument: Instrument) -> Reading:
-        """Prediction at the cells of a position, by its drive or, where the crank turns, its drives at all stations."""
+    def read(self, stations: Drives, position: int, instrument: Instrument) -> Reading:
+        """Prediction at the cells of a position, by its drives at all stations: one where the crank is held."""
         ripple = instrument.ripple_at(position)
         course = self.courses[position].in_order if ripple.amplitude else self.courses[position]
-        stations = drives if isinstance(drives, tuple) else (drives,)
         curves = [self.backbone(drive) for drive in stations]
         sound = all(
             np.count_nonzero(curve.states.residual > LARGEST_RESIDUAL) <= UNSOUND_SHARE * curve.states.residual.size
@@ -188,13 +187,9 @@ class Forward:
         states = {0, *self.courses[position].states}
         return ARCMIN * max(CurvesOverCrank.from_drives(drives, curves, cranks, state).error for state in states)
 
-    def influence(
-        self, drives: Drive | Drives, position: int, carried_torque: Real, modes: Real | tuple[Real, ...]
-    ) -> Real:
+    def influence(self, stations: Drives, position: int, carried_torque: Real, modes: Sequence[Real]) -> Real:
         """d angle / d modes (n_cells, n_modes) [arcmin] of gaps of each drive (n_modes, n_contacts) [mm]."""
-        stations = drives if isinstance(drives, tuple) else (drives,)
-        patterns = modes if isinstance(modes, tuple) else (modes,)
-        values = [self.backbone(drive).influence @ gaps.T for drive, gaps in zip(stations, patterns, strict=True)]
+        values = [self.backbone(drive).influence @ gaps.T for drive, gaps in zip(stations, modes, strict=True)]
         return self._at_cells(stations, position, carried_torque, values)
 
     def mean_of_draws(
@@ -233,25 +228,21 @@ class Forward:
         at_cells = self._at_cells(drives, position, carried_torque, values)
         return at_cells[:, 0], at_cells[:, 1:]
 
-    def change(
-        self, drives: Drive | Drives, neighbours: Drive | Drives, position: int, carried_torque: Real
-    ) -> Real | None:
+    def change(self, stations: Drives, neighbours: Drives, position: int, carried_torque: Real) -> Real | None:
         """Change of the angle (n_cells,) [arcmin], to first order, from drives to some with other gaps and springs.
 
         None where the two differ in more.
         """
-        drives_before = drives if isinstance(drives, tuple) else (drives,)
-        drives_after = neighbours if isinstance(neighbours, tuple) else (neighbours,)
-        pairs = list(zip(drives_before, drives_after, strict=True))
+        pairs = list(zip(stations, neighbours, strict=True))
         if not all(_alike_but_for_springs(*pair) for pair in pairs):
             return None
-        course, curves = self.courses[position], [self.backbone(drive) for drive in drives_before]
-        values = [curve.change(neighbour) for curve, (_, neighbour) in zip(curves, pairs, strict=True)]
+        course, curves = self.courses[position], [self.backbone(drive) for drive in stations]
+        values = [curve.change(neighbour) for curve, neighbour in zip(curves, neighbours, strict=True)]
         nodes = curves[0].torque
         twists = [neighbour.twist(nodes) - drive.twist(nodes) for drive, neighbour in pairs]
         if course.crank is not None:
             values = [value + twist for value, twist in zip(values, twists, strict=True)]
-        change = self._at_cells(drives_before, position, carried_torque, [value[..., None] for value in values])[:, 0]
+        change = self._at_cells(stations, position, carried_torque, [value[..., None] for value in values])[:, 0]
         if course.crank is None and np.any(twists[0]):
             edges = carried_torque[:, None] if course.is_output_locked else NMM_PER_NM * course.cell_torques
             change += ARCMIN * np.interp(edges, nodes, twists[0]).mean(axis=1)

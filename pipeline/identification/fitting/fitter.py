@@ -116,7 +116,7 @@ class Fitter:
             sound = sound and reading.sound and bool(np.all(np.isfinite(reading.angle)))
             is_in_range = is_in_range and reading.is_in_range
             if modes and problem.n_modes:
-                modes_of_stations = tuple(problem.modes[station] for station in problem.stations[position])
+                modes_of_stations = [problem.modes[station] for station in problem.stations[position]]
                 of_curve = forward.influence(drives[position], position, reading.carried_torque, modes_of_stations)
                 influence[of_position] = answered(of_curve, reading.response)
         return Prediction(angle, influence, carried_torque, slope, response, balances, sound, is_in_range=is_in_range)

@@ -49,14 +49,14 @@ def drive(condensed):
 
 def read(drive, instrument=None, course=None):
     course = course or course_of()
-    return Forward([course], drive.rated_torque).read(drive, 0, instrument or Instrument())
+    return Forward([course], drive.rated_torque).read((drive,), 0, instrument or Instrument())
 
 
 def test_torsion_counts_once_whichever_drive_was_seen_first(drive):
     course = course_of()
     twisted = drive.with_elements(LinearSpring(5e-9))
     forward = Forward([course], drive.rated_torque)
-    twisted_angle, reference = forward.read(twisted, 0, Instrument()).angle, forward.read(drive, 0, Instrument()).angle
+    twisted_angle, reference = (forward.read((one,), 0, Instrument()).angle for one in (twisted, drive))
     twist = ARCMIN * 5e-9 * 1e3 * course.cell_torques[:, 0]
     np.testing.assert_allclose(twisted_angle - reference, twist, atol=1e-9)
     np.testing.assert_allclose(reference, read(drive).angle, atol=1e-12)
@@ -67,7 +67,7 @@ def test_frictionless_reading_is_the_backbone_at_its_nodes(drive):
     curve = backbone(drive, forward.shares)
     course = replace(course_of(), leg=np.full(len(curve.torque), 1), cell_torques=points(1e-3 * curve.torque[::-1]))
     course = replace(course, time=np.zeros(len(curve.torque)), state=0 * course.leg, torque=1.05 * TURNS)
-    reading = Forward([course], drive.rated_torque / 1.05).read(drive, 0, Instrument())
+    reading = Forward([course], drive.rated_torque / 1.05).read((drive,), 0, Instrument())
     fine = np.interp(1e-3 * curve.torque[::-1], 1e-3 * curve.torque, ARCMIN * curve.angle[0])
     np.testing.assert_allclose(reading.angle, fine, atol=5e-3)
 
@@ -94,10 +94,10 @@ def test_a_loaded_output_twists_what_is_in_series_by_all_of_its_torque(drive, fr
     plain = read(rubbing, course=course)
     torque = plain.carried_torque if is_output_locked else 1e3 * course.cell_torques[:, 0]
     forward, sprung = Forward([course], drive.rated_torque), rubbing.with_elements(LinearSpring(1e-9))
-    twisted = forward.read(sprung, 0, Instrument())
+    twisted = forward.read((sprung,), 0, Instrument())
     np.testing.assert_allclose(twisted.angle - plain.angle, ARCMIN * 1e-9 * torque, atol=1e-9)
     np.testing.assert_allclose(twisted.slope - plain.slope, 1e3 * ARCMIN * 1e-9)
-    change = forward.change(sprung, sprung.with_elements(LinearSpring(1e-10)), 0, twisted.carried_torque)
+    change = forward.change((sprung,), (sprung.with_elements(LinearSpring(1e-10)),), 0, twisted.carried_torque)
     np.testing.assert_allclose(change, ARCMIN * 1e-10 * torque, atol=1e-9)
     creeping = read(rubbing.with_elements(KelvinVoigt(1e-9, 1e-3)), course=course)  # so fast that it is a spring
     np.testing.assert_allclose(creeping.angle - plain.angle, ARCMIN * 1e-9 * torque, atol=0.01)
@@ -209,12 +209,12 @@ def test_the_change_by_a_ripple_is_that_of_predictions(drive, change):
     course = rippled(course.cell_torques[:, 0] + 1e-3 * gentle.value((angle + ZERO) / ARCMIN), angle, course)
     forward = Forward([course], drive.rated_torque)
     before, after = (Instrument(ripple=ripple) for ripple in (gentle, replace(gentle, **change)))
-    readings = [forward.read(drive, 0, instrument) for instrument in (before, after)]
+    readings = [forward.read((drive,), 0, instrument) for instrument in (before, after)]
     curve_slope = readings[0].slope / readings[0].response
     computed = answered(forward.change_by_ripple(0, before, after, curve_slope), readings[0].response)
     balances = before.ripple.balances(curve_slope / ARCMIN / NMM_PER_NM)
     np.testing.assert_allclose(readings[0].balances, balances)
-    assert np.max(forward.read(drive, 0, Instrument(ripple=STEEP)).balances) > 1.2
+    assert np.max(forward.read((drive,), 0, Instrument(ripple=STEEP)).balances) > 1.2
     is_loaded = np.abs(course.cell_torques[:, 0]) > 2.0
     by_zero = np.column_stack([np.ones(len(angle)), 1 - readings[0].response])[is_loaded]  # the zero of the angle moves
     difference = (readings[1].angle - readings[0].angle - computed)[is_loaded]
@@ -231,12 +231,12 @@ def test_an_interpolation_error_is_a_wave_of_the_angle_measured_at_every_torque(
     error = Ripple(0.05, 16_000.0, 0.4)
     expected = 0.05 * np.sin(16_000.0 * (plain + ZERO) / ARCMIN + 0.4)
     erring, forward = Instrument(interpolation=error), Forward([course, course], drive.rated_torque)
-    np.testing.assert_allclose(forward.read(drive, 0, erring).angle - plain, expected, atol=1e-9)
+    np.testing.assert_allclose(forward.read((drive,), 0, erring).angle - plain, expected, atol=1e-9)
     change = forward.change_by_ripple(0, Instrument(), erring, np.zeros(len(plain)))
     np.testing.assert_allclose(change, expected, atol=1e-12)
     of_positions = replace(erring, interpolation_phases=(1.1,))
     expected = 0.05 * np.sin(16_000.0 * (plain + ZERO) / ARCMIN + 1.5)
-    np.testing.assert_allclose(forward.read(drive, 1, of_positions).angle - plain, expected, atol=1e-9)
+    np.testing.assert_allclose(forward.read((drive,), 1, of_positions).angle - plain, expected, atol=1e-9)
 
 
 def test_the_nearest_of_several_roots_is_found_and_none_where_the_function_has_none():
@@ -384,8 +384,8 @@ def test_influence_of_a_shift_of_all_gaps_is_the_difference_of_readings(drive):
     forward = Forward([course], drive.rated_torque)
     pattern = np.zeros((1, len(drive.laws)))
     pattern[0, : drive.reducer.n_pins] = 1.0
-    carried_torque = forward.read(drive, 0, Instrument()).carried_torque
-    derivative = forward.influence(drive, 0, carried_torque, pattern)[:, 0]
+    carried_torque = forward.read((drive,), 0, Instrument()).carried_torque
+    derivative = forward.influence((drive,), 0, carried_torque, (pattern,))[:, 0]
     ends = [read(replace(drive, shift=drive.shift + sign * step * pattern)).angle for sign in (1, -1)]
     expected = (ends[0] - ends[1]) / (2 * step)
     np.testing.assert_allclose(derivative, expected, atol=0.05 * np.abs(expected).max())
@@ -400,8 +400,8 @@ def test_changes_at_other_torques_and_of_other_drives_are_their_own_whatever_was
     torque = NMM_PER_NM * course.cell_torques.mean(axis=1)
     asked = [(one, scale * torque) for one in (drive, other) for scale in (1.0, 0.5)]
     forward = Forward([course], drive.rated_torque)
-    answers = [forward.influence(one, 0, carried, patterns) for one, carried in [*asked, *asked[::-1]]]
-    fresh = [Forward([course], drive.rated_torque).influence(one, 0, carried, patterns) for one, carried in asked]
+    answers = [forward.influence((one,), 0, carried, (patterns,)) for one, carried in [*asked, *asked[::-1]]]
+    fresh = [Forward([course], drive.rated_torque).influence((one,), 0, carried, (patterns,)) for one, carried in asked]
     for answer, alone in zip(answers, [*fresh, *fresh[::-1]], strict=True):
         np.testing.assert_array_equal(answer, alone)
     assert np.max(np.abs(fresh[0] - fresh[1])) > 0.1 * np.max(np.abs(fresh[0]))
@@ -432,7 +432,7 @@ def test_between_two_states_the_angle_lies_on_a_line(drive, effect, size):
         course = replace(course, sliding=np.where(course.cell_torques[:, 0] > 0, 1, -1))
     courses = [replace(course, state=np.full(len(course.leg), share)) for share in (0, 1, 0.25)]
     forward = Forward(courses, drive.rated_torque)
-    new, worn, between = (forward.read(both, number, Instrument()) for number in range(3))
+    new, worn, between = (forward.read((both,), number, Instrument()) for number in range(3))
     for values in ("angle", "slope", "carried_torque"):
         expected = 0.75 * getattr(new, values) + 0.25 * getattr(worn, values)
         np.testing.assert_allclose(getattr(between, values), expected, rtol=1e-9, atol=1e-9)

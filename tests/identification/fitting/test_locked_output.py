@@ -64,7 +64,7 @@ def test_where_nothing_depends_on_the_crank_the_reading_is_that_of_the_crank_tha
     moving.shares = held.shares
     drives = (drive,) * len(course.crank.stations)
     turning, reference = (
-        forward.read(given, 0, instrument) for forward, given in ((moving, drives), (held, drive))
+        forward.read(given, 0, instrument) for forward, given in ((moving, drives), (held, (drive,)))
     )
     assert turning.sound
     assert np.any(turning.response != 1) == bool(instrument.ripple.amplitude)
@@ -105,7 +105,7 @@ def test_the_crank_must_stay_between_the_stations_on_the_side_to_which_it_turns(
     first = np.zeros(len(torque), int)
     course = replace(course, torque=sense * np.array([0.0, 20.0]), leg=first, state=first)
     course = replace(course, cell_torques=np.column_stack([torque - 0.5, torque + 0.5]))
-    held = Forward([replace(course, crank=None)], 20e3).read(drive, 0, Instrument()).angle
+    held = Forward([replace(course, crank=None)], 20e3).read((drive,), 0, Instrument()).angle
     turned = 13 * np.radians(held - held.mean()) / 60
     assert -np.min(turned * sense) > 3 * np.max(turned * sense)
     reached = 1.2 * np.array([turned.min(), turned.max()])

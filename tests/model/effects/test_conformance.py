@@ -79,7 +79,7 @@ def loops(name, beside):
     course = Course(1e-3 * TURNS, leg, nothing.astype(int), points, nothing, 1.0, 0.0)
     with pytest.MonkeyPatch.context() as finer:
         finer.setattr(simulator, "LEVELS", 110)
-        reading = simulator.Forward([course], RATED).read(drive, 0, simulator.Instrument())
+        reading = simulator.Forward([course], RATED).read((drive,), 0, simulator.Instrument())
     assert reading.sound
     return response, reading.angle / ARCMIN
 
@@ -110,7 +110,9 @@ def test_friction_at_contacts_is_followed_closely_after_a_turn(coefficient, monk
 
     def change():
         """Of the angle by friction; the chords of the ladder miss both loops alike."""
-        loops = (simulator.Forward([course], RATED).read(d, 0, simulator.Instrument()) for d in (drive, small_drive()))
+        loops = (
+            simulator.Forward([course], RATED).read((d,), 0, simulator.Instrument()) for d in (drive, small_drive())
+        )
         with_friction, without = (reading.angle for reading in loops)
         return with_friction - without
 
