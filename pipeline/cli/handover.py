@@ -17,6 +17,7 @@ from pipeline.cli.arguments import workers
 from pipeline.config import load_design, load_study
 from pipeline.decisions.joint import FORMATS, JOINTS, joints
 from pipeline.engine.provenance import FILE, crate
+from pipeline.engine.runner import mixed_stages
 from pipeline.engine.store import write_atomic, write_json
 from pipeline.engine.table import columns_of_frame
 from pipeline.errors import InputError
@@ -110,7 +111,20 @@ def write_joints(options: argparse.Namespace) -> None:
         for ending, text in FORMATS.items():
             write_atomic(folder / f"{joint.quantile}.{ending}", text(joint).encode())
     print(rows.to_string(index=False, float_format=lambda value: f"{value:.5g}"))
+    if warning := missing_units(units):
+        print(f"Warning: {warning}")
     print(f"files: {settings.shown(folder)}")
+
+
+def missing_units(units: pd.DataFrame) -> str:
+    """That units without a result count nowhere in the quantiles of a joint; empty if all have one."""
+    missing = int((units["status"] != "ok").sum())
+    if not missing:
+        return ""
+    return (
+        f"{missing:,} of {len(units):,} units have a remark in place of a result (column status of aggregate/units) "
+        "and count nowhere; they may be the loosest ones"
+    )
 
 
 def write_provenance(options: argparse.Namespace) -> None:
@@ -132,6 +146,8 @@ def write_spreadsheet(options: argparse.Namespace) -> None:
     print(f"{settings.shown(file)}: {', '.join(written_tables)}")
     for sentence in left_out:
         print(f"left out: {sentence}")
+    for warning in mixed_stages(folder):
+        print(f"Warning: {warning}")
 
 
 SMALLEST_COUNT, LARGEST_COUNT = 8, 100_000

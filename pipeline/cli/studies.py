@@ -15,7 +15,7 @@ from pipeline.cli.parser import parser
 from pipeline.config import Study, load_study, load_unit
 from pipeline.config.files.table_file import READ
 from pipeline.engine.cache import lock_run
-from pipeline.engine.runner import damages, plan, set_aside, why
+from pipeline.engine.runner import damages, mixed_stages, plan, set_aside, why
 from pipeline.engine.store import DAMAGED_SUFFIX, RECORD, Output, remove, write_atomic
 from pipeline.errors import InputError
 from pipeline.library.running import known_size, prepared_loops, up_to_date
@@ -93,7 +93,7 @@ def _summary_lines(folder: Path) -> list[str]:
         raise InputError(f"{settings.shown(folder)}: no results; run: python -m pipeline run --study {folder.name}")
     distributions = pd.DataFrame(outputs["aggregate"].read("distributions"))
     known_statistics = outputs["aggregate"].record["settings"]
-    lines = []
+    lines = [f"Warning: {warning}" for warning in mixed_stages(folder)]
     if warning := preload_warning(distributions):
         lines.append(f"Warning: {warning}")
     lines += summary(distributions, folder.name)

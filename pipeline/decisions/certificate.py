@@ -5,7 +5,7 @@ units that the measured one may be. Bounds hold for all of them.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,8 @@ BAND = (0.025, 0.975)
 """Quantiles of the drawn units between which a band lies."""
 DRAWS = 200
 """Units that the measured one may be: a band's end is known to about a tenth of its width."""
+ALWAYS_VALUED = "torsional_rigidity_Nm_per_arcmin"
+"""Metric that each unit has for which the model is valid."""
 
 METRICS_TABLE = Table(
     "metrics",
@@ -85,7 +87,7 @@ class Certificate:
         limits.
     bounds : of the rigid play at the first crank angle, over all that was not measured.
     why_no_bounds : empty where there are bounds.
-    loops : of the units that the measured one may be.
+    loops : of the units that the measured one may be and for which the model is valid; missing if there is none.
     """
 
     study: Study
@@ -96,6 +98,11 @@ class Certificate:
     bounds: tuple[Bound, ...]
     why_no_bounds: str
     loops: Loops
+
+    @property
+    def is_predicted(self) -> bool:
+        """Whether the model is valid for any of the units that the measured one may be."""
+        return bool(np.isfinite(self.loops.angle).any())
 
     @property
     def compensation(self) -> pd.DataFrame:
@@ -164,11 +171,17 @@ def certificate(
     known_values = measured_values(case)
     units = draw_with_parts(fresh_study(study, draws), known_values, 0, draws)
     values = solve(units)[1]
-    loops = solve_loops(units)
+    loops = _valid_loops(solve_loops(units), np.isfinite(values[ALWAYS_VALUED]))
     confidence = study.metrics.confidence
     meets_all = pass_share(limit_passes(study, values), confidence) if study.limits.of_metrics else None
     metrics, bounds = _metrics(study, values), _bounds(study, known_values, loops)
     return Certificate(study, case.label, tuple(known_values), metrics, meets_all, *bounds, loops)
+
+
+def _valid_loops(loops: Loops, is_valid: Truth) -> Loops:
+    """The loops of units for which the model is valid (n,); one that is missing if it is for none."""
+    missing = np.full((1, *loops.angle.shape[1:]), np.nan)
+    return replace(loops, angle=loops.angle[is_valid] if is_valid.any() else missing)
 
 
 def _metrics(study: Study, values: Mapping[str, Real]) -> pd.DataFrame:
@@ -255,7 +268,9 @@ def write_certificate(unit: Certificate, folder: Path) -> dict[str, pd.DataFrame
             "unit": unit.label,
             "crank_deg": unit.loops.crank_deg.tolist(),
             "torque_Nm": unit.loops.torque.tolist(),
-            "error_arcmin": {"rising": median[:, 0].tolist(), "falling": median[:, 1].tolist()},
+            "error_arcmin": {"rising": median[:, 0].tolist(), "falling": median[:, 1].tolist()}
+            if unit.is_predicted
+            else None,
         },
     )
     return {**frames, "bounds": bounds}

@@ -195,7 +195,7 @@ def _staleness(
 
 @dataclass(frozen=True)
 class Damage:
-    """A file of a stage that is "missing", "altered" or "extra"."""
+    """A file of a stage that is "missing", "altered", "extra", or a record "made from another" of the stages there."""
 
     stage: str
     name: str
@@ -212,8 +212,7 @@ def damages(run_folder: Path) -> list[Damage]:
     InputError
         If there is no run.
     """
-    manifest = valid(read_json(run_folder / MANIFEST), Manifest)
-    outputs = {path.parent.name: Output.open(path.parent) for path in sorted(run_folder.glob(f"[!.]*/{RECORD}"))}
+    manifest, outputs = valid(read_json(run_folder / MANIFEST), Manifest), _outputs_of(run_folder)
     if not outputs and manifest is None:
         raise InputError(f"{run_folder}: no run; see {run_folder.parent} for the runs that there are")
     seals = manifest["stages"] if manifest else {}
@@ -228,7 +227,35 @@ def damages(run_folder: Path) -> list[Damage]:
         elif manifest and seals.get(stage) != output.record["seal"]:
             damage.append(Damage(stage, RECORD, "altered"))
         damage += [Damage(stage, name, fault) for name, fault in (output.verify() if output else {}).items()]
-    return damage
+    return damage + [Damage(stage, RECORD, f"made from another {name}") for stage, name in _mixed(outputs)]
+
+
+def mixed_stages(run_folder: Path) -> list[str]:
+    """A sentence for each stage of a run that was made from other tables than those beside it.
+
+    A run that was interrupted after an edit, or of which one stage was run alone, has such stages.
+    """
+    return [
+        f"stage {stage} of {run_folder.name} was made from another {upstream} than the one beside it: do not join "
+        f"their tables; run: python -m pipeline run report --study {run_folder.name}"
+        for stage, upstream in _mixed(_outputs_of(run_folder))
+    ]
+
+
+def _outputs_of(run_folder: Path) -> dict[str, Output | None]:
+    """Stages that have a record, by name; None where it is damaged."""
+    return {path.parent.name: Output.open(path.parent) for path in sorted(run_folder.glob(f"[!.]*/{RECORD}"))}
+
+
+def _mixed(outputs: Mapping[str, Output | None]) -> list[tuple[str, str]]:
+    """Stages, each with a stage upstream whose tables are not those that it was made from."""
+    sound_outputs = {name: output for name, output in outputs.items() if output}
+    present, pairs = _content(sound_outputs), []
+    for stage, output in sound_outputs.items():
+        inputs = output.record["inputs"]
+        changed = {name.partition("/")[0] for name in inputs if inputs[name] != present.get(name)}
+        pairs += [(stage, upstream) for upstream in sorted(changed & sound_outputs.keys())]
+    return pairs
 
 
 def _inputs_named(outputs: Iterable[Output | None]) -> set[str]:

@@ -73,6 +73,9 @@ def lots(
     study = study_of(study)
     refuse_limits_of_turn(study, "a lot")
     measured_lots = [_read_lot(Path(path), study) for path in files]
+    names = [lot.name for lot in measured_lots]
+    if repeated := {name for name in names if names.count(name) > 1}:
+        raise InputError(f"--csv: {', '.join(sorted(repeated))} names two lots; give each file a name of its own")
     for lot in measured_lots:
         results.lot_fits(study, lot)  # says what is missing before anything is condensed
     upstream_run = up_to_date(study, ["springs", "reduce"], jobs)
@@ -167,7 +170,9 @@ def certificate(
     unit_certificate = certificate_of(
         study, case, partial(loaded_units, loop_inputs), partial(whole_loops, loop_inputs), draws
     )
-    loop = None if measurement is None else _measured_loop(unit_certificate, measurement)
+    loop = None
+    if measurement is not None and unit_certificate.is_predicted:
+        loop = _measured_loop(unit_certificate, measurement)
     folder = settings.RUNS / "certificate" / case.label
     frames = write_certificate(unit_certificate, folder)
     write_certificate_page(unit_certificate, loop, folder)

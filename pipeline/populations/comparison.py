@@ -108,6 +108,11 @@ def load_population(path: Path) -> pd.DataFrame:
         values[name] = table.numbers(name)
         is_wrong = ~table.is_blank(name) & ~((values[name] >= 0) & (values[name] <= LARGEST_VALUE)).to_numpy()
         problems += table.faults(name, is_wrong, f"must be 0 to {LARGEST_VALUE:g}, or empty")
+    problems += [
+        f"{path.name}: column {name!r} has no value; fill it or remove it"
+        for name in metrics
+        if len(frame) and table.is_blank(name).all()
+    ]
     problems += _wrong_keys(table)
     if problems:
         raise InputError(shortened_list(problems, path.name))
@@ -150,7 +155,9 @@ def metrics_at(metrics: pd.DataFrame, crank_deg: float | None, turn_statistic: s
     of_crank = metrics[np.isclose(metrics["crank_deg"], crank_deg)]
     if of_crank.empty:
         cranks = ", ".join(f"{crank:g}" for crank in np.unique(metrics["crank_deg"]))
-        raise InputError(f"units.csv: crank_deg = {crank_deg:g}; the study has {cranks}; add it to its cycle.crank_deg")
+        raise InputError(
+            f"table of units: crank_deg = {crank_deg:g}; the study has {cranks}; add it to its cycle.crank_deg"
+        )
     return of_crank.set_index("sample")[names].drop(index=failed_samples)
 
 
@@ -208,7 +215,7 @@ def _exchange_sentences(medians: Mapping[str, tuple[float, float]]) -> Iterator[
             abs(np.log(a / expected_b)), abs(np.log(b / expected_a))
         ) < np.log(FACTOR_ALIKE):
             yield (
-                f"units.csv: {first_metric} has the values of {second_metric} in the study, and the reverse; "
+                f"table of units: {first_metric} has the values of {second_metric} in the study, and the reverse; "
                 "exchange the columns"
             )
 
@@ -230,9 +237,8 @@ def _implausible(metric: str, medians: tuple[float, float]) -> str:
         if expected_median / LIKELY <= measured_median * factor <= expected_median * LIKELY
     ]
     advice = f"it would be likely in {' or '.join(likely)}; convert it" if likely else "is it the right column?"
-    return (
-        f"units.csv: {metric} has a median of {measured_median:.4g}, the study one of {expected_median:.4g}; {advice}"
-    )
+    medians_text = f"a median of {measured_median:.4g}, the study one of {expected_median:.4g}"
+    return f"table of units: {metric} has {medians_text}; {advice}"
 
 
 def permutation_tests(units: Real, samples: Real, rng: np.random.Generator) -> tuple[Test, ...]:

@@ -56,7 +56,7 @@ def rough_metrics(study: Study, compliances: Sequence[Real], sampled_errors: Err
         for crank, compliance in zip(study.cycle.crank_deg, compliances, strict=True)
     ]
     return {
-        name: np.stack([metric.value(reading, definitions) for reading in readings], axis=1)
+        name: np.stack([metric.values(reading, definitions) for reading in readings], axis=1)
         for name, metric in library().items()
     }
 

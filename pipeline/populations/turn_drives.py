@@ -204,7 +204,7 @@ def solved_metrics(study: Study, drive: Drive, cycle: LoadCycle) -> tuple[CycleR
         readings.load_share[:] = torque_shares(drive, response, definitions).max(axis=(1, 2))
     invalid = invalid_metrics(drive, response, definitions)
     values = [
-        np.where(response.converged & (invalid[name] == ""), metric.value(readings, definitions), np.nan)
+        np.where(response.converged & (invalid[name] == ""), metric.values(readings, definitions), np.nan)
         for name, metric in library().items()
     ]
     return response, np.stack(values, axis=1)

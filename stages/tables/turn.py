@@ -71,7 +71,7 @@ def loop_metrics(study: Study, loops: Mapping[str, np.ndarray]) -> dict[str, np.
     columns = {}
     for name, metric in library().items():
         valid = loops["solved"] & loops[metric.valid_column]
-        columns[name] = np.where(valid, metric.value(readings, torques), np.nan)
+        columns[name] = np.where(valid, metric.values(readings, torques), np.nan)
         columns[metric.valid_column] = valid
     return columns
 

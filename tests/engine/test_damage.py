@@ -17,12 +17,12 @@ import pandas as pd
 import pytest
 from forked import forked
 from toy_runs import ONE, hashes
-from toy_study import ADD, DRAW, STAGES, Toy
+from toy_study import ADD, DRAW, STAGES, Numbers, Toy
 
 from pipeline.engine import record, runner, work
 from pipeline.engine.cache import ENTRY, Cache, lock_run
 from pipeline.engine.parallel import ChunkError
-from pipeline.engine.runner import run, why
+from pipeline.engine.runner import damages, mixed_stages, run, why
 from pipeline.engine.store import Output, remove
 from pipeline.errors import InputError
 
@@ -274,6 +274,19 @@ def test_check_names_a_folder_that_is_no_stage_of_the_run(tmp_path: Path, output
     assert [(damaged.stage, damaged.name, damaged.fault) for damaged in damages] == [("add2", "record.json", "extra")]
     assert not runner.set_aside(tmp_path / "toy", damages)
     assert (tmp_path / "toy/add2/record.json").is_file()
+
+
+def test_stages_of_two_states_of_a_study_are_told_apart(tmp_path: Path, outputs) -> None:
+    """One stage alone was run after a change: its tables and the later ones are of other samples."""
+    changed = Toy(numbers=Numbers(seed=2))
+    assert mixed_stages(tmp_path / "toy") == []
+    run(STAGES, changed, ["draw"], tmp_path, ONE)
+    assert [(found.stage, found.name, found.fault) for found in damages(tmp_path / "toy")] == [
+        ("add", "record.json", "made from another draw")
+    ]
+    assert "stage add of toy was made from another draw than the one beside it" in mixed_stages(tmp_path / "toy")[0]
+    run(STAGES, changed, ["finish"], tmp_path, ONE)
+    assert damages(tmp_path / "toy") == []
 
 
 def test_check_takes_no_lock(tmp_path: Path, outputs) -> None:

@@ -271,6 +271,13 @@ def test_a_trailing_separator_shifts_no_column(tmp_path):
         load_population(path)
 
 
+def test_a_metric_without_a_value_is_refused(tmp_path):
+    path = tmp_path / "bench.csv"
+    path.write_text(f"unit,{WIDTH},{LOST}\na,1.0,\nb,1.1,\n")
+    with pytest.raises(InputError, match=f"bench.csv: column '{LOST}' has no value; fill it or remove it"):
+        load_population(path)
+
+
 def test_a_failed_sample_counts_nowhere(population):
     metrics = population.metrics.copy()
     metrics.loc[3, "status"] = "not converged"

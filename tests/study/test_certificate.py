@@ -1,5 +1,6 @@
 """The certificate of a unit: its band holds units with the measured dimensions, compensation removes their error."""
 
+import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,13 +12,13 @@ from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.reading import load_case
 from pipeline.decisions import certificate as certificates
-from pipeline.decisions.certificate import certificate, compensation, limit_sentence, measured_values
+from pipeline.decisions.certificate import certificate, compensation, limit_sentence, measured_values, write_certificate
 from pipeline.decisions.play_bounds import ATTAINED_BOUND, LEAST_FOUND
 from pipeline.errors import InputError
 from pipeline.library.decisions import loaded_units
 from pipeline.library.lots import certificate as certified_unit
 from pipeline.library.lots import whole_loops
-from pipeline.report.decisions.certificate import unit_next_step
+from pipeline.report.decisions.certificate import compensation_sentence, unit_next_step
 from pipeline.sampling.errors import draw_with_parts
 from pipeline.statistics.intervals import Estimate
 from stages import hysteresis
@@ -112,9 +113,23 @@ def test_a_unit_that_probably_fails_is_not_sent_to_the_controller(certified):
     assert "it probably fails, first on lost motion (met with a probability of 0.5 %)" in unit_next_step(failing)
     assert "compensation.csv" not in unit_next_step(failing)
     assert unit_next_step(passing) == unit_next_step(unlimited)
-    assert "no draw is within the model's range" in unit_next_step(replace(failing, metrics=chances[:0]))
+    assert "a metric that has a limit has no value" in unit_next_step(replace(failing, metrics=chances[:0]))
     assert unit_next_step(passing).startswith("Load compensation.csv into the controller, for the crank angles")
     assert "at the 3 crank angles that were solved" in limit_sentence(passing)
+
+
+def test_a_unit_beyond_the_model_has_no_compensation(tmp_path):
+    """400 um off the flank: the metrics have none of these units, and no table may send their loops to a controller."""
+    study = rigid_study()
+    shared = shared_of(study)
+    case = load_case_of(study, "disk_profile = 400.0\n")
+    unit = certificate(study, case, partial(loaded_units, shared), partial(whole_loops, shared), 8)
+    frames = write_certificate(unit, tmp_path)
+    assert not len(frames["metrics"])
+    assert frames["compensation"]["error_arcmin"].isna().all()
+    assert json.loads((tmp_path / "compensation.json").read_text())["error_arcmin"] is None
+    assert "no draw is within the model's range" in unit_next_step(unit)
+    assert "There is no compensation table" in compensation_sentence(unit, None)
 
 
 def load_case_of(study, text: str):

@@ -407,6 +407,16 @@ def test_lots_with_a_common_dimension_are_refused():
         best_assembly(STUDY, first, first, play_of_a_fit, 1)
 
 
+def test_two_lots_of_one_name_are_refused(tmp_path):
+    """Their rows and the studies that are written for them would be one another's."""
+    paths = [tmp_path / folder / "parts.csv" for folder in ("may", "june")]
+    for path in paths:
+        path.parent.mkdir()
+        path.write_text("part,disk_profile_um\n" + "".join(f"{k},{k}.5\n" for k in range(8)))
+    with pytest.raises(InputError, match="--csv: parts names two lots; give each file a name of its own"):
+        lots(paths, STUDY)
+
+
 @pytest.mark.parametrize("stem", ["-rings", "two lots", "a" * 61])
 def test_a_file_whose_name_cannot_name_results_is_refused_before_anything_is_computed(stem, tmp_path):
     path = tmp_path / f"{stem}.csv"

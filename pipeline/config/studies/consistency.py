@@ -44,6 +44,11 @@ RESERVED_NAMES = (
     "bounds",
     "joints",
     "reweigh",
+    "lots",
+    "assemble",
+    "certificate",
+    "changed",
+    "series",
 )
 """Run folders of the targets that are no study."""
 

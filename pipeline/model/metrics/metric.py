@@ -8,6 +8,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from pipeline.arrays import Real, Truth
+from pipeline.errors import InputError
 from pipeline.registry import METRICS
 
 WHOLE_TURN = "whole_turn"
@@ -149,6 +150,22 @@ class Metric(Limited):
     largest_torque: Callable[[Definitions], float] = lambda _: np.inf
     moves_at: Callable[[Definitions], float] | None = None
     not_negative: bool = False
+
+    def values(self, readings: LoopReadings, definitions: Definitions) -> Real:
+        """The metric (n,) of ``n`` loops.
+
+        Raises
+        ------
+        InputError
+            If the function of a metric, which another package may have registered, does not give one number a loop.
+        """
+        values = np.asarray(self.value(readings, definitions))
+        if values.shape != readings.limit_plus.shape:
+            raise InputError(
+                f"metric {self.name}: its value has the shape {values.shape} for {len(readings.limit_plus)} loops; "
+                "it must give one number for each loop"
+            )
+        return values
 
     @cached_property
     def measurable(self) -> bool:

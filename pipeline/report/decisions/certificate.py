@@ -21,6 +21,8 @@ PROBABLE = 0.5
 
 def compensation_sentence(unit: Certificate, loop: Compensated | None) -> str:
     """How much of the angle error the compensation removes."""
+    if not unit.is_predicted:
+        return "There is no compensation table: the model is valid for none of the units that this one may be."
     if loop is None:
         spread = float((unit.compensation["high_arcmin"] - unit.compensation["low_arcmin"]).median())
         return f"No loop of this unit was measured; the band of the table is {spread:.3g} arcmin wide in the median."
@@ -32,6 +34,8 @@ def compensation_sentence(unit: Certificate, loop: Compensated | None) -> str:
 
 def unit_next_step(unit: Certificate) -> str:
     """What to do with the unit: use it where it probably meets its limits, else change what fails first."""
+    if not unit.is_predicted:
+        return "Do not use the unit as it is: no draw is within the model's range of validity. Check the dimensions."
     if unit.meets_all is None or unit.meets_all.value >= PROBABLE:
         return (
             "Load compensation.csv into the controller, for the crank angles of the table: "
@@ -39,7 +43,7 @@ def unit_next_step(unit: Certificate) -> str:
         )
     chances = unit.metrics.dropna(subset=["probability"]).set_index("metric")["probability"]
     if not len(chances):
-        return "Do not use the unit as it is: no draw is within the model's range of validity. Check the dimensions."
+        return "Do not use the unit as it is: a metric that has a limit has no value. Check the dimensions."
     worst = {**METRICS, **turn_library()}[str(chances.idxmin())].inline
     return (
         f"Do not use the unit as it is: it probably fails, first on {worst} (met with a probability of "

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from pipeline import cli, settings
+from pipeline.cli.handover import missing_units
 from pipeline.decisions.joint import FORMATS, joints
 from pipeline.errors import InputError
 from pipeline.statistics.intervals import quantile
@@ -81,6 +82,12 @@ def test_friction_is_that_of_a_spring_which_it_holds_back() -> None:
     np.testing.assert_allclose([float(item) for item in texts], 0.3)
     with pytest.raises(InputError, match="needs all of them"):
         joints(units.assign(hysteresis_loss_arcmin_mean=np.nan), 0.4)
+
+
+def test_units_without_a_result_are_counted() -> None:
+    units = pd.DataFrame({"status": ["ok", "gap beyond a tenth of the eccentricity", "ok"]})
+    assert missing_units(units).startswith("1 of 3 units have a remark in place of a result")
+    assert missing_units(units[units["status"] == "ok"]) == ""
 
 
 def test_the_time_step_of_mujoco_follows_the_fastest_swing_of_the_placeholders() -> None:
