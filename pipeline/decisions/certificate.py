@@ -282,10 +282,10 @@ def limit_sentence(unit: Certificate) -> str:
     dimension_count = f"{len(names)} measured dimensions" if len(names) != 1 else "1 measured dimension"
     if unit.meets_all is None:
         return f"{unit.label}: {dimension_count}; the study {unit.study.name} sets no limits."
-    share = unit.meets_all
+    share, level = unit.meets_all, 100 * unit.study.metrics.confidence
     return (
         f"{unit.label}: with {dimension_count} the unit meets every limit with a probability of "
-        f"{100 * share.value:.3g} % (95 % CI {100 * share.ci_low:.3g} to {100 * share.ci_high:.3g}, {share.n} draws of "
-        f"the other dimensions), at the {len(unit.loops.crank_deg)} crank angles that were solved, its clearance "
-        f"backlash also at {unit.study.cycle.rigid_angles} over the turn; at all angles of the turn it may be lower."
+        f"{100 * share.value:.3g} % ({level:g} % CI {100 * share.ci_low:.3g} to {100 * share.ci_high:.3g}, {share.n} "
+        f"draws of the other dimensions), at the {len(unit.loops.crank_deg)} crank angles that were solved, its "
+        f"clearance backlash also at {unit.study.cycle.rigid_angles} over the turn; at all angles of the turn it may be lower."
     )

@@ -217,7 +217,7 @@ def _approaches(specimen: Specimen, numbers: Numbers) -> Iterator[str]:
 
 
 def _bearing(bearing: Bearing, disk: ElasticBody, start: tuple[float, float], numbers: Numbers) -> Iterator[str]:
-    """The bore's mean displacement from ``first`` [mm], on a spring along each axis."""
+    """The bore's mean displacement from ``start`` [mm], on a spring along each axis."""
     position = _freedom_places(disk)
     for axis in (0, 1):
         fit = disk.reference[:, axis]

@@ -21,10 +21,10 @@ def growth(part: str, length: str, rank: int, draw_column: int) -> Dimension:
 
 
 GROWTH = (
-    growth("disk", "the disk at the pin circle's radius", rank=110, draw_column=140),
-    growth("pins", "the pins' radius", rank=120, draw_column=141),
-    growth("housing", "the pin circle's radius", rank=130, draw_column=142),
-    growth("crank", "the eccentricity", rank=140, draw_column=143),
+    growth("disk", "the disk at the pin circle's radius", rank=110, draw_column=160),
+    growth("pins", "the pins' radius", rank=120, draw_column=161),
+    growth("housing", "the pin circle's radius", rank=130, draw_column=162),
+    growth("crank", "the eccentricity", rank=140, draw_column=163),
 )
 """Dimensions by drawn temperatures."""
 

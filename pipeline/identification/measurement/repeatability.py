@@ -132,7 +132,7 @@ def measured_noise(
 
 
 def restrict_to_training(blocks: BranchBlocks, cells: Cells, is_training: Truth) -> tuple[BranchBlocks, Cells]:
-    """Branches that have a cell ``trained`` (n_cells,), numbered anew, and these cells."""
+    """Branches that have a cell of the training data (n_cells,), numbered anew, and these cells."""
     trained_cells, of_blocks = cells.some(is_training), ("position", "cycle", "direction", "branch", "start", "stop")
     numbers = np.unique(trained_cells.block)
     trained_blocks = replace(blocks, **{name: getattr(blocks, name)[numbers] for name in of_blocks})

@@ -276,7 +276,8 @@ def held_out_problems(parts: Mapping[str, Any]) -> list[Mistake]:
     """Training values without what they are of, or twice the same."""
     held_out = parts.get("held_out", HeldOut())
     if held_out.train and held_out.by is None:
-        return [Mistake("held_out.by", None, 'must be "position" or "cycle" where train is listed')]
+        choices = '"cycle"' if parts.get("locked") == NEITHER else '"position" or "cycle"'
+        return [Mistake("held_out.by", None, f"must be {choices} where train is listed")]
     if len(set(held_out.train)) < len(held_out.train):
         return [Mistake("held_out.train", held_out.train, "values must differ")]
     return []

@@ -232,7 +232,7 @@ def _conditions(record: TurnRecord, points: Points) -> Iterator[ConditionRow]:
 
 
 def _levels(record: TurnRecord, points: Points, counted_points: Truth | bool = True) -> list[LevelRow]:
-    """Mean and difference of the senses at each held torque, over the intervals that both senses have."""
+    """Mean of the senses at each held torque, over all intervals, and their difference over those that both have."""
     rows, middle = [], float(np.mean([points.error[points.kind == kind].mean() for kind in np.unique(points.kind)]))
     for level, torque in enumerate(record.levels):
         of_sense = []

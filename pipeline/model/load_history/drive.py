@@ -192,7 +192,7 @@ class Drive:
         return replace(self, elements=tuple(scaled_elements), known_gap=self._found_gap)
 
     def with_added_gap(self, added_gap: Real) -> "Drive":
-        """The drive with every gap larger by ``more`` (n, n_contacts) [mm]."""
+        """The drive with every gap larger by ``added_gap`` (n, n_contacts) [mm]."""
         return replace(self, shift=self.shift + added_gap, known_gap=self._found_gap)
 
     def with_elements(self, *elements: Element) -> "Drive":

@@ -182,7 +182,7 @@ def _either_way(
 def _solve_direction(
     drive: Drive, pose: Real, levels: Real, are_preloaded: bool, downward: bool, limit: Equilibria | None = None
 ) -> Equilibria:
-    """Ends of play and equilibria (n, 1 + n_levels) in one direction, all samples ``preloaded`` or none.
+    """Ends of play and equilibria (n, 1 + n_levels) in one direction, all samples preloaded or none.
 
     The first of them is sought from the ``limit`` (n,) of neighbours.
     """

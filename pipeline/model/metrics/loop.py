@@ -91,7 +91,7 @@ METRICS = (
         name="load_share",
         title="Largest share of a disk",
         unit="1",
-        definition="Largest share of a disk in {rigidity_high} N m on the output, in either sense; even shares are 1 "
+        definition="Largest share of a disk in {rigidity_high:g} N m on the output, in either sense; even shares are 1 "
         "over the number of disks.",
         rank=6,
         decimals=3,

@@ -125,7 +125,7 @@ def assembly_sentences(assembly: Assembly, mounting_limit: float | None) -> list
 
 
 def _percent(share: Estimate) -> str:
-    return f"{100 * share.value:.3g} % (95 % CI {100 * share.ci_low:.3g} to {100 * share.ci_high:.3g})"
+    return f"{100 * share.value:.3g} % (interval {100 * share.ci_low:.3g} to {100 * share.ci_high:.3g})"
 
 
 def write_assembly_page(study: Study, assembly: Assembly, mounting_limit: float | None, folder: Path) -> None:

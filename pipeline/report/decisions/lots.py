@@ -23,7 +23,7 @@ def sentences(lot_result: LotFindings) -> list[str]:
     made_yield, drawn_yield = lot_result.outcome.as_made[ALL_LIMITS], lot_result.outcome.as_drawn[ALL_LIMITS]
     text = (
         f"Lot {lot_result.lot.name}: {_percent(made_yield.value)} of units made from these parts meet every limit "
-        f"(95 % CI {_percent(made_yield.ci_low)} to {_percent(made_yield.ci_high)}); with the tolerances of the study "
+        f"(interval {_percent(made_yield.ci_low)} to {_percent(made_yield.ci_high)}); with the tolerances of the study "
         f"it is {_percent(drawn_yield.value)}."
     )
     costly = [cost for cost in lot_result.outcome.costs if cost.gain.ci_low > 0]
@@ -33,8 +33,8 @@ def sentences(lot_result: LotFindings) -> list[str]:
     return [
         text,
         f"{PARAMETERS[first_cost.name].capitalize()} costs most yield: at the drawing's mean in every part the yield "
-        f"would be {_percent(first_cost.yield_at_target)} ({_points(first_cost.gain.value)} percentage points more, 95 "
-        f"% CI {_points(first_cost.gain.ci_low)} to {_points(first_cost.gain.ci_high)}).",
+        f"would be {_percent(first_cost.yield_at_target)} ({_points(first_cost.gain.value)} percentage points more, "
+        f"interval {_points(first_cost.gain.ci_low)} to {_points(first_cost.gain.ci_high)}).",
     ]
 
 

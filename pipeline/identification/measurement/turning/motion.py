@@ -130,7 +130,7 @@ def stretches(crank: Real, run: Whole, level: Whole, is_known: Truth) -> tuple[W
 
 
 def _first_row_of_angle(crank: Real, last_row: int) -> int:
-    """First of the rows of one angle up to the row ``last``: one sense ends there, the other begins at the last."""
+    """First of the rows of one angle up to the row ``last_row``: one sense ends there, the other begins at the last."""
     first_row = last_row
     while first_row > 0 and crank[first_row - 1] == crank[last_row]:
         first_row -= 1
