@@ -287,5 +287,6 @@ def limit_sentence(unit: Certificate) -> str:
         f"{unit.label}: with {dimension_count} the unit meets every limit with a probability of "
         f"{100 * share.value:.3g} % ({level:g} % CI {100 * share.ci_low:.3g} to {100 * share.ci_high:.3g}, {share.n} "
         f"draws of the other dimensions), at the {len(unit.loops.crank_deg)} crank angles that were solved, its "
-        f"clearance backlash also at {unit.study.cycle.rigid_angles} over the turn; at all angles of the turn it may be lower."
+        f"clearance backlash also at {unit.study.cycle.rigid_angles} over the turn; at all angles of the turn it may "
+        "be lower."
     )
