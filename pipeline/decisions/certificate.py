@@ -12,8 +12,9 @@ import numpy as np
 import pandas as pd
 
 from pipeline.arrays import Index, Real, Truth
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.studies.study import Study
-from pipeline.config.studies.tolerances import Case
+from pipeline.config.studies.tolerances import Case, direction_key
 from pipeline.decisions.box import Box
 from pipeline.decisions.fresh_units import Solve, fresh_study
 from pipeline.decisions.lots.lot_yield import limit_passes
@@ -145,9 +146,14 @@ def _neighbours(cranks: Real, crank: float) -> tuple[int, int, float]:
 
 
 def measured_values(case: Case) -> dict[str, Real]:
-    """Total deviations (1, n_elements) [um] of the dimensions that a unit's file states."""
-    names = case.model_fields_set - {"label"}
-    return {name: np.atleast_1d(np.asarray(case.deviation_um(name), float))[None] for name in sorted(names)}
+    """Total deviations [um] of the dimensions that a unit's file states, and directions [rad], (1, n_elements) each."""
+    values: dict[str, Real] = {}
+    for name, dimension in sorted(dimension_library().items()):
+        if name in case.model_fields_set:
+            values[name] = np.atleast_1d(np.asarray(case.deviation_um(name), float))[None]
+        if direction_key(name) in case.model_fields_set:
+            values[dimension.phase] = np.atleast_1d(case.direction_rad(name))[None]
+    return values
 
 
 def certificate(
@@ -175,7 +181,8 @@ def certificate(
     confidence = study.metrics.confidence
     meets_all = pass_share(limit_passes(study, values), confidence) if study.limits.of_metrics else None
     metrics, bounds = _metrics(study, values), _bounds(study, known_values, loops)
-    return Certificate(study, case.label, tuple(known_values), metrics, meets_all, *bounds, loops)
+    names = tuple(name for name in known_values if name in dimension_library())
+    return Certificate(study, case.label, names, metrics, meets_all, *bounds, loops)
 
 
 def _valid_loops(loops: Loops, is_valid: Truth) -> Loops:

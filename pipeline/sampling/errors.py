@@ -142,25 +142,39 @@ def draw_as_measured(study: Drawn, case: Case, start: int, stop: int) -> Errors:
         if _was_measured(case, dimension):
             values[name] = np.broadcast_to(case.deviation_um(name), (stop - start, counts[name]))
             if dimension.direction:
-                values[dimension.phase] = np.zeros((stop - start, counts[dimension.phase]))
+                values[dimension.phase] = np.broadcast_to(
+                    case.direction_rad(name), (stop - start, counts[dimension.phase])
+                )
     return _errors(values, study.design)
 
 
 def draw_with_parts(study: Drawn, measured_values: Mapping[str, Real], start: int, stop: int) -> Errors:
     """Errors of samples whose measured dimensions differ from sample to sample, and all others as the tolerances say.
 
-    What acts through a measured dimension, as an ovality through the pins' places, was measured with it. Directions of
-    measured amplitudes are drawn.
+    What acts through a measured dimension, as an ovality through the pins' places, was measured with it. Directions
+    that were not measured are drawn.
 
     Parameters
     ----------
     study : as for `draw`, of samples that are drawn.
-    measured_values : total deviations by dimension (stop - start, n_elements) [um]; one column for equal elements.
+    measured_values : total deviations by dimension (stop - start, n_elements) [um], and measured directions [rad] by
+        ``<dimension>_phase``; one column for equal elements.
     start, stop : first sample, and the one after the last.
     """
-    return errors_with_parts(
-        study, measured_values, uniforms(study.samples, sum(dimensions(study).values()), start, stop)
-    )
+    counts, library = _counts(study.design), dimension_library()
+    drawn_directions = {
+        library[name].phase: _random_directions(study, library[name], counts[name], stop)[start:]
+        for name in measured_values.keys() & library.keys()
+        if library[name].direction and library[name].phase not in measured_values and not varies(study, name)
+    }
+    numbers = uniforms(study.samples, sum(dimensions(study).values()), start, stop)
+    return errors_with_parts(study, {**measured_values, **drawn_directions}, numbers)
+
+
+def _random_directions(study: Drawn, dimension: Dimension, count: int, stop: int) -> Real:
+    """Directions (stop, count) [rad] of a measured amplitude that does not vary in the study, by its seed."""
+    rng = np.random.default_rng([study.samples.seed, *dimension.draw_columns])
+    return rng.uniform(0.0, 2 * np.pi, (stop, count))
 
 
 def errors_with_parts(study: Drawn, measured_values: Mapping[str, Real], numbers: Real) -> Errors:
@@ -172,6 +186,8 @@ def errors_with_parts(study: Drawn, measured_values: Mapping[str, Real], numbers
             values[name] = np.broadcast_to(measured_values[name], (len(numbers), counts[name]))
         elif dimension.acts_on in measured_values:
             values[name] = np.zeros((len(numbers), counts[name]))
+        if dimension.phase in measured_values:
+            values[dimension.phase] = np.broadcast_to(measured_values[dimension.phase], (len(numbers), counts[name]))
     return _errors(values, study.design)
 
 
@@ -266,7 +282,13 @@ def _listed_errors(study: Drawn, start: int, stop: int) -> Errors:
         for name, n in counts.items()
         if name in dimension_library()
     }
-    return _errors({**values, **{name: np.zeros((len(cases), counts[name])) for name in _directions()}}, study.design)
+    directions = {
+        dimension.phase: np.array([np.broadcast_to(case.direction_rad(name), counts[name]) for case in cases])
+        for name, dimension in dimension_library().items()
+        if dimension.direction
+    }
+    in_rows = {name: rows.reshape(len(cases), counts[name]) for name, rows in directions.items()}
+    return _errors({**values, **in_rows}, study.design)
 
 
 def _nominal(study: Drawn) -> Errors:

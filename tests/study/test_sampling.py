@@ -9,14 +9,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from pipeline import assembly
 from pipeline.assembly import errors as errors_in_mm
 from pipeline.config import load_study
 from pipeline.config.dimensions.pins import oval_shift
 from pipeline.config.distributions import library
 from pipeline.config.distributions.shipped import Fixed, Normal, Triangular, Uniform
-from pipeline.config.studies.tolerances import Case, Tolerances
+from pipeline.config.studies.tolerances import Case, Tolerances, case_problems
+from pipeline.decisions.certificate import measured_values
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
+from pipeline.mounting import drive_of
 from pipeline.sampling.designs import correlated_numbers, replicates, uniforms
-from pipeline.sampling.errors import dimensions, draw, draw_as_measured, unmeasured_dimensions, usual_beside
+from pipeline.sampling.errors import (
+    dimensions,
+    draw,
+    draw_as_measured,
+    draw_with_parts,
+    unmeasured_dimensions,
+    usual_beside,
+)
 from stages.sample import columns_of_errors, errors_of_columns
 
 ROOT = Path(__file__).parents[2]
@@ -318,3 +329,63 @@ def test_units_as_measured_have_what_was_measured_and_the_tolerances_elsewhere()
     assert (usual.disk_profile, usual.pin_radial, usual.ovality_2) == (11.0, 2.0, 0.0)
     assert usual.roller_diameter == pytest.approx(-4.0)
     assert usual.pin_radius == pytest.approx(-0.5)
+
+
+RV = {"planet_runout": 5.0, "planet_runout_direction_deg": (0.0, 180.0)}
+"""Two planets whose centres are off to opposite sides, as measured [um]."""
+
+
+def listed(study, **values):
+    """Errors of one unit that a study lists as its case."""
+    samples = study.samples.model_copy(update={"experiment": "cases", "count": 1, "nominal_first": False})
+    return draw(study.model_copy(update={"samples": samples, "cases": (Case(label="a", **values),)}), 0, 1)
+
+
+def test_directions_of_a_stated_unit_are_its_own():
+    study = load_study("rv", ROOT)
+    np.testing.assert_allclose(listed(study, **RV).planet_runout_phase, [[0.0, np.pi]])
+    np.testing.assert_allclose(listed(study, planet_runout=5.0).planet_runout_phase, [[0.0, 0.0]])
+    ring = load_study("quick", ROOT)
+    one_oval = listed(ring, ovality_2=3.0)
+    turned = listed(ring, ovality_2=3.0, ovality_2_direction_deg=90.0)
+    np.testing.assert_allclose(turned.pin_radial, -one_oval.pin_radial, atol=1e-12)  # a quarter turn: the other axis
+
+
+def test_measured_directions_are_kept_and_others_drawn():
+    study, counted = load_study("rv", ROOT), {"planet_runout": np.full((1, 2), 5.0)}
+    fixed = draw_with_parts(study, counted | {"planet_runout_phase": np.array([[0.0, np.pi]])}, 0, 3)
+    np.testing.assert_allclose(fixed.planet_runout_phase, np.tile([0.0, np.pi], (3, 1)))
+    assert np.ptp(draw_with_parts(study, counted, 0, 3).planet_runout_phase) > 0.1
+    case = Case(label="a", **RV)
+    np.testing.assert_allclose(draw_as_measured(study, case, 0, 2).planet_runout_phase, np.tile([0.0, np.pi], (2, 1)))
+    assert set(measured_values(case)) == {"planet_runout", "planet_runout_phase"}
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"planet_runout_direction_deg": 90.0}, "planet_runout_direction_deg = 90.0; needs planet_runout"),
+        ({"planet_runout": 5.0, "planet_runout_direction_deg": (0.0, 90.0, 180.0)}, "must have 2, or be a number"),
+    ],
+)
+def test_a_direction_without_its_amplitude_or_of_another_count_is_refused(values, message):
+    mistakes = list(case_problems({0: Case(label="a", **values)}, load_study("rv", ROOT).design))
+    assert [mistake.line("unit.toml") for mistake in mistakes][0].find(message) > 0
+
+
+def test_opposite_planets_err_more_than_alike_ones():
+    """Of opposite planets both meshes open and close together; of alike ones the tighter one decides."""
+    study = load_study("rv", ROOT)
+    design = study.design
+    peak = {}
+    for name, directions in (("alike", (0.0, 0.0)), ("opposite", (0.0, 180.0))):
+        errors = assembly.errors(
+            listed(study, disk_profile=24.0, planet_runout=5.0, planet_runout_direction_deg=directions)
+        )
+        ends = []
+        for crank in 360.0 * np.arange(16) / 16:
+            loose = assembly.bearing_clearance(design, np.full((1, 1), design.bearing.clearance_um))
+            drive = drive_of(study, crank, None, errors, loose)
+            ends.append(rigid_play(drive.reducer, drive.gap, drive.bearing_clearance).ends.ravel())
+        peak[name] = np.ptp(np.array(ends)[:, 0])
+    assert peak["opposite"] > 1.3 * peak["alike"] > 0

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field, create_model
 
+from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.distributions import Distribution, Spread, library
@@ -88,7 +89,14 @@ def _size_problems(dimension: Dimension, tolerance: Distribution, design: Design
         yield Mistake(f"tolerances.{dimension.name}.{tolerance.lowest_key}", tolerance.limits_um[0], requirement)
 
 
+Direction = Annotated[float, Field(ge=-360.0, le=360.0)]
 PerElement = Micrometres | tuple[Micrometres, ...]
+DirectionPerElement = Direction | tuple[Direction, ...]
+
+
+def direction_key(dimension: str) -> str:
+    """Key of the direction of a dimension in a case."""
+    return f"{dimension}_direction_deg"
 
 
 class _Case(Section):
@@ -96,8 +104,9 @@ class _Case(Section):
 
     A list of what belongs to the disks runs over one disk after the other.
 
-    Signs are those of the dimensions. Ovalities are amplitudes with their phase at 0: the pin circle is widest
-    along the crank at 0 degrees.
+    Signs are those of the dimensions. One with a direction (run-outs, positions, ovalities) states its amplitude, and
+    its direction [degrees] as ``<dimension>_direction_deg``; without that it is 0: the pin circle is widest along the
+    crank at 0 degrees.
     """
 
     label: str
@@ -107,15 +116,21 @@ class _Case(Section):
         deviation: float | tuple[float, ...] = getattr(self, dimension)
         return deviation
 
+    def direction_rad(self, dimension: str) -> Real:
+        """Direction of a dimension [rad], of elements alike () or of each (n_elements,)."""
+        return np.asarray(np.radians(getattr(self, direction_key(dimension))))
+
 
 if TYPE_CHECKING:
     Case = _Case
 else:
-    _of_dimensions = {
-        name: (PerElement if dimension.elements or dimension.of_disk else Micrometres, 0.0)
-        for name, dimension in dimension_library().items()
-    }
-    Case = create_model("Case", __base__=_Case, __doc__=_Case.__doc__, **_of_dimensions)
+    _of_dimensions, _of_directions = {}, {}
+    for _name, _dimension in dimension_library().items():
+        _is_list = bool(_dimension.elements or _dimension.of_disk)
+        _of_dimensions[_name] = (PerElement if _is_list else Micrometres, 0.0)
+        if _dimension.direction:
+            _of_directions[direction_key(_name)] = (DirectionPerElement if _is_list else Direction, 0.0)
+    Case = create_model("Case", __base__=_Case, __doc__=_Case.__doc__, **_of_dimensions, **_of_directions)
 
 
 def elements(design: Design) -> dict[str, int]:
@@ -142,11 +157,15 @@ def case_problems(cases: Mapping[int, Case], design: Design | None) -> Iterator[
         for name, dimension in dimension_library().items():
             if dimension.one_sided and np.min(case.deviation_um(name)) < 0:
                 yield Mistake(f"cases[{position}].{name}", getattr(case, name), "must be >= 0")
+            key = direction_key(name)
+            if dimension.direction and key in case.model_fields_set and name not in case.model_fields_set:
+                yield Mistake(f"cases[{position}].{key}", getattr(case, key), f"needs {name}, whose direction it is")
         for name, count in elements(design).items() if design else ():
             value = getattr(case, name)
             if design and count == 0 and np.any(value):
                 yield Mistake(f"cases[{position}].{name}", value, dimension_library()[name].refusal(design))
-            elif count and isinstance(value, Sequence) and len(value) != count:
-                yield Mistake(
-                    f"cases[{position}].{name}", f"list of {len(value)}", f"must have {count}, or be a number"
-                )
+            for key in (name, direction_key(name)):
+                listed = getattr(case, key, None)
+                if count and isinstance(listed, Sequence) and len(listed) != count:
+                    requirement = f"must have {count}, or be a number"
+                    yield Mistake(f"cases[{position}].{key}", f"list of {len(listed)}", requirement)
