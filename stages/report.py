@@ -177,6 +177,7 @@ def report_of(upstream: tuple[Stage, ...]) -> Stage:
         name="report",
         reads=tuple(stage.name for stage in upstream),
         sections=(
+            "name",
             "title",
             "costs",
             "description",
