@@ -27,7 +27,7 @@ transmission = finished.table("aggregate/transmission")
 transmission.head()
 
 # %%
-# The error of the angle at the end of the play in one sense, over a turn of the output: the nominal reducer and one unit.
+# The error of the angle at the end of the play in one sense, over a turn of the output: nominal, and one unit.
 free = transmission[(transmission["torque_Nm"] == 0) & (transmission["sense"] == "+") & (transmission["sample"] < 2)]
 figure, axes = plt.subplots(figsize=(7, 3.5), layout="constrained")
 for sample, rows in free.groupby("sample"):
