@@ -231,14 +231,15 @@ def damages(run_folder: Path) -> list[Damage]:
 
 
 def mixed_stages(run_folder: Path) -> list[str]:
-    """A sentence for each stage of a run that was made from other tables than those beside it.
+    """A sentence for each stage of a run from another state of which later stages were made.
 
     A run that was interrupted after an edit, or of which one stage was run alone, has such stages.
     """
+    pairs = _mixed(_outputs_of(run_folder))
     return [
-        f"stage {stage} of {run_folder.name} was made from another {upstream} than the one beside it: do not join "
-        f"their tables; run: python -m pipeline run report --study {run_folder.name}"
-        for stage, upstream in _mixed(_outputs_of(run_folder))
+        f"{upstream} of {run_folder.name} is not the one that {', '.join(s for s, name in pairs if name == upstream)} "
+        f"came from: do not join their tables; run: python -m pipeline run report --study {run_folder.name}"
+        for upstream in sorted({name for _, name in pairs})
     ]
 
 
