@@ -21,6 +21,7 @@ from pipeline.identification.record.passes import drift_of_repeats, shift_of_rep
 from pipeline.identification.record.results import sentences, write
 from pipeline.identification.record.terms import TOLERATED_SHARE
 from pipeline.identification.record.turn_record import TurnRecord
+from pipeline.identification.selection.criteria import Choice
 from pipeline.report.unit.record import write_record_page
 
 ROOT = Path(__file__).parents[2]
@@ -306,6 +307,16 @@ def test_waves_that_a_record_does_not_tell_apart_count_as_their_sum(tmp_path):
         mean = np.concatenate([trial.posterior.mean, [2 * limit, 0.0, second_size, 0.0]])
         posterior = replace(trial.posterior, mean=mean)
         assert judge.tolerated_waves(replace(trial, effects=names, posterior=posterior)) == tolerated
+    # What errors of parts can be is within tolerance, whatever clause refuses it first.
+    small = replace(
+        trial, effects=names[:1], posterior=replace(trial.posterior, mean=np.append(mean[:-4], [1e-9, 0.0]))
+    )
+    trials = {"": trial, names[0]: small}
+    reason = "a part of the data that was left out is predicted worse with it by odds of 999 to 1"
+    choice = Choice(odds={names[0]: 9.0}, reasons={names[0]: reason}, best_model=names[0])
+    judgement = judge._judgement_without_names(trials, choice, 0.4)
+    assert judgement.verdict == "within tolerance"
+    assert "errors of parts within their tolerances cause waves as large as" in judgement.finding
 
 
 def test_an_order_of_no_shaft_that_grows_with_the_torque_is_no_adequate_unit(tmp_path):

@@ -174,8 +174,9 @@ class RecordJudge(Rule[Trial]):
         """The judgement where nothing is named."""
         verdict, finding, best_model = UNEXPLAINED, "", choice.best_model
         reason = choice.reasons.get(best_model, "")
-        if best_model and TOLERABLE in reason:
-            verdict, finding = WITHIN_TOLERANCE, f"{best_model.replace('_', ' ')}: {reason}"
+        tolerable = next(self._tolerable(trials[best_model]), "") if best_model else ""
+        if tolerable:  # whatever else speaks against it
+            verdict, finding = WITHIN_TOLERANCE, f"{best_model.replace('_', ' ')}: {tolerable}"
         elif best_model:
             finding = f"the most probable, {best_model.replace('_', ' ')}, is not named: {reason}"
         elif trials[""].value - self.evidence.posterior((), self.evidence.most_likely((), limit)).value >= ODDS:
@@ -231,6 +232,10 @@ class RecordJudge(Rule[Trial]):
         for name in trial.effects:
             if self._size(trial, name) > self.evidence.span:
                 yield f"the size of {name} is larger than the twist of the drive"
+        yield from self._tolerable(trial)
+
+    def _tolerable(self, trial: Trial) -> Iterator[str]:
+        """Why a model is no cause: errors of parts make waves as large as all of its effects."""
         if len(tolerated := self.tolerated_waves(trial)) == len(trial.effects):
             yield f"{TOLERABLE} cause waves as large as {tolerated[0]}"
 
