@@ -16,8 +16,7 @@ from pipeline import assembly, settings
 from pipeline.cli.arguments import workers
 from pipeline.config import load_design, load_study
 from pipeline.decisions.joint import FORMATS, JOINTS, joints
-from pipeline.engine.provenance import FILE, crate
-from pipeline.engine.runner import mixed_stages
+from pipeline.engine.finished_run import FILE, crate, mixed_stages
 from pipeline.engine.store import write_atomic, write_json
 from pipeline.engine.table import columns_of_frame
 from pipeline.errors import InputError

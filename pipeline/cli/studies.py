@@ -15,7 +15,8 @@ from pipeline.cli.parser import parser
 from pipeline.config import Study, load_study, load_unit
 from pipeline.config.files.table_file import READ
 from pipeline.engine.cache import lock_run
-from pipeline.engine.runner import damages, mixed_stages, plan, set_aside, why
+from pipeline.engine.finished_run import damages, mixed_stages, set_aside
+from pipeline.engine.runner import plan, why
 from pipeline.engine.store import DAMAGED_SUFFIX, RECORD, Output, remove, write_atomic
 from pipeline.errors import InputError
 from pipeline.library.running import known_size, prepared_loops, up_to_date

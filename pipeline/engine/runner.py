@@ -3,7 +3,7 @@
 import difflib
 import os
 import platform
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -29,8 +29,8 @@ from pipeline.engine.stage import Chunk, Job, Sections, Stage
 from pipeline.engine.store import (
     DAMAGED_SUFFIX,
     MANIFEST,
-    RECORD,
     Output,
+    content_hashes,
     make_way,
     name_path_in_errors,
     read_json,
@@ -41,8 +41,6 @@ from pipeline.errors import InputError
 
 SOURCES = "sources.json"
 """In the cache: what the sources do, as far as a run has read them."""
-PICTURES = (".png", ".svg")
-"""Endings of files that are looked at and never read: a new look of a figure must not run the stages after it."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +89,7 @@ def run(
         for stage in stages_to_run:
             inputs = {name: outputs[name] for name in stage.reads}
             refuse_changed_sources(stage, sources[stage.name])
-            current = fingerprint(stage, study, _content(inputs))
+            current = fingerprint(stage, study, content_hashes(inputs))
             output = Output.open(runs / study.name / stage.name)
             if output is not None:
                 _set_aside_extra(output)
@@ -190,99 +188,7 @@ def _staleness(
             name: digest for name, digest in output.record["inputs"].items() if name.split("/")[0] not in available
         }
         outputs[stage.name] = output
-        yield stage, _reasons(output, fingerprint(stage, study, _content(available) | missing_inputs))
-
-
-@dataclass(frozen=True)
-class Damage:
-    """A file of a stage that is "missing", "altered", "extra", or a record "made from another" of the stages there."""
-
-    stage: str
-    name: str
-    fault: str
-
-
-def damages(run_folder: Path) -> list[Damage]:
-    """Compare every byte of a run, and the set of its files, with its manifest and its records; nothing is written.
-
-    A hash beside a file finds damage, not malice: whoever may write both can make them fit.
-
-    Raises
-    ------
-    InputError
-        If there is no run.
-    """
-    manifest, outputs = valid(read_json(run_folder / MANIFEST), Manifest), _outputs_of(run_folder)
-    if not outputs and manifest is None:
-        raise InputError(f"{run_folder}: no run; see {run_folder.parent} for the runs that there are")
-    seals = manifest["stages"] if manifest else {}
-    damage = [] if manifest else [Damage("", MANIFEST, "altered" if (run_folder / MANIFEST).exists() else "missing")]
-    for stage in sorted({*outputs, *seals, *_inputs_named(outputs.values())}):
-        output = outputs.get(stage)
-        if output is None:
-            is_extra = manifest is not None and stage not in seals
-            damage.append(
-                Damage(stage, RECORD, "missing" if stage not in outputs else "extra" if is_extra else "altered")
-            )
-        elif manifest and seals.get(stage) != output.record["seal"]:
-            damage.append(Damage(stage, RECORD, "altered"))
-        damage += [Damage(stage, name, fault) for name, fault in (output.verify() if output else {}).items()]
-    return damage + [Damage(stage, RECORD, f"made from another {name}") for stage, name in _mixed(outputs)]
-
-
-def mixed_stages(run_folder: Path) -> list[str]:
-    """A sentence for each stage of a run from another state of which later stages were made.
-
-    A run that was interrupted after an edit, or of which one stage was run alone, has such stages.
-    """
-    pairs = _mixed(_outputs_of(run_folder))
-    return [
-        f"{upstream} of {run_folder.name} is not the one that {', '.join(s for s, name in pairs if name == upstream)} "
-        f"came from: do not join their tables; run: python -m pipeline run report --study {run_folder.name}"
-        for upstream in sorted({name for _, name in pairs})
-    ]
-
-
-def _outputs_of(run_folder: Path) -> dict[str, Output | None]:
-    """Stages that have a record, by name; None where it is damaged."""
-    return {path.parent.name: Output.open(path.parent) for path in sorted(run_folder.glob(f"[!.]*/{RECORD}"))}
-
-
-def _mixed(outputs: Mapping[str, Output | None]) -> list[tuple[str, str]]:
-    """Stages, each with a stage upstream whose tables are not those that it was made from."""
-    sound_outputs = {name: output for name, output in outputs.items() if output}
-    present, pairs = _content(sound_outputs), []
-    for stage, output in sound_outputs.items():
-        inputs = output.record["inputs"]
-        changed = {name.partition("/")[0] for name in inputs if inputs[name] != present.get(name)}
-        pairs += [(stage, upstream) for upstream in sorted(changed & sound_outputs.keys())]
-    return pairs
-
-
-def _inputs_named(outputs: Iterable[Output | None]) -> set[str]:
-    """Stages whose tables the records say that they were made from."""
-    return {name.partition("/")[0] for output in outputs if output for name in output.record["inputs"]}
-
-
-def set_aside(run_folder: Path, damage: Iterable[Damage]) -> bool:
-    """Move what is altered or extra out of a run, so that the next one makes it anew; whether anything was moved.
-
-    Nothing is moved out of a run that cannot be written; records are written over by the next run.
-
-    Raises
-    ------
-    InputError
-        If another process writes the run.
-    """
-    movable = [file for file in damage if file.fault != "missing" and file.name not in (RECORD, MANIFEST)]
-    if not movable or not os.access(run_folder, os.W_OK):
-        return False
-    with lock_run(run_folder):
-        for file_damage in movable:
-            output = Output.open(run_folder / file_damage.stage)
-            if output is not None:
-                output.set_aside(file_damage.name)
-    return True
+        yield stage, _reasons(output, fingerprint(stage, study, content_hashes(available) | missing_inputs))
 
 
 def needed_stages(stages: Sequence[Stage], targets: Sequence[str]) -> list[Stage]:
@@ -309,12 +215,6 @@ def needed_stages(stages: Sequence[Stage], targets: Sequence[str]) -> list[Stage
 def _hint(name: str, names: Sequence[str]) -> str:
     matches = difflib.get_close_matches(name, names, 1)
     return f"; did you mean {matches[0]}?" if matches else ""
-
-
-def _content(outputs: Mapping[str, Output]) -> dict[str, str]:
-    """Hashes of all that a stage may read of its inputs: their tables and files, but no pictures."""
-    hashes = {f"{stage}/{name}": digest for stage, output in outputs.items() for name, digest in output.hashes.items()}
-    return {name: digest for name, digest in hashes.items() if not name.endswith(PICTURES)}
 
 
 def _reasons(output: Output, current: Fingerprint) -> list[str]:

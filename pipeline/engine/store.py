@@ -33,6 +33,8 @@ from pipeline.errors import InputError
 RECORD = "record.json"
 MANIFEST = ".manifest.json"
 """Of a run: the seal of each stage's record."""
+PICTURES = (".png", ".svg")
+"""Endings of files that are looked at and never read: a new look of a figure must not run the stages after it."""
 DAMAGED_SUFFIX = ".damaged"
 """In a run: files that were not what was written, by stage."""
 
@@ -225,6 +227,12 @@ class Output:
         remove(target)
         target.parent.mkdir(parents=True, exist_ok=True)
         path.replace(target)
+
+
+def content_hashes(outputs: Mapping[str, Output]) -> dict[str, str]:
+    """Hashes of all that a stage may read of its inputs: their tables and files, but no pictures."""
+    hashes = {f"{stage}/{name}": digest for stage, output in outputs.items() for name, digest in output.hashes.items()}
+    return {name: digest for name, digest in hashes.items() if not name.endswith(PICTURES)}
 
 
 def read_parquet(path: Path, items: tuple[int, int] | None = None, names: Sequence[str] | None = None) -> pa.Table:

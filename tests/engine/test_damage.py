@@ -19,10 +19,11 @@ from forked import forked
 from toy_runs import ONE, hashes
 from toy_study import ADD, DRAW, STAGES, Numbers, Toy
 
-from pipeline.engine import record, runner, work
+from pipeline.engine import finished_run, record, work
 from pipeline.engine.cache import ENTRY, Cache, lock_run
+from pipeline.engine.finished_run import damages, mixed_stages
 from pipeline.engine.parallel import ChunkError
-from pipeline.engine.runner import damages, mixed_stages, run, why
+from pipeline.engine.runner import run, why
 from pipeline.engine.store import Output, remove
 from pipeline.errors import InputError
 
@@ -228,14 +229,14 @@ def test_every_flipped_bit_of_a_part_is_found_when_it_is_read(tmp_path: Path, ou
 
 
 def test_check_names_what_is_damaged_and_the_stage_that_makes_it_anew(tmp_path: Path, outputs) -> None:
-    assert runner.damages(tmp_path / "toy") == []
+    assert finished_run.damages(tmp_path / "toy") == []
     flip(tmp_path / "toy/add/sums.parquet/part-000000010.parquet", -20)
     flip(tmp_path / "toy/add/powers.txt")
     (tmp_path / "toy/finish/record.json").write_text("{}")
     (tmp_path / "toy/draw/points.parquet").unlink()
     (tmp_path / "toy/add/sums.parquet/part-000000099.parquet").write_bytes(b"of somebody")
     files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
-    damages = runner.damages(tmp_path / "toy")
+    damages = finished_run.damages(tmp_path / "toy")
     assert [(damaged.stage, damaged.name, damaged.fault) for damaged in damages] == [
         ("add", "sums.parquet/part-000000010.parquet", "altered"),
         ("add", "powers.txt", "altered"),
@@ -244,10 +245,10 @@ def test_check_names_what_is_damaged_and_the_stage_that_makes_it_anew(tmp_path: 
         ("finish", "record.json", "altered"),
     ]
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == files  # it writes nothing
-    assert runner.set_aside(tmp_path / "toy", damages)
+    assert finished_run.set_aside(tmp_path / "toy", damages)
     assert (tmp_path / "toy/.damaged/add/sums.parquet/part-000000099.parquet").read_bytes() == b"of somebody"
     assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE)) == outputs
-    assert runner.damages(tmp_path / "toy") == []
+    assert finished_run.damages(tmp_path / "toy") == []
 
 
 @pytest.mark.parametrize(
@@ -262,17 +263,17 @@ def test_check_names_what_is_damaged_and_the_stage_that_makes_it_anew(tmp_path: 
 def test_check_misses_a_stage_that_is_gone(tmp_path: Path, outputs, remove: str, found: list) -> None:
     path = tmp_path / "toy" / remove
     shutil.rmtree(path) if path.is_dir() else path.unlink()
-    damages = [(damaged.stage, damaged.name, damaged.fault) for damaged in runner.damages(tmp_path / "toy")]
+    damages = [(damaged.stage, damaged.name, damaged.fault) for damaged in finished_run.damages(tmp_path / "toy")]
     assert damages == found
     assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE)) == outputs
-    assert runner.damages(tmp_path / "toy") == []
+    assert finished_run.damages(tmp_path / "toy") == []
 
 
 def test_check_names_a_folder_that_is_no_stage_of_the_run(tmp_path: Path, outputs) -> None:
     shutil.copytree(tmp_path / "toy/add", tmp_path / "toy/add2")
-    damages = runner.damages(tmp_path / "toy")
+    damages = finished_run.damages(tmp_path / "toy")
     assert [(damaged.stage, damaged.name, damaged.fault) for damaged in damages] == [("add2", "record.json", "extra")]
-    assert not runner.set_aside(tmp_path / "toy", damages)
+    assert not finished_run.set_aside(tmp_path / "toy", damages)
     assert (tmp_path / "toy/add2/record.json").is_file()
 
 
@@ -292,7 +293,7 @@ def test_stages_of_two_states_of_a_study_are_told_apart(tmp_path: Path, outputs)
 def test_check_takes_no_lock(tmp_path: Path, outputs) -> None:
     """An archive that nobody may write, or that another process reads, is verified all the same."""
     with lock_run(tmp_path / "toy"):
-        assert runner.damages(tmp_path / "toy") == []
+        assert finished_run.damages(tmp_path / "toy") == []
 
 
 def test_an_extra_part_is_set_aside_before_anything_reads_the_folder(tmp_path: Path, outputs, capsys) -> None:
@@ -392,13 +393,13 @@ def test_what_is_no_plain_file_is_made_anew(
         signal.setitimer(signal.ITIMER_REAL, 20)
         why(STAGES, Toy(), "finish", runs)
         with contextlib.suppress(InputError):
-            runner.damages(runs / "toy")
+            finished_run.damages(runs / "toy")
         if name.endswith(STILL_A_LOCK) or (name in OF_ALL_RUNS and kind != "a folder"):
             with contextlib.suppress(OSError):
                 run(STAGES, Toy(), ["finish"], runs, ONE)
         else:
             assert hashes(run(STAGES, Toy(), ["finish"], runs, ONE)) == outputs, name
-            assert runner.damages(runs / "toy") == [], name
+            assert finished_run.damages(runs / "toy") == [], name
         signal.setitimer(signal.ITIMER_REAL, 0)
 
 
