@@ -54,9 +54,11 @@ def unit_next_step(unit: Certificate) -> str:
 def write_certificate_page(unit: Certificate, loop: Compensated | None, folder: Path) -> None:
     """Write report.html and its figure into ``folder``."""
     quantities = {**METRICS, **turn_library()}
-    loops = unit.loops
-    figure = certificate_figure(loops.torque, loops.angle[:, 0], BAND, float(loops.crank_deg[0]))
-    caption = "Lines: median of the units that the measured one may be. Bands: 95 % of them."
+    loops, pictures = unit.loops, {}
+    if unit.is_predicted:
+        figure = certificate_figure(loops.torque, loops.angle[:, 0], BAND, float(loops.crank_deg[0]))
+        caption = "Lines: median of the units that the measured one may be. Bands: 95 % of them."
+        pictures = {"loop": drawn_picture(figure, "Predicted loop", caption, folder / "figures" / "loop")}
     page = render(
         "decisions/certificate.html",
         label=unit.label,
@@ -79,7 +81,8 @@ def write_certificate_page(unit: Certificate, loop: Compensated | None, folder: 
         bounds=[(METRICS[b.metric].axis, b.quantity, rounded_number(b.value)) for b in unit.bounds],
         why_no_bounds=unit.why_no_bounds,
         crank=float(loops.crank_deg[0]),
-        pictures={"loop": drawn_picture(figure, "Predicted loop", caption, folder / "figures" / "loop")},
+        is_predicted=unit.is_predicted,
+        pictures=pictures,
     )
     write_atomic(folder / "report.html", page.encode())
 
