@@ -174,6 +174,8 @@ def test_loaded_angles_stand_evenly_over_the_turn_and_see_every_phase_of_the_pin
         phases = np.sort(np.mod(np.array(cycle.crank_deg) / pitch + 1e-9, 1))
         np.testing.assert_allclose(np.diff(phases), 1 / 31)
     assert cycle.rigid_crank_deg == tuple(turn_deg * k / 181 for k in range(181))
+    assert cycle.even_crank_deg == cycle.rigid_crank_deg
+    assert cycle.model_copy(update={"rigid_angles": 30}).even_crank_deg == cycle.crank_deg  # the finer ones
     (problem,) = study_problems(changed(study_data, "cycle.loaded_angles", 32))
     assert problem.endswith("the angles see 2 phases of their pitch; take 33")
 

@@ -86,9 +86,7 @@ def test_units_without_a_value_are_counted_in_the_first_screen(frames):
     assert Verdict(failing, Results(failing)).not_counted == ""
     lost = failing.over_turn.index[:3]
     is_lost = failing.units["sample"].isin(lost)
-    units = failing.units.assign(
-        lost_motion_arcmin_worst=failing.units["lost_motion_arcmin_worst"].mask(is_lost),
-    )
+    units = failing.units.assign(lost_motion_arcmin_worst=failing.units["lost_motion_arcmin_worst"].mask(is_lost))
     status = failing.metrics["status"].astype(object)
     is_of_lost = failing.metrics["sample"].isin(lost)
     metrics = failing.metrics.assign(status=status.mask(is_of_lost, "clearance too large"))
@@ -163,9 +161,7 @@ def test_the_yield_of_the_whole_turn_stands_before_that_of_the_angles(frames):
     row = {"metric": ALL_LIMITS, "over": "whole_turn", "crank_deg": np.nan, "statistic": "yield"}
     rows = pd.DataFrame([{**row, "value": 0.412, "ci_low": 0.308, "ci_high": 0.521, "n": 12, "n_angles": 6320}])
     searched = replace(
-        failing,
-        units=failing.units.assign(n_searched=6320),
-        distributions=pd.concat([failing.distributions, rows]),
+        failing, units=failing.units.assign(n_searched=6320), distributions=pd.concat([failing.distributions, rows])
     )
     page = written(searched)
     assert "41.2 %" in page
@@ -174,6 +170,17 @@ def test_the_yield_of_the_whole_turn_stands_before_that_of_the_angles(frames):
     assert "searched: 6,320 pitches of the pins were ranked" in page
     assert "at most as many" not in page
     assert "whole turn: the search, corrected by the audited units" not in page  # no means
+    limits = searched.study.limits.model_copy(
+        update={"transmission_error_arcsec": 1e6, "unloaded_transmission_error_arcsec": 1e6}
+    )
+    of_turn = replace(searched, study=searched.study.model_copy(update={"limits": limits}))
+    counts = of_turn.units.iloc[0]
+    angles = (
+        f"{counts['n_angles']:,} and {counts['n_rigid_angles']:,} crank angles, between which the worst may be larger"
+    )
+    said = Verdict(of_turn, Results(of_turn)).holds_for
+    assert said.startswith("It holds for the whole turn of the output, but for the transmission error")
+    assert angles in said
 
 
 def test_the_table_of_convergence_ends_with_the_bound_of_the_continuous_turn(frames):
