@@ -9,6 +9,7 @@ import pytest
 from small_study import LAST, run_study, small_study
 
 from pipeline import assembly
+from pipeline.engine.fingerprint import used_settings
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
 from pipeline.model.equilibrium.solve import ACCEPTED_RESIDUAL, ElasticReducer, solve
@@ -149,3 +150,10 @@ def test_zero_tolerance_has_no_backlash_and_uniform_tolerance_the_published_shar
     backlash = frame(outputs, LAST, "metrics").groupby("sample")["clearance_backlash_arcmin"]
     assert backlash.max()[0] < 1e-6
     assert 5 * 0.0631 < backlash.min()[1] <= backlash.max()[1] < 5 * 0.0633
+
+
+def test_the_page_depends_on_the_name_of_its_study_and_no_table_does() -> None:
+    """A run that is copied to another name keeps its tables; its page names the study in sentences and commands."""
+    study = small_study()
+    named = {stage.name for stage in STAGES if "name" in used_settings(stage, study)}
+    assert named == {"report"}

@@ -118,6 +118,12 @@ def test_a_unit_that_probably_fails_is_not_sent_to_the_controller(certified):
     assert "at the 3 crank angles that were solved" in limit_sentence(passing)
 
 
+def test_loops_beyond_the_model_count_nowhere(certified):
+    three = replace(certified.loops, angle=certified.loops.angle[:3])
+    kept = certificates._valid_loops(three, np.array([True, False, True]))
+    np.testing.assert_array_equal(kept.angle, three.angle[[0, 2]])
+
+
 def test_a_unit_beyond_the_model_has_no_compensation(tmp_path):
     """400 um off the flank: the metrics have none of these units, and no table may send their loops to a controller."""
     study = rigid_study()

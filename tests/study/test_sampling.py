@@ -12,6 +12,7 @@ from scipy import stats
 from pipeline import assembly
 from pipeline.assembly import errors as errors_in_mm
 from pipeline.config import load_study
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.dimensions.pins import oval_shift
 from pipeline.config.distributions import library
 from pipeline.config.distributions.shipped import Fixed, Normal, Triangular, Uniform
@@ -389,3 +390,9 @@ def test_opposite_planets_err_more_than_alike_ones():
             ends.append(rigid_play(drive.reducer, drive.gap, drive.bearing_clearance).ends.ravel())
         peak[name] = np.ptp(np.array(ends)[:, 0])
     assert peak["opposite"] > 1.3 * peak["alike"] > 0
+
+
+def test_no_two_dimensions_have_one_place_in_the_design_of_experiment():
+    """Else a dimension that is added would change the random numbers of another one."""
+    columns = [column for dimension in dimension_library().values() for column in dimension.draw_columns]
+    assert len(columns) == len(set(columns))
