@@ -105,10 +105,7 @@ def test_an_undercut_drawn_flank_and_one_with_loops_are_refused(cycloid, flank, 
         ("", "flank.csv"),
         ("phase_deg,deviation_um\n", "no rows"),
         (table([(p, 0) for p in PHASES], "angle,deviation_um"), 'column "angle" is unknown'),
-        (
-            table([(p, 0) for p in PHASES]).replace("20,0", "20,x"),
-            'flank.csv:4: deviation_um = "x"; must be a number',
-        ),
+        (table([(p, 0) for p in PHASES]).replace("20,0", "20,x"), 'flank.csv:4: deviation_um = "x"; must be a number'),
         (
             table([(p, 0) for p in (*PHASES[:5], 35, *PHASES[5:])]),
             "flank.csv:6 and flank.csv:7 = 35.0; stands after 40",
