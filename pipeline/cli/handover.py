@@ -116,7 +116,7 @@ def write_joints(options: argparse.Namespace) -> None:
 
 
 def missing_units(units: pd.DataFrame) -> str:
-    """That units without a result count nowhere in the quantiles of a joint; empty if all have one."""
+    """A sentence on units without a result, which the quantiles of a joint leave out; empty if there are none."""
     missing = int((units["status"] != "ok").sum())
     if not missing:
         return ""

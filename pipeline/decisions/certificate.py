@@ -186,7 +186,7 @@ def certificate(
 
 
 def _valid_loops(loops: Loops, is_valid: Truth) -> Loops:
-    """The loops of units for which the model is valid (n,); one that is missing if it is for none."""
+    """The loops of the units for which the model is valid (n,); a loop of missing values if there is none."""
     missing = np.full((1, *loops.angle.shape[1:]), np.nan)
     return replace(loops, angle=loops.angle[is_valid] if is_valid.any() else missing)
 

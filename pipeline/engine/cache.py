@@ -22,7 +22,7 @@ ENTRY = "entry.json"
 
 
 def _confirm_all() -> None:
-    """Raise for nothing: the code of a cache of one process."""
+    """Accept every entry, as a cache of one process does."""
 
 
 @dataclass(frozen=True)

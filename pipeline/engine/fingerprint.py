@@ -122,8 +122,8 @@ def refuse_changed_sources(stage: Stage, sources: Mapping[str, str]) -> None:
     changed = [name for name, _, _ in _differences(sources, source_hashes(stage.module))]
     if changed:
         raise InputError(
-            f"{', '.join(changed)}: changed while this command ran, so that nobody can tell which version stage "
-            f"{stage.name} ran with; its results are not kept; run the command again"
+            f"{', '.join(changed)}: changed while this command ran; the results of stage {stage.name} may come from "
+            "either version and are not kept; run the command again"
         )
 
 

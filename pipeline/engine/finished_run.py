@@ -1,4 +1,4 @@
-"""A finished run: what of it is damaged, or of two states; and its RO-Crate, for whoever gets it.
+"""A finished run: its damaged files, its stages that do not fit together, and its RO-Crate.
 
 Source
 ------
@@ -58,16 +58,18 @@ def damages(run_folder: Path) -> list[Damage]:
 
 
 def mixed_stages(run_folder: Path) -> list[str]:
-    """A sentence for each stage of a run from another state of which later stages were made.
+    """A sentence for each stage whose tables have changed since later stages were computed from them.
 
     A run that was interrupted after an edit, or of which one stage was run alone, has such stages.
     """
-    pairs = _mixed(_outputs_of(run_folder))
-    return [
-        f"{upstream} of {run_folder.name} is not the one that {', '.join(s for s, name in pairs if name == upstream)} "
-        f"came from: do not join their tables; run: python -m pipeline run report --study {run_folder.name}"
-        for upstream in sorted({name for _, name in pairs})
-    ]
+    pairs, sentences = _mixed(_outputs_of(run_folder)), []
+    for upstream in sorted({name for _, name in pairs}):
+        stages = ", ".join(stage for stage, name in pairs if name == upstream)
+        sentences.append(
+            f"{upstream} of {run_folder.name} has changed since it was used by {stages}: do not join their tables; run: "
+            f"python -m pipeline run report --study {run_folder.name}"
+        )
+    return sentences
 
 
 def _outputs_of(run_folder: Path) -> dict[str, Output | None]:

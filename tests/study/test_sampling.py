@@ -346,6 +346,8 @@ def test_directions_of_a_stated_unit_are_its_own():
     study = load_study("rv", ROOT)
     np.testing.assert_allclose(listed(study, **RV).planet_runout_phase, [[0.0, np.pi]])
     np.testing.assert_allclose(listed(study, planet_runout=5.0).planet_runout_phase, [[0.0, 0.0]])
+    counterclockwise = listed(study, planet_runout=5.0, planet_runout_direction_deg=90.0)
+    np.testing.assert_allclose(counterclockwise.planet_runout_phase, [[np.pi / 2, np.pi / 2]])
     ring = load_study("quick", ROOT)
     one_oval = listed(ring, ovality_2=3.0)
     turned = listed(ring, ovality_2=3.0, ovality_2_direction_deg=90.0)
