@@ -66,8 +66,8 @@ def mixed_stages(run_folder: Path) -> list[str]:
     for upstream in sorted({name for _, name in pairs}):
         stages = ", ".join(stage for stage, name in pairs if name == upstream)
         sentences.append(
-            f"{upstream} of {run_folder.name} has changed since it was used by {stages}: do not join their tables; run: "
-            f"python -m pipeline run report --study {run_folder.name}"
+            f"{upstream} of {run_folder.name} has changed since it was used by {stages}: do not join their tables; "
+            f"run: python -m pipeline run report --study {run_folder.name}"
         )
     return sentences
 

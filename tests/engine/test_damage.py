@@ -285,7 +285,7 @@ def test_stages_of_two_states_of_a_study_are_told_apart(tmp_path: Path, outputs)
     assert [(found.stage, found.name, found.fault) for found in damages(tmp_path / "toy")] == [
         ("add", "record.json", "made from another draw")
     ]
-    assert mixed_stages(tmp_path / "toy")[0].startswith("draw of toy has changed since it was used by add: do not join")
+    assert mixed_stages(tmp_path / "toy")[0].startswith("draw of toy has changed since it was used by add: do not")
     run(STAGES, changed, ["finish"], tmp_path, ONE)
     assert damages(tmp_path / "toy") == []
 
