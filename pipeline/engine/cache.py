@@ -5,6 +5,7 @@ import hashlib
 import json
 import os
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,10 @@ from pipeline.engine import progress
 from pipeline.engine.store import make_way, read_json, remove, sha256_of, write_json
 from pipeline.errors import InputError
 
+BEING_MADE = ".making-"
+"""Prefix of the folder in which an entry is made."""
+ABANDONED_AFTER_S = 86_400.0
+"""Age of such a folder from which the process that made it is taken to have been killed."""
 ENTRY = "entry.json"
 """Beside the files of an entry: its key, and each file's hash, size and, of an array, shape."""
 
@@ -49,7 +54,8 @@ class Cache:
             remove(target)
         if not os.path.lexists(target):
             self.root.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(dir=self.root, prefix=".making-") as temporary:
+            self._remove_abandoned()
+            with tempfile.TemporaryDirectory(dir=self.root, prefix=BEING_MADE) as temporary:
                 new_folder = Path(temporary) / "filled"
                 new_folder.mkdir()
                 make(new_folder)
@@ -62,6 +68,13 @@ class Cache:
                     if not target.exists():  # else another process was first
                         raise
         return target
+
+    def _remove_abandoned(self) -> None:
+        """Remove the folders of killed processes; another machine may hold the cache, so that only their age tells."""
+        for path in self.root.glob(f"{BEING_MADE}*"):
+            with contextlib.suppress(OSError):  # another process may be faster
+                if time.time() - path.stat().st_mtime > ABANDONED_AFTER_S:
+                    remove(path)
 
     def _fault(self, target: Path, key: str) -> str:
         """What is wrong with an entry, beginning with the file's name; empty if nothing is."""

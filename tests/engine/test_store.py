@@ -1,6 +1,8 @@
 """Reading ranges of items, files written whole or not at all, and the cache."""
 
 import errno
+import os
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.engine import table as table_module
-from pipeline.engine.cache import Cache
+from pipeline.engine.cache import ABANDONED_AFTER_S, BEING_MADE, Cache
 from pipeline.engine.store import Output, write_atomic
 from pipeline.engine.table import Column, Table
 from pipeline.engine.work import Work
@@ -135,6 +137,17 @@ def test_a_failed_computation_leaves_nothing_in_the_cache(tmp_path: Path) -> Non
     with pytest.raises(ValueError, match="no mesh"):
         Cache(tmp_path, "code").folder("key", fails)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_killed_process_was_making_is_removed_once_it_is_old(tmp_path: Path) -> None:
+    """That of a process that still computes stays."""
+    for name, age_s in (("killed", ABANDONED_AFTER_S + 60), ("at work", ABANDONED_AFTER_S - 60)):
+        folder = tmp_path / f"{BEING_MADE}{name}"
+        folder.mkdir()
+        (folder / "half").touch()
+        os.utime(folder, (time.time() - age_s,) * 2)
+    entry = Cache(tmp_path, "code").folder("key", lambda folder: (folder / "x").write_text("1"))
+    assert {path.name for path in tmp_path.iterdir()} == {entry.name, f"{BEING_MADE}at work"}
 
 
 def test_two_processes_that_compute_the_same_agree_on_the_first(tmp_path: Path) -> None:
