@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -17,11 +18,12 @@ import pytest
 from measured_bench import measured, write_unit
 from synthetic_unit import EXAMPLE, TRIED, Condensed, problem_of
 
-from pipeline import cli, settings
+from pipeline import assembly, cli, settings
 from pipeline.config import load_study
 from pipeline.config.changing import toml_of
 from pipeline.config.studies.study import LAW_FACTORS
 from pipeline.engine.store import Output
+from pipeline.identification.fitting.build import one_unit
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.measurement import Measurement
@@ -44,6 +46,7 @@ from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import Verdict
 from pipeline.report.unit.facts import comparison_sentence, rows_facts
 from pipeline.report.unit.rows import candidate_row, remainder_cards
+from pipeline.sampling.errors import draw
 from pipeline.statistics.curve_scatter import CurveScatter
 
 ROOT = Path(__file__).parents[2]
@@ -135,10 +138,10 @@ def test_a_coefficient_that_is_not_there_is_seen_in_one_residual_of_twenty() -> 
         rng, block = np.random.default_rng(n_blocks), np.repeat(np.arange(n_blocks), 10)
         torque, falling = np.tile(np.linspace(-1, 1, 10), n_blocks), np.where(block % 2, 1.0, -1.0)
         columns, everything = np.column_stack([falling, falling * np.abs(torque), torque]), np.ones(len(block), bool)
-        for draw in range(800):
+        for number in range(800):
             residual = rng.standard_normal(len(block)) + 0.5 * rng.standard_normal(n_blocks)[block]
             cells = SimpleNamespace(residual=residual, position=np.zeros(len(block), int), block=block)
-            alarms.append(judged_signature("", "", "", trend(cells, everything, columns, draw % 3)).significant)
+            alarms.append(judged_signature("", "", "", trend(cells, everything, columns, number % 3)).significant)
     assert np.mean(alarms) == pytest.approx(0.05, abs=0.009)
 
 
@@ -192,6 +195,42 @@ def test_a_study_of_angles_evenly_over_the_turn_is_written_with_those_of_the_uni
     written = tomllib.loads(corrected_design._study_text(identification, trial, corrected_design.BEST_KIND))
     assert written["cycle"]["crank_deg"] == [0.0, 65.4545]
     assert "loaded_angles" not in written["cycle"]
+
+
+@pytest.mark.parametrize("is_measured", [True, False])
+def test_a_written_study_has_the_dimensions_of_its_fit(is_measured: bool, tmp_path: Path, condensed: Condensed) -> None:
+    """A measured run-out keeps its direction, and what was fitted of it is added as a vector; so is one of tolerances.
+
+    The file is read again: its one unit has the errors of the mean unit and of the modes.
+    """
+    shutil.copytree(ROOT / "data/measured" / EXAMPLE, folder := tmp_path / "u")
+    settings_file = folder / "unit.toml"
+    if is_measured:
+        with (folder / "dimensions.toml").open("a") as file:
+            file.write("\nbore_runout = 6.0\nbore_runout_direction_deg = 50.0\n")
+    else:
+        settings_file.write_text(settings_file.read_text().replace('"dimensions.toml"', '"unknown"'))
+        study_text = (ROOT / "data/studies/quick.toml").read_text()
+        further = '[tolerances.bore_runout]\ndistribution = "uniform"\nlower_um = 0.0\nupper_um = 8.0\n'
+        (tmp_path / "runout.toml").write_text(f"{study_text}\n{further}")
+        settings_file.write_text(settings_file.read_text().replace('"quick"', '"../runout.toml"'))
+    measurement = Measurement.read(load_measured_unit(folder, ROOT))
+    problem = problem_of(folder, condensed)
+    amounts = np.where(np.arange(problem.n_modes) % 2, -1.0, 1.5)
+    fit = SimpleNamespace(unknowns=SimpleNamespace(modes=amounts))
+    case = corrected_design.fitted_dimensions(
+        SimpleNamespace(problem=problem, measurement=measurement), SimpleNamespace(fit=fit)
+    )
+    if is_measured:
+        assert case.bore_runout == pytest.approx(6.0, abs=1.5)
+        assert case.bore_runout_direction_deg == pytest.approx(50.0, abs=12.0)
+    written = vars(assembly.errors(draw(one_unit(measurement.unit.study, case), 0, 1)))
+    usual, fitted = vars(assembly.errors(problem.mean_unit)), vars(problem.modes_of_errors(amounts))
+    assert np.linalg.norm(fitted["bore_runout"]) > 1e-4
+    for name, values in fitted.items():
+        np.testing.assert_allclose(written[name][0], usual[name][0] + values, atol=3e-7, err_msg=name)
+    vectors = np.linalg.norm(usual["bore_runout"][0])
+    assert vectors == pytest.approx(6e-3) if is_measured else vectors < 1e-3  # of random directions almost none is left
 
 
 @pytest.fixture(scope="module", params=[TRIED, pytest.param(tuple(candidates()), marks=pytest.mark.attack)])
@@ -419,10 +458,7 @@ FITTED = {
         ({}, "no effect is not rejected"),
         ({"why_not": "coulomb: its interval reaches zero"}, "coulomb: its interval reaches zero"),
         ({"significant": True}, "less probable than what is named"),
-        (
-            {"significant": True, "effect": "coulomb+coulomb"},
-            "not clearly more probable than what is named",
-        ),
+        ({"significant": True, "effect": "coulomb+coulomb"}, "not clearly more probable than what is named"),
         ({"significant": True, "member_of_class": True}, "named"),
     ],
 )

@@ -1,12 +1,14 @@
 """From a unit's files to the problem that is fitted."""
 
 from collections.abc import Sequence
+from dataclasses import fields
 
 import numpy as np
 
 from pipeline import assembly
 from pipeline.arrays import Real, Truth, Whole
 from pipeline.config.designs.design import Design, plausible_range
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.studies.study import LAW_FACTORS, Study
 from pipeline.config.studies.tolerances import Case
 from pipeline.constant_kinds import Fineness, Rounding
@@ -98,7 +100,7 @@ def build_problem(
     stateless = Forward([course.without_states() for course in courses], nmm, reach)
     ranges = _scale_ranges(study, keys, are_short=False)
     nominal = first_states([drives((1.0,) * ranges.shape[1], k) for k in range(len(stations.cranks))])
-    errors = _indistinguishable_errors(assembly.errors(population_errors), case, unit.settings.measured_to_um)
+    errors = _indistinguishable_errors(population_errors, case, unit.settings.measured_to_um)
     influences = _influences(measurement, [stateless.backbone(drive) for drive in nominal])
     components = PriorModes.from_population([drive.with_errors(errors).gap for drive in nominal], influences)
 
@@ -303,24 +305,35 @@ def _crank_motion(measurement: Measurement, stations: Stations, position: int) -
     )
 
 
-def _indistinguishable_errors(errors: Errors, case: Case | None, measured_to_um: float) -> Errors:
-    """Units (POPULATION) that measuring the dimensions of a case cannot tell from these; without a case these.
+def _indistinguishable_errors(population: SampledErrors, case: Case | None, measured_to_um: float) -> Errors:
+    """Units (POPULATION) that measuring the dimensions of a case cannot tell from these [um]; without a case these.
 
-    A measured dimension has an error that all its elements share, and one of each element alone, each of this size.
-    One that was not measured has its tolerance alone.
+    A measured dimension has an error that all its elements share, and one of each element alone, each of this size; a
+    run-out or position has them in each of two directions. One that was not measured has its tolerance alone.
     """
     if case is None:
-        return errors
+        return assembly.errors(population)
     rng = np.random.default_rng(POPULATION)
-    unit = MM_PER_UM * measured_to_um
+
+    def spread(values: Real, size: float) -> Real:
+        common = size * rng.standard_normal((POPULATION,) + (1,) * (values.ndim - 1))
+        return values + common + (size * rng.standard_normal((POPULATION, *values.shape[1:])) * (values.ndim > 1))
+
+    in_model = {field.name for field in fields(Errors)}
     measured_names = {*case.model_fields_set, *("lobe" for name in LOBE_PROFILES if name in case.model_fields_set)}
-
-    def spread(values: Real) -> Real:
-        common = unit * rng.standard_normal((POPULATION,) + (1,) * (values.ndim - 1))
-        return values + common + (unit * rng.standard_normal((POPULATION, *values.shape[1:])) * (values.ndim > 1))
-
-    values_of = dict(vars(errors))
-    return Errors(**values_of | {name: spread(values_of[name]) for name in values_of if name in measured_names})
+    values_of = dict(vars(population))
+    for name, dimension in dimension_library().items():
+        if name not in measured_names or name in in_model or not (dimension.direction or dimension.displaces):
+            continue
+        if dimension.direction:
+            vector = values_of[dimension.field] * np.exp(1j * values_of[dimension.phase])
+            vector = spread(vector.real, measured_to_um) + 1j * spread(vector.imag, measured_to_um)
+            values_of |= {dimension.field: np.abs(vector), dimension.phase: np.angle(vector)}
+        else:
+            values_of[dimension.field] = spread(values_of[dimension.field], measured_to_um)
+    errors = dict(vars(assembly.errors(SampledErrors(**values_of))))
+    errors |= {name: spread(errors[name], MM_PER_UM * measured_to_um) for name in errors if name in measured_names}
+    return Errors(**errors)
 
 
 def _population(study: Study, case: Case | None = None) -> SampledErrors:
@@ -333,5 +346,14 @@ def _population(study: Study, case: Case | None = None) -> SampledErrors:
 
 
 def _mean_unit(population: SampledErrors) -> SampledErrors:
-    """The mean unit, about which the modes of the tolerances stand: one-sided tolerances move it from the nominal."""
-    return SampledErrors(**{name: values.mean(axis=0, keepdims=True) for name, values in vars(population).items()})
+    """The mean unit, about which the modes of the tolerances stand: one-sided tolerances move it from the nominal.
+
+    The mean of run-outs and positions is that of their vectors.
+    """
+    values_of = {name: values.mean(axis=0, keepdims=True) for name, values in vars(population).items()}
+    for dimension in dimension_library().values():
+        if dimension.direction:
+            amplitude, direction = (getattr(population, name) for name in (dimension.field, dimension.phase))
+            mean_vector = np.mean(amplitude * np.exp(1j * direction), axis=0, keepdims=True)
+            values_of |= {dimension.field: np.abs(mean_vector), dimension.phase: np.angle(mean_vector)}
+    return SampledErrors(**values_of)

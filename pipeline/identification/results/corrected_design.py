@@ -15,7 +15,7 @@ from pipeline.config.dimensions import dimension_library
 from pipeline.config.files.section import number_at, with_value
 from pipeline.config.reading import parse_design, parse_study
 from pipeline.config.studies.study import LAW_FACTORS, Study
-from pipeline.config.studies.tolerances import Case, elements
+from pipeline.config.studies.tolerances import Case, direction_key, elements
 from pipeline.constant_kinds import ShownCount
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
@@ -119,6 +119,8 @@ def _rms(data: Data, angle: Real) -> float:
 
 DIGITS: ShownCount = 6
 """Digits of a number that a written design has; its interval is wider."""
+AMOUNT_DECIMALS: ShownCount = 4
+"""Decimals of a dimension [um] or direction [degrees] that a written study has."""
 DESCRIBES = {
     "status": "calibrated",
     "reason": f"describes a measured unit best; NOT CLAIMED, its verdict is {UNEXPLAINED}",
@@ -291,15 +293,23 @@ def fitted_dimensions(identification: Identification, trial: Trial) -> Case:
     deviations = vars(problem.modes_of_errors(trial.fit.unknowns.modes))
     values: dict[str, Any] = {"label": "as fitted"}
     for name, dimension in dimension_library().items():
-        mean_value = getattr(problem.mean_unit, name, np.empty(0))
+        mean_value = getattr(problem.mean_unit, dimension.field, np.empty(0))
         needs_more_disks = dimension.fewest_disks > study.design.disk.count
         if not np.size(mean_value) or name in OF_TEMPERATURE or needs_more_disks or dimension.acts_on:
             continue
-        change = deviations.get({"lobe_profile": "lobe"}.get(name, name))
-        total = mean_value[0] + (0.0 if change is None or np.iscomplexobj(change) else change.ravel() / MM_PER_UM)
-        rounded_values = np.round(total, 4).tolist()
-        is_list = name in counts and isinstance(rounded_values, list) and len(rounded_values) > 1
-        value = tuple(rounded_values) if is_list else float(np.ravel(rounded_values)[0])
-        if np.any(value):
-            values[name] = value
+        change = deviations.get({"lobe_profile": "lobe"}.get(name, name), np.zeros(1)) / MM_PER_UM
+        if dimension.direction:
+            vector = mean_value[0] * np.exp(1j * getattr(problem.mean_unit, dimension.phase)[0])
+            vector = vector + (change @ np.array([1.0, 1j]) if change.shape[-1] == 2 else 0.0)
+            totals = {name: np.abs(vector), direction_key(name): np.degrees(np.angle(vector))}
+        else:
+            totals = {name: mean_value[0] + change.ravel()}
+        if np.any(np.round(totals[name], AMOUNT_DECIMALS)):
+            values |= {key: _listed(total, in_list=name in counts) for key, total in totals.items()}
     return Case(**values)
+
+
+def _listed(total: Real, in_list: bool) -> float | tuple[float, ...]:
+    """Rounded values of a case: of elements a list, where there are several."""
+    rounded_values = np.ravel(np.round(total, AMOUNT_DECIMALS)).tolist()
+    return tuple(rounded_values) if in_list and len(rounded_values) > 1 else float(rounded_values[0])
