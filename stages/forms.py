@@ -26,7 +26,7 @@ from pipeline.populations.model_forms import (
     model_forms,
     scaled_contacts,
 )
-from pipeline.populations.turn_drives import TurnDrives, Units, solved_metrics
+from pipeline.populations.turn_drives import TurnDrives, Units, solved_values
 from pipeline.populations.turn_ranking import Ranking
 from pipeline.populations.turn_search import TRAINING_UNITS, lies_elsewhere, search, train_ranking, worst_at
 from pipeline.statistics.differences import mean_difference, order_differences, share_difference
@@ -174,12 +174,12 @@ def _full_compliance(study: Study, disks: DiskMatrices, crank: float) -> Real:
 
 
 def _metrics_of_step(drives: TurnDrives, step: int, units: Units) -> Real:
-    return drives.solve_step(step, units)[2]
+    return drives.solve_step(step, units)[2].metrics
 
 
 def _metrics_at(study: Study, crank: float, compliance: Real, cycle: LoadCycle, units: Units) -> Real:
     drive = drive_of(study, crank, compliance, units.errors, units.clearance, modulus=units.modulus)
-    return solved_metrics(study, drive, cycle)[1]
+    return solved_values(study, drive, cycle)[1].metrics
 
 
 def _solve(

@@ -10,6 +10,7 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.model.metrics import library
+from pipeline.model.metrics.turn import turn_library
 from pipeline.model.units import UM_PER_MM
 from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks, symmetric, turned_blocks
 from pipeline.populations.turn_ranking import Ranking
@@ -37,11 +38,17 @@ OF_PITCHES = {
     for name, metric in library().items()
 }
 """Columns of the worst at all pitches, without the phases between them, by metric."""
+OF_ALL_PITCHES = {
+    name: Column(name, "float64", metric.unit, f"{metric.inline} over all pitches; null without one")
+    for name, metric in turn_library().items()
+    if metric.angles
+}
+"""Columns of the metrics of the turn that are the range of an angle, by metric."""
 N_PHASES = Column("n_phases", "int32", "1", "phases of a pitch that are examined beside the worst pitches; 1: none")
 AUDIT = Table(
     "audit",
     "sample that was solved at every pitch",
-    (SAMPLE, *FOUND_COLUMNS, SOLVED_COLUMN, *OF_PITCHES.values(), N_PHASES),
+    (SAMPLE, *FOUND_COLUMNS, SOLVED_COLUMN, *OF_PITCHES.values(), *OF_ALL_PITCHES.values(), N_PHASES),
 )
 
 
@@ -103,7 +110,8 @@ def _solve(search_inputs: Shared, chunk: Chunk) -> Tables:
     found, of_pitches, audited = search_and_audit(drives, search_inputs.ranking, units, audited_rows)
     at_pitches = {OF_PITCHES[name].name: values for name, values in of_pitches.value.items()}
     n_phases = {N_PHASES.name: np.full(len(audited_rows), drives.phases, np.int32)}
-    audit_columns = _columns(drives, samples[audited_rows], audited) | at_pitches | n_phases
+    of_turn = {name: audited.range_of_angles(turn_library()[name].angles) for name in OF_ALL_PITCHES}
+    audit_columns = _columns(drives, samples[audited_rows], audited) | at_pitches | of_turn | n_phases
     return {"found": _columns(drives, samples, found), "audit": audit_columns}
 
 

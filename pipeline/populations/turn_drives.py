@@ -26,6 +26,7 @@ from pipeline.model.load_history.loop_readings import loop_readings
 from pipeline.model.load_history.response import CycleResponse, respond
 from pipeline.model.load_history.validity import invalid_metrics
 from pipeline.model.metrics import library
+from pipeline.model.metrics.turn import READ_AT
 from pipeline.model.turn import torque_shares
 from pipeline.mounting import drive_of
 from pipeline.sampling.errors import Errors
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
 
 Condense = Callable[[float], Sequence[Real]]
 """Crank angle [degrees] to the compliance of each disk between its contacts (n_rows, n_rows) [mm/N]."""
+TURN_ANGLES = tuple(name for names in READ_AT for name in names)
+"""Angles of a loop whose range over the turn is a transmission error."""
 HOUSING_ERRORS = ("pin_radial", "pin_tangential", "pin_radius", "pin_roundness")
 """Errors of the pins."""
 SOLVED_AT_ONCE = 2_000
@@ -150,14 +153,11 @@ class TurnDrives:
         """Steps of as many pitches as there are lobes."""
         return self.study.design.cycloid.lobes * self.phases
 
-    def metrics_at(self, steps: Index, rows: Index, units: Units) -> Real:
-        """Every metric (n_pairs, n_metrics) of pairs (n_pairs,) of a step and a unit; missing where it does not hold.
-
-        Pairs that one drive serves are solved together.
-        """
-        values = np.empty((len(steps), len(library())))
+    def values_at(self, steps: Index, rows: Index, units: Units) -> "StepValues":
+        """What is read of pairs (n_pairs,) of a step and a unit; those that one drive serves are solved together."""
+        values = StepValues(np.empty((len(steps), len(library()))), np.empty((len(steps), len(TURN_ANGLES))))
         for part, step, turned in self._together(steps, rows, units):
-            values[part] = self.solve_step(step, turned)[2]
+            values.put(part, self.solve_step(step, turned)[2])
         return values
 
     def backlash_change_at(self, steps: Index, rows: Index, units: Units) -> Real:
@@ -188,14 +188,32 @@ class TurnDrives:
         rolled_errors["pin_roundness"] = rolled_errors["pin_roundness"] * np.exp(1j * angle)[:, None]
         return replace(units, errors=replace(errors, **rolled_errors))
 
-    def solve_step(self, step: int, units: Units) -> tuple[Drive, CycleResponse, Real]:
-        """Drive and response of units at a step, and every metric (n, n_metrics); missing where it does not hold."""
+    def solve_step(self, step: int, units: Units) -> tuple[Drive, CycleResponse, "StepValues"]:
+        """Drive and response of units at a step, and what is read of them."""
         drive = self.drive(step, units)
-        return drive, *solved_metrics(self.study, drive, self.cycle)
+        return drive, *solved_values(self.study, drive, self.cycle)
 
 
-def solved_metrics(study: Study, drive: Drive, cycle: LoadCycle) -> tuple[CycleResponse, Real]:
-    """Response of ``n`` units of a drive, and every metric (n, n_metrics); missing where it does not hold."""
+@dataclass(frozen=True)
+class StepValues:
+    """What is read of ``n`` units at steps; missing where it does not hold.
+
+    Attributes
+    ----------
+    metrics : (n, n_metrics) every metric of a loop.
+    angles : (n, n_angles) [arcmin] of the output, in the order of ``TURN_ANGLES``.
+    """
+
+    metrics: Real
+    angles: Real
+
+    def put(self, rows: Index, values: "StepValues") -> None:
+        """Take the values of some rows."""
+        self.metrics[rows], self.angles[rows] = values.metrics, values.angles
+
+
+def solved_values(study: Study, drive: Drive, cycle: LoadCycle) -> tuple[CycleResponse, StepValues]:
+    """Response of ``n`` units of a drive, and what is read of it."""
     response, definitions = respond(drive, cycle), assembly.definitions(study)
     force = np.max(response.equilibria.force, axis=1, keepdims=True)
     peak = np.max(drive.laws_of_states.peak_pressure(force), axis=(1, 2))
@@ -207,7 +225,11 @@ def solved_metrics(study: Study, drive: Drive, cycle: LoadCycle) -> tuple[CycleR
         np.where(response.converged & (invalid[name] == ""), metric.values(readings, definitions), np.nan)
         for name, metric in library().items()
     ]
-    return response, np.stack(values, axis=1)
+    is_held = {
+        name: response.converged & (invalid[metric] == "") for names, metric in READ_AT.items() for name in names
+    }
+    angles = [np.where(is_held[name], getattr(readings, name), np.nan) for name in TURN_ANGLES]
+    return response, StepValues(np.stack(values, axis=1), np.stack(angles, axis=1))
 
 
 def places(study: Study, n_contacts: int, pitch: int) -> Index:

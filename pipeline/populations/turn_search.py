@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from pipeline import assembly
 from pipeline.arrays import Index, Real, Single, Truth
 from pipeline.model.metrics import library
+from pipeline.model.metrics.turn import peak_to_peak
 from pipeline.model.units import ARCMIN
-from pipeline.populations.turn_drives import TurnDrives, Units
+from pipeline.populations.turn_drives import TURN_ANGLES, TurnDrives, Units
 from pipeline.populations.turn_forces import PinForces
 from pipeline.populations.turn_gaps import SeparateGaps
 from pipeline.populations.turn_ranking import Ranking, SpringWork
@@ -79,26 +80,41 @@ class Worst:
     step : metric -> (n,) step of the turn where it was found.
     best_steps : (n, n_steps) that step of every metric and those of the values next to it.
     n_solved : (n,) solutions of each unit.
+    ends_of_angles : (n, n_angles, 2) [arcmin] largest and least angle of the output at them, in the order of
+        ``TURN_ANGLES``, as missing as the metrics; of a search none.
     """
 
     value: dict[str, Real]
     step: dict[str, Index]
     best_steps: Index
     n_solved: Index
+    ends_of_angles: Real
+
+    def range_of_angles(self, names: Sequence[str]) -> Real:
+        """The larger range (n,) [arcsec] of angles of these names over the steps that were solved."""
+        return peak_to_peak(self.ends_of_angles[:, [TURN_ANGLES.index(name) for name in names]])
 
 
 class _Best:
-    """The worst that were found so far of ``n`` units: of every metric as many as are climbed from, the worst first."""
+    """The worst that were found so far of ``n`` units: of every metric as many as are climbed from, the worst first.
 
-    def __init__(self, n: int) -> None:
-        self.sign = np.array([-1.0 if metric.smaller_is_worse else 1.0 for metric in library().values()])
+    After the metrics stand the largest of ``n_angles`` angles of the output, and then the least.
+    """
+
+    def __init__(self, n: int, n_angles: int = 0) -> None:
+        self.n_angles = n_angles
+        self.sign = np.array([_sign(name) for name in library()] + [1.0] * n_angles + [-1.0] * n_angles)
         self.value = np.full((n, len(self.sign), BEST_CLIMBED), -np.inf)
         self.step = np.zeros((n, len(self.sign), BEST_CLIMBED), np.intp)
         self.missing = np.zeros((n, len(self.sign)), bool)
         self.n_solved = np.zeros(n, np.intp)
 
-    def take(self, steps: Index, rows: Index, values: Real) -> None:
-        """Note metrics (n_pairs, n_metrics) of pairs (n_pairs,) of a step and a unit; of equal ones the first stays."""
+    def take(self, steps: Index, rows: Index, values: Real, angles: Real) -> None:
+        """Note metrics (n_pairs, n_metrics) and angles (n_pairs, n_angles) of pairs (n_pairs,) of a step and a unit.
+
+        Of equal metrics the first stays.
+        """
+        values = np.hstack([values, *[angles[:, : self.n_angles]] * 2])
         np.logical_or.at(self.missing, rows, np.isnan(values))
         self.n_solved += np.bincount(rows, minlength=len(self.n_solved))
         signed_values = np.where(np.isnan(values), -np.inf, self.sign * values)
@@ -132,7 +148,7 @@ class _Best:
 
     def some(self, rows: Index) -> "_Best":
         """The worst of some of the units."""
-        best_values = _Best(len(rows))
+        best_values = _Best(len(rows), self.n_angles)
         for name in ("value", "step", "missing", "n_solved"):
             setattr(best_values, name, getattr(self, name)[rows])
         return best_values
@@ -142,8 +158,9 @@ class _Best:
         values = np.where(self.missing | ~np.isfinite(worst), np.nan, self.sign * worst)
         names = list(library())
         best_steps = self.step.reshape(len(step), step.shape[1] * BEST_CLIMBED)
-        value, steps = (dict(zip(names, columns.T, strict=True)) for columns in (values, step))
-        return Worst(value, steps, best_steps, self.n_solved)
+        value, steps = (dict(zip(names, columns.T, strict=False)) for columns in (values, step))
+        ends = np.reshape(values[:, len(names) :], (len(values), 2, self.n_angles)).swapaxes(1, 2)
+        return Worst(value, steps, best_steps, self.n_solved, ends)
 
 
 def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence) -> Ranking:
@@ -158,7 +175,7 @@ def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence
         deflection = drive.laws_of_states.deflection(force) + drive.elastic_deflection(force)
         work.add(deflection[..., order], force[..., order])
         top_forces.append(force[:, ends][..., order[:n_places]])
-        metrics.append(values)
+        metrics.append(values.metrics)
     gaps, springs = SeparateGaps.from_units(drives, units), Springs.from_compliance(drives, work.compliance)
     top = np.stack(top_forces, axis=1)  # (n, n_pitches, 2, n_places)
     forces = PinForces.from_pairs(springs, drives.laws[0].pressure[:n_places], gaps, pitches, top)
@@ -191,7 +208,7 @@ def search_and_audit(
     Pairs of both are solved together, since setting up a step takes as long as solving ten units at it. Without a
     ranking nothing is searched, and the first of the three has no values.
     """
-    found, of_pitches, design = _Best(len(units)), _Best(len(units)), drives.study.design
+    found, of_pitches, design = _Best(len(units)), _Best(len(units), len(TURN_ANGLES)), drives.study.design
     names = () if ranking is None else ranking.names
     effort = SPREAD if design.output.carries_disks else RANKED
     n_best = 1 if drives.phases == 1 or design.cycloid.pins > MANY_PINS else BEST_CLIMBED
@@ -209,8 +226,7 @@ def search_and_audit(
             pool.take(pairs, of_pool)
     _solve_batches(drives, units, waiting)
     of_phases = deepcopy(of_pitches)
-    is_ranked = [name in names for name in library()]
-    best_steps = found.step[:, is_ranked, :n_best]
+    best_steps = found.step[:, [name in names for name in library()], :n_best]
     beside = _pairs_beside(drives, np.arange(len(units)), best_steps)
     beside_audited = _pairs_beside(drives, audited, of_phases.step[audited])
     _solve_batches(drives, units, [_Batch(beside, found), _Batch(beside_audited, of_phases)])
@@ -386,13 +402,13 @@ def _solve_batches(drives: TurnDrives, units: Units, batches: Sequence[_Batch]) 
     of what varies over the turn.
     """
     steps, rows = np.concatenate([np.zeros((0, 2), np.intp), *(batch.pairs for batch in batches)]).T.copy()
-    values = drives.metrics_at(steps, rows, units)
-    lost = np.flatnonzero(np.isnan(values).any(axis=1)) if drives.phases > 1 else steps[:0]
+    values = drives.values_at(steps, rows, units)
+    lost = np.flatnonzero(np.isnan(values.metrics).any(axis=1)) if drives.phases > 1 else steps[:0]
     if len(lost):
         steps[lost] = (steps[lost] + 1) % (drives.pitches * drives.phases)
-        values[lost] = drives.metrics_at(steps[lost], rows[lost], units)
+        values.put(lost, drives.values_at(steps[lost], rows[lost], units))
     starts = np.cumsum([0, *(len(batch.pairs) for batch in batches)])[:-1]
-    parts = [np.split(columns, starts)[1:] for columns in (steps, rows, values)]
+    parts = [np.split(columns, starts)[1:] for columns in (steps, rows, values.metrics, values.angles)]
     for batch, *columns in zip(batches, *parts, strict=True):
         batch.best_values.take(*columns)
     return parts[2]

@@ -65,11 +65,16 @@ class Results:
 
     def estimate(self, metric: str, statistic: str, crank: float | None = None) -> tuple[float, float, float]:
         """A statistic and its interval at a crank angle, or over the turn as the limits mean it; NaN where missing."""
-        whole_turn = "turn" if metric in LIMITED_METRICS and metric not in METRICS else self.frames.turn_statistic
-        turn_value = whole_turn if crank is None else "angle"
-        if turn_value == "worst" and (metric, WHOLE_TURN, None, statistic) in self._estimates:
+        over_turn = "turn" if metric in LIMITED_METRICS and metric not in METRICS else self.frames.turn_statistic
+        turn_value = over_turn if crank is None else "angle"
+        if crank is None and self.is_of_whole_turn(metric, statistic):
             turn_value = WHOLE_TURN
         return self._estimates.get((metric, turn_value, crank, statistic), (np.nan, np.nan, np.nan))
+
+    def is_of_whole_turn(self, metric: str, statistic: str) -> bool:
+        """Whether an estimate over the turn is corrected by units that were solved at every pitch."""
+        key = (metric, WHOLE_TURN, None, statistic)
+        return self.frames.turn_statistic == "worst" and key in self._estimates
 
     def value_over(self, turn_value: str, metric: str, statistic: str) -> float:
         """A statistic of the whole or the continuous turn; NaN where there is none."""

@@ -13,7 +13,7 @@ from pipeline.assembly import definitions
 from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column, Columns
 from pipeline.model.metrics import LoopReadings, library
-from pipeline.model.metrics.turn import TurnReadings, turn_library
+from pipeline.model.metrics.turn import READ_AT, TurnReadings, turn_library
 from pipeline.model.turn import crank_torque
 from pipeline.model.units import NMM_PER_NM
 from pipeline.mounting import conditions
@@ -22,7 +22,7 @@ from pipeline.statistics.two_phase import audited_distribution, audited_share
 from stages.clearance import rigid_angles
 from stages.hysteresis import READINGS
 from stages.tables.over_turn import FRICTION_POWER, PRESSURE_SPEED, RUNNING, SHEAR, SHEAR_DEPTH
-from stages.worst import N_PHASES, OF_PITCHES
+from stages.worst import N_PHASES, OF_ALL_PITCHES, OF_PITCHES
 
 TURN_VALUES = ("worst", "mean", "best")
 """What is made of a metric's values over the turn."""
@@ -37,10 +37,6 @@ OF_TURN = tuple(
     for name, metric in turn_library().items()
 )
 """Columns of a unit's metrics of the turn."""
-READ_AT_HELD_TORQUE = "torsional_rigidity_Nm_per_arcmin"
-"""The metric that is read up to the torque held: where it holds, so do the angle and the forces at that torque."""
-READ_AT_NO_TORQUE = "clearance_backlash_arcmin"
-"""The metric that is read at the ends of the play."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +131,7 @@ def turn_readings(
     rigid_ends : (n, 2, n_rigid_angles) [arcmin], as `clearance.rigid_ends` has it.
     """
     angles = np.array(study.cycle.crank_deg)
-    loaded_angles, free_angles = (_angles_of(loops, names, metric, len(angles)) for names, metric in _READ.items())
+    loaded_angles, free_angles = (_angles_of(loops, names, metric, len(angles)) for names, metric in READ_AT.items())
     missing = np.isnan(loaded_angles[:, :1, :1, None])
     running = {
         column.name: np.where(missing[:, 0, :, 0], np.nan, loops[column.name].reshape(-1, len(angles)))
@@ -157,9 +153,6 @@ def turn_readings(
         loaded_even=np.full(len(angles), study.cycle.evenly_loaded),
         free_even=_rigid_even(study),
     )
-
-
-_READ = {("high_plus", "high_minus"): READ_AT_HELD_TORQUE, ("limit_plus", "limit_minus"): READ_AT_NO_TORQUE}
 
 
 def _angles_of(loops: Mapping[str, np.ndarray], readings: tuple[str, str], metric: str, n_angles: int) -> np.ndarray:
@@ -238,20 +231,25 @@ def found_columns(study: Study, turns: Mapping[str, Turn], search: Mapping[str, 
 
 
 def shortfalls(units: pd.DataFrame, audit: Columns) -> pd.DataFrame:
-    """What each metric's worst of the audited units lies beyond that in the table of units, by sample."""
+    """What each metric's worst of the audited units lies beyond that in the table of units, by sample.
+
+    So does the transmission error, of which the table of units has that of the study's angles.
+    """
     audit_rows = pd.DataFrame(dict(audit)).set_index("sample")
     found_rows = units[units["sample"].isin(audit_rows.index)].set_index("sample").loc[audit_rows.index]
     beyond = {}
     for name, metric in library().items():
         difference = audit_rows[f"{name}_worst"] - found_rows[f"{name}_worst"]
         beyond[name] = difference.clip(upper=0.0) if metric.smaller_is_worse else difference.clip(lower=0.0)
+    for name in OF_ALL_PITCHES:
+        beyond[name] = (audit_rows[name] - found_rows[name]).clip(lower=0.0)
     return pd.DataFrame(beyond)
 
 
 def left_between(audit: Columns) -> pd.DataFrame | None:
     """What angles between those of the audit add to each metric's worst of the audited units in the mean, at most.
 
-    None where one phase of each pitch is looked at.
+    None where one phase of each pitch is looked at. Of the transmission error it is not known, and 0.
 
     Notes
     -----
@@ -263,7 +261,8 @@ def left_between(audit: Columns) -> pd.DataFrame | None:
     if not len(rows) or rows[N_PHASES.name].iloc[0] < 2:
         return None
     share = 1.0 / (rows[N_PHASES.name] - 1)
-    return pd.DataFrame({name: share * (rows[f"{name}_worst"] - rows[OF_PITCHES[name].name]) for name in library()})
+    added = {name: share * (rows[f"{name}_worst"] - rows[OF_PITCHES[name].name]) for name in library()}
+    return pd.DataFrame({**added, **dict.fromkeys(OF_ALL_PITCHES, 0.0 * share)})
 
 
 def whole_turn_estimates(
@@ -277,7 +276,7 @@ def whole_turn_estimates(
     shortfall : (n_audited, n_metrics) as `shortfalls`.
     """
     confidence = study.metrics.confidence
-    for name in library():
+    for name in shortfall:
         found_values, missed_values = values[name].dropna().to_numpy(float), shortfall[name].dropna().to_numpy(float)
         if len(found_values) and len(missed_values):
             for statistic, estimate in audited_distribution(found_values, missed_values, confidence).items():

@@ -1,5 +1,6 @@
 """The worst over the whole turn of the output: what it rests on, and against every pitch solved."""
 
+import tempfile
 import tomllib
 import tracemalloc
 from dataclasses import replace
@@ -106,8 +107,8 @@ def test_states_that_are_solved_together_are_those_of_their_own_steps(name: str)
     waves = 1e-3 * np.random.default_rng(1).normal(size=(2, *units.errors.pin_roundness.shape))
     units = replace(units, errors=replace(units.errors, pin_roundness=waves[0] + 1j * waves[1]))
     steps, rows = np.array([3, drives.pitches - 2, drives.pitches // 2, 3]), np.array([0, 1, 2, 3])
-    alone = [drives.solve_step(int(step), units.some(rows[[k]]))[2][0] for k, step in enumerate(steps)]
-    np.testing.assert_allclose(drives.metrics_at(steps, rows, units), alone, rtol=1e-9)
+    alone = [drives.solve_step(int(step), units.some(rows[[k]]))[2].metrics[0] for k, step in enumerate(steps)]
+    np.testing.assert_allclose(drives.values_at(steps, rows, units).metrics, alone, rtol=1e-9)
     assert len(np.unique(np.array(alone)[:, 1])) == 4
 
 
@@ -200,6 +201,26 @@ def test_the_estimate_for_the_whole_turn_is_that_of_all_pitches(tables: dict[str
 
 
 @pytest.mark.long
+def test_the_transmission_error_of_the_whole_turn_is_that_of_loops_at_every_pitch(
+    tables: dict[str, pd.DataFrame],
+) -> None:
+    """Of audited units, against a study that loads the same units at five times as many angles as pitches."""
+    at_all = small("printed_drive", "rigid", 5, loaded_angles=911)
+    columns = ["transmission_error_arcsec", "unloaded_transmission_error_arcsec"]
+    with tempfile.TemporaryDirectory() as folder:
+        outputs = run(STAGES, at_all, ["aggregate"], Path(folder), Resources(1, 100))
+        dense = pd.DataFrame(dict(outputs["aggregate"].read("units"))).set_index("sample")[columns].loc[1:5]
+    audited = tables["audit"].set_index("sample")[columns].loc[1:5]
+    at_few = tables["units"].set_index("sample")[columns].loc[1:5]
+    np.testing.assert_allclose(audited, dense, rtol=0.02)
+    assert (at_few < 0.95 * audited).to_numpy().mean() > 0.5
+    rows = tables["distributions"].query("over == 'whole_turn' and statistic == 'mean'").set_index("metric")
+    found = tables["units"].set_index("sample").loc[tables["audit"]["sample"], columns]
+    whole = np.maximum(found, tables["audit"].set_index("sample")[columns]).mean()
+    np.testing.assert_allclose(rows.loc[columns, "value"], whole, rtol=1e-9)
+
+
+@pytest.mark.long
 def test_five_times_finer_angles_find_no_more_than_the_bound_of_the_continuous_turn(
     tables: dict[str, pd.DataFrame],
 ) -> None:
@@ -250,7 +271,7 @@ def test_finite_motions_are_part_of_what_is_found_and_of_both_audits() -> None:
     found = search_and_audit(drives, ranking, units, rows)
     for worst, of_units in zip(found, (np.arange(20), rows, rows), strict=True):
         steps = worst.step[name]
-        alone = drives.metrics_at(steps, of_units, units)[:, list(library()).index(name)]
+        alone = drives.values_at(steps, of_units, units).metrics[:, list(library()).index(name)]
         change = ARCMIN * drives.backlash_change_at(steps, of_units, units)
         assert np.min(np.abs(change)) > 1e-4
         np.testing.assert_allclose(worst.value[name], alone + change, rtol=1e-9)

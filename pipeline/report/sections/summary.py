@@ -161,7 +161,10 @@ class Verdict:
     @property
     def _not_searched(self) -> str:
         """Which limits of metrics of the turn are read at the study's angles alone, as the end of a sentence."""
-        of_play = {name: turn_library()[name].of_play for name in self.frames.limits if name in turn_library()}
+        of_turn = [name for name in self.frames.limits if name in turn_library()]
+        of_play = {
+            name: turn_library()[name].of_play for name in of_turn if not self.results.is_of_whole_turn(name, "yield")
+        }
         if not of_play:
             return ""
         counts = self.frames.units.iloc[0]

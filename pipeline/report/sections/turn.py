@@ -73,6 +73,19 @@ class TurnSection:
         """Whether a metric of the turn has a limit and the samples are random."""
         return not self.frames.is_listed and any(name in self.frames.limits for name in turn_library())
 
+    @property
+    def corrected(self) -> str:
+        """Which estimates are of the whole turn, and which numbers beside them are not; empty where none are."""
+        titles = [m.inline for name, m in turn_library().items() if self.results.is_of_whole_turn(name, "mean")]
+        if not titles:
+            return ""
+        counts = self.frames.units.iloc[0]
+        return (
+            f"Statistics and yield of the {' and the '.join(titles)} are of the whole turn: units that were solved at "
+            f"every pitch correct what {int(counts['n_angles']):,} loaded and {int(counts['n_rigid_angles']):,} "
+            "unloaded crank angles miss. Numbers of single units and figures are of these angles."
+        )
+
     @cached_property
     def missing_needs(self) -> set[str]:
         """What the study or its design does not have, of ``NEEDS``."""

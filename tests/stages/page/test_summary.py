@@ -181,6 +181,11 @@ def test_the_yield_of_the_whole_turn_stands_before_that_of_the_angles(frames):
     said = Verdict(of_turn, Results(of_turn)).holds_for
     assert said.startswith("It holds for the whole turn of the output, but for the transmission error")
     assert angles in said
+    row |= {"metric": "transmission_error_arcsec", "value": 0.9}
+    corrected = replace(of_turn, distributions=pd.concat([of_turn.distributions, pd.DataFrame([row])]))
+    said = Verdict(corrected, Results(corrected)).holds_for
+    assert "but for the transmission error without load: of" in said
+    assert f"{counts['n_rigid_angles']:,} crank angles" in said
 
 
 def test_the_table_of_convergence_ends_with_the_bound_of_the_continuous_turn(frames):

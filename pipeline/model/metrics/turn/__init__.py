@@ -8,10 +8,21 @@ follow from it.
 from pipeline.model.metrics.turn.turn_metric import (
     FEWEST_ANGLES,
     NEEDS,
+    READ_AT,
     RunningConditions,
     TurnMetric,
     TurnReadings,
+    peak_to_peak,
     turn_library,
 )
 
-__all__ = ["FEWEST_ANGLES", "NEEDS", "RunningConditions", "TurnMetric", "TurnReadings", "turn_library"]
+__all__ = [
+    "FEWEST_ANGLES",
+    "NEEDS",
+    "READ_AT",
+    "RunningConditions",
+    "TurnMetric",
+    "TurnReadings",
+    "peak_to_peak",
+    "turn_library",
+]

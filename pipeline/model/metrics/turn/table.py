@@ -16,6 +16,7 @@ TURN_METRICS = (
         decimals=2,
         value=lambda turn: peak_to_peak(turn.loaded_angle),
         needs=(TURN,),
+        angles=("high_plus", "high_minus"),
     ),
     # Transmission error without load.
     TurnMetric(
@@ -29,6 +30,7 @@ TURN_METRICS = (
         value=lambda turn: peak_to_peak(turn.free_angle),
         of_play=True,
         needs=(TURN,),
+        angles=("limit_plus", "limit_minus"),
     ),
     # Peak force on a disk's bearing.
     TurnMetric(

@@ -114,11 +114,14 @@ class TurnMetric(Limited):
     value : readings of ``n`` units to the metric (n,); missing where the unit has no result.
     of_play : whether it is read from the play, at the crank angles of rigid bodies, instead of the loaded ones.
     needs : what it says nothing without, of ``NEEDS``.
+    angles : readings of a loop whose range over the turn it is, of each sense; none of another metric. The range over
+        all pitches of the turn is known of the units that are solved there.
     """
 
     value: Callable[[TurnReadings], Real]
     of_play: bool = False
     needs: tuple[str, ...] = ()
+    angles: tuple[str, ...] = ()
 
     def metric_values(self, readings: TurnReadings) -> Real:
         """The metric (n,) of readings, missing where a unit has not what it needs."""
@@ -134,6 +137,14 @@ def peak_to_peak(angle: Real) -> Real:
     """The larger of both senses' peak to peak (n,) [arcsec] of angles (n, 2, n_angles) [arcmin]."""
     range_of_angle: Real = 60.0 * np.max(np.max(angle, axis=2) - np.min(angle, axis=2), axis=1)
     return range_of_angle
+
+
+READ_AT = {
+    ("high_plus", "high_minus"): "torsional_rigidity_Nm_per_arcmin",
+    ("limit_plus", "limit_minus"): "clearance_backlash_arcmin",
+}
+"""Angles of a loop in both senses, under the torque held and at the ends of the play, and the metric that is read there
+too: where it holds, so do they."""
 
 
 @cache
