@@ -123,10 +123,17 @@ def rigid_plays(study: Study, sampled_errors: Errors) -> Iterator[tuple[float, D
         yield crank, drive, rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
 
 
-def rigid_ends(study: Study, sampled_errors: Errors) -> np.ndarray:
-    """Ends (+, -) of the play of rigid bodies (n, 2, n_rigid_angles) [arcmin]; missing where contacts interfere."""
-    plays = (play for _, _, play in rigid_plays(study, sampled_errors))
-    return ARCMIN * np.stack([np.where(play.preloaded, np.nan, play.ends) for play in plays], axis=2).swapaxes(0, 1)
+def rigid_turn(study: Study, sampled_errors: Errors) -> tuple[np.ndarray, np.ndarray]:
+    """The play of rigid bodies over the turn, as the table of this stage has it.
+
+    Returns
+    -------
+    ends : (+, -) of the play (n, 2, n_rigid_angles) [arcmin]; missing where contacts interfere.
+    finite_motion : what finite motions add to the backlash (n, n_rigid_angles) [arcmin].
+    """
+    plays = [play for _, _, play in rigid_plays(study, sampled_errors)]
+    ends = np.stack([np.where(play.preloaded, np.nan, play.ends) for play in plays], axis=2).swapaxes(0, 1)
+    return ARCMIN * ends, ARCMIN * _finite_motion(study, sampled_errors, plays)
 
 
 def _finite_motion(study: Study, sampled: Errors, plays: Sequence[RigidPlay]) -> np.ndarray:

@@ -19,7 +19,7 @@ from pipeline.populations.turn_search import search
 from pipeline.sampling.errors import Errors
 from pipeline.sampling.pick_freeze import draw_mixed, drawn_units, error_groups
 from stages import hysteresis
-from stages.clearance import rigid_ends
+from stages.clearance import rigid_turn
 from stages.hysteresis import HYSTERESIS, solved_loops
 from stages.tables.keys import STATUS
 from stages.tables.turn import (
@@ -90,8 +90,8 @@ def _solve(loop_inputs: Shared, chunk: Chunk) -> Tables:
     study = loop_inputs.loops.study
     unit = np.arange(chunk.start, chunk.stop) + drawn_units(study)
     sampled_errors = draw_mixed(study, int(unit[0]), int(unit[-1]) + 1)
-    loops, ends = solved_loops(loop_inputs.loops, sampled_errors), rigid_ends(study, sampled_errors)
-    turns = metric_turns(study, loop_metrics(study, loops.columns), ends[:, 0] - ends[:, 1])
+    loops, (ends, finite_motion) = solved_loops(loop_inputs.loops, sampled_errors), rigid_turn(study, sampled_errors)
+    turns = metric_turns(study, loop_metrics(study, loops.columns), ends[:, 0] - ends[:, 1], finite_motion)
     readings = turn_readings(study, loops.columns, loops.bearing_force, ends)
     kind, base_sample = np.divmod(unit, study.drivers.base_samples)
     return {

@@ -1,4 +1,4 @@
-"""Stage 5b: metrics of the first units at other scales of each tolerance, by a rough model fitted to their loops."""
+"""Stage 5b: the first units solved again at other scales of each tolerance, and the yields that follow."""
 
 from functools import partial
 
@@ -8,39 +8,39 @@ from pipeline.arrays import joined_columns
 from pipeline.config.studies.study import Study
 from pipeline.engine.parallel import batches, end_idle_workers, worker_results
 from pipeline.engine.stage import Job, Stage, Tables
-from pipeline.engine.table import Column, Columns, Table, interval_columns
+from pipeline.engine.table import Column, Table, interval_columns
 from pipeline.model.metrics import WHOLE_TURN, library
-from pipeline.populations.prediction import rough_metrics
-from pipeline.populations.scaled_tolerances import scaled_points, scaled_tolerances, scaled_yields, surrogate_values
-from pipeline.sampling.errors import draw
+from pipeline.populations.scaled_tolerances import (
+    removed_variances,
+    scaled_points,
+    scaled_tolerances,
+    scaled_values,
+    scaled_yields,
+)
 from pipeline.statistics.intervals import Estimate
 from stages.hysteresis import prepare
 from stages.tables.distributions import OVER_ALL, over_turn
 from stages.tables.keys import SAMPLE
-from stages.tables.turn import loop_metrics
-from stages.tails import OF_FRESH_UNITS, springs
+from stages.tails import OF_FRESH_UNITS, at_angles
 
-UNIT_ANGLES = 16_000
-"""Units times loaded angles that are looked at: half a minute of processor time with nine tolerances."""
-LOOKS = 55 * UNIT_ANGLES
-"""The same times the scales of all tolerances, which are 55 of nine: a study of more tolerances has fewer units."""
-CARRIER_FACTOR, LEAST = 3, 64
-"""Times that a look at an RV reducer takes, whose rigid play is a program of its own; its units that are looked at all
-the same."""
-TRIAL = 10
-"""Units whose contact forces give the springs of the rough model; a fit to all units then corrects its metrics."""
-BATCH = 64
-"""Units that are looked at together, whatever the chunks of the run: a bit of a product depends on their number."""
+LOOPS = 200_000
+"""Loops that are solved, units times loaded angles times scales of all tolerances: some minutes of processor time."""
+CARRIER_FACTOR = 3
+"""Times that a loop of an RV reducer takes."""
+FEWEST = 16
+"""Units that are solved at every scale at least, where the study has as many."""
+BATCH = 8
+"""Units that are solved together at all scales, whatever the chunks of the run: a bit of a product depends on it."""
 
-SURROGATE = Table(
-    "surrogate",
+UNITS = Table(
+    "units",
     "sample, tolerance, scale",
     (
         SAMPLE,
         Column("tolerance", "label", "", "the tolerance that is scaled; empty: none"),
         Column("scale", "float64", "1", "factor on its limits about nominal; its allowance stays"),
         *(
-            Column(name, "float64", metric.unit, f"estimated {metric.inline}, over the loaded angles alone")
+            Column(name, "float64", metric.unit, f"{metric.inline} over the loaded angles; null where it does not hold")
             for name, metric in library().items()
         ),
     ),
@@ -54,10 +54,26 @@ YIELDS = Table(
         Column("tolerance", "label", "", "the tolerance that is scaled, all others as the study states them"),
         Column("scale", "float64", "1", "factor on its limits about nominal; its allowance stays"),
         Column("metric", "label", "", "column of metrics; all_limits: the yield against all limits together"),
-        Column("value", "float64", "1", "yield of the study plus the estimated difference of its first units"),
-        *interval_columns("1", "confidence interval, without the error of the surrogate"),
+        Column(
+            "value", "float64", "1", "yield of the study plus the difference of its first units, solved at both scales"
+        ),
+        *interval_columns("1"),
         Column("n", "int32", "1", "units of the difference"),
-        Column("explained", "float64", "1", "squared correlation with the load-solved metric; all_limits: the least"),
+    ),
+)
+
+
+VARIANCES = Table(
+    "variances",
+    "tolerance, metric",
+    (
+        Column(
+            "tolerance", "label", "", "the tolerance that is scaled to a quarter, all others as the study states them"
+        ),
+        Column("metric", "label", "", "column of metrics, over the loaded angles"),
+        Column("value", "float64", "1", "share of the variance that this removes"),
+        *interval_columns("1"),
+        Column("n", "int32", "1", "units solved at both scales"),
     ),
 )
 
@@ -66,36 +82,27 @@ def _run(job: Job) -> Tables:
     end_idle_workers()
     study: Study = job.study
     if not scaled_tolerances(study):
-        return {SURROGATE.name: SURROGATE.empty(), YIELDS.name: YIELDS.empty()}
-    stop = min(study.samples.rows, 1 + units_looked_at(study))
-    surrogate = _surrogate(job, stop)
-    distributions = pd.DataFrame(job.read("aggregate", "distributions"))
-    units = pd.DataFrame(job.read_items("aggregate", "units", int(study.samples.nominal_first), stop))
-    solved_values = over_turn(units, study.limits.over)
-    rows = [
-        vars(row)
-        for row in scaled_yields(study, pd.DataFrame(surrogate), solved_values, _stated_yields(study, distributions))
-    ]
-    yields = {name: values.to_numpy() for name, values in pd.DataFrame(rows).items()} if rows else YIELDS.empty()
-    return {SURROGATE.name: surrogate, YIELDS.name: yields}
-
-
-def units_looked_at(study: Study) -> int:
-    """Units at the scales of each tolerance, at most."""
-    units = min(UNIT_ANGLES, LOOKS // len(scaled_points(study))) // len(study.cycle.crank_deg)
-    return max(units // CARRIER_FACTOR, min(units, LEAST)) if study.design.output.carries_disks else units
-
-
-def _surrogate(job: Job, stop: int) -> Columns:
-    """Metrics of the samples up to ``stop`` at every scale."""
-    study: Study = job.study
+        return {table.name: table.empty() for table in (UNITS, YIELDS, VARIANCES)}
     first_unit = int(study.samples.nominal_first)
-    rough = partial(rough_metrics, study, springs(prepare(job), draw(study, first_unit, min(first_unit + TRIAL, stop))))
-    metrics = loop_metrics(study, job.read_items("hysteresis", "loops", 0, stop))
-    loaded_values = {name: metrics[name].reshape(stop, -1) for name in library()}
-    pilot = dict(rough(draw(study, 0, stop)))
-    inputs = ((study, *ends, rough, loaded_values, pilot) for ends in batches(0, stop, BATCH))
-    return joined_columns(worker_results(job.jobs, surrogate_values, inputs))
+    stop = min(study.samples.rows, first_unit + units_solved(study))
+    inputs = ((study, *ends, partial(at_angles, prepare(job))) for ends in batches(first_unit, stop, BATCH))
+    scaled_units = pd.DataFrame(joined_columns(worker_results(job.jobs, scaled_values, inputs)))
+    distributions = pd.DataFrame(job.read("aggregate", "distributions"))
+    units = pd.DataFrame(job.read_items("aggregate", "units", first_unit, stop))
+    stated_values, stated_yields = over_turn(units, study.limits.over), _stated_yields(study, distributions)
+    yields = scaled_yields(study, scaled_units, stated_values, stated_yields)
+    variances = removed_variances(scaled_units, study.metrics.confidence)
+    return {
+        UNITS.name: {str(name): values.to_numpy() for name, values in scaled_units.items()},
+        YIELDS.name: YIELDS.columns_of_rows([vars(row) for row in yields]),
+        VARIANCES.name: VARIANCES.columns_of_rows([vars(row) for row in variances]),
+    }
+
+
+def units_solved(study: Study) -> int:
+    """Units that are solved at the scales of each tolerance, at most."""
+    factor = CARRIER_FACTOR if study.design.output.carries_disks else 1
+    return max(FEWEST, LOOPS // (factor * len(scaled_points(study)) * len(study.cycle.crank_deg)))
 
 
 def _stated_yields(study: Study, distributions: pd.DataFrame) -> dict[str, Estimate]:
@@ -109,11 +116,11 @@ def _stated_yields(study: Study, distributions: pd.DataFrame) -> dict[str, Estim
 
 SCALES = Stage(
     name="scales",
-    reads=("springs", "reduce", "hysteresis", "aggregate"),
+    reads=("springs", "reduce", "aggregate"),
     sections=("samples", *OF_FRESH_UNITS),
-    tables=(SURROGATE, YIELDS),
+    tables=(UNITS, YIELDS, VARIANCES),
     module="stages.scales",
     run=_run,
     proportional_to=("samples.count", "cycle.crank_deg"),
-    unit_seconds=6.5e-5,
+    unit_seconds=2e-4,
 )

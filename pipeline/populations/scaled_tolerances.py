@@ -1,7 +1,7 @@
-"""How the yield of a study follows the scale of each of its tolerances, estimated without a load solve.
+"""How the yield of a study follows the scale of each of its tolerances, from some of its units solved at every scale.
 
-Unit k keeps its random numbers at any scale. The rough model of `prediction`, fitted to the loaded metrics of the same
-units, gives how each metric of a unit changes; the change is added to the value that was load-solved.
+Unit k keeps its random numbers at any scale, so that the metrics at two scales differ by the scale alone. What a metric
+changes by at the loaded angles is added to the worst value that was found over the turn.
 
 Source
 ------
@@ -19,16 +19,19 @@ from pipeline.arrays import Real, Truth
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.config.studies.tolerances import Tolerances
 from pipeline.model.metrics import library
-from pipeline.populations.prediction import Tail, predicted_turn
 from pipeline.populations.tails import Population
 from pipeline.sampling.errors import Errors, draw, joined_errors
 from pipeline.statistics.differences import share_difference
 from pipeline.statistics.intervals import Estimate
 
-Rough = Callable[[Errors], Mapping[str, Real]]
+Solve = Callable[[Errors], Mapping[str, Real]]
 
 SCALES = (0.25, 0.5, 0.75, 1.25, 1.5, 2.0)
 """Factors on the limits of a tolerance about nominal, beside 1."""
+FEWEST_PAIRS = 10
+"""Units of which variances are compared."""
+RESAMPLES, RESAMPLE_SEED = 1000, 20100317
+"""Of the bootstrap, which repeats itself."""
 AS_STATED = ""
 """In place of a tolerance: the study as it is."""
 
@@ -43,7 +46,6 @@ class ScaledYield:
     metric : of the limit, or `ALL_LIMITS`.
     value, ci_low, ci_high : the yield of the study plus the paired difference of its first units.
     n : units of the difference.
-    explained : squared correlation of the rough model with the load-solved metric; of all limits the least of them.
     """
 
     tolerance: str
@@ -53,7 +55,24 @@ class ScaledYield:
     ci_low: float
     ci_high: float
     n: int
-    explained: float
+
+
+@dataclass(frozen=True)
+class RemovedVariance:
+    """Share of a metric's variance that goes if the limits of a tolerance are scaled to the least of `SCALES`.
+
+    Attributes
+    ----------
+    value, ci_low, ci_high : below 0 where the variance grows.
+    n : units that were solved at both scales.
+    """
+
+    tolerance: str
+    metric: str
+    value: float
+    ci_low: float
+    ci_high: float
+    n: int
 
 
 def scaled_tolerances(study: Study) -> list[str]:
@@ -69,32 +88,30 @@ def scaled_points(study: Study) -> list[tuple[str, float]]:
     return [(AS_STATED, 1.0), *((name, scale) for name in scaled_tolerances(study) for scale in SCALES)]
 
 
-def surrogate_values(
-    study: Study, start: int, stop: int, rough: Rough, loaded_values: Mapping[str, Real], pilot: Mapping[str, Real]
-) -> dict[str, NDArray[np.generic]]:
+def scaled_values(study: Study, start: int, stop: int, solve: Solve) -> dict[str, NDArray[np.generic]]:
     """Metrics over the turn of the samples from ``start`` to ``stop`` at every scale of every tolerance.
 
     Parameters
     ----------
-    rough : metrics (n, n_angles) of the rough model.
-    loaded_values, pilot : metrics (n_pilot, n_angles) of the pilot under load, and by the rough model.
+    solve : metrics (n, n_angles) of units under load.
 
     Returns
     -------
     Columns by name: ``sample``, ``tolerance`` (`AS_STATED` once), ``scale`` and each metric, by the limits' side of it.
     """
-    points = scaled_points(study)
-    units = rough(joined_errors(*(draw(_population(study, name, scale), start, stop) for name, scale in points)))
+    points, count = scaled_points(study), stop - start
+    units = solve(joined_errors(*(draw(_population(study, name, scale), start, stop) for name, scale in points)))
     columns: dict[str, NDArray[np.generic]] = {
-        "tolerance": np.repeat(np.array([name for name, _ in points], object), stop - start),
-        "scale": np.repeat([scale for _, scale in points], stop - start),
+        "sample": np.tile(np.arange(start, stop, dtype=np.int64), len(points)),
+        "tolerance": np.repeat(np.array([name for name, _ in points], object), count),
+        "scale": np.repeat([scale for _, scale in points], count),
     }
-    for name in library():
-        tail = Tail(name, study.limits.over, -1.0 if library()[name].smaller_is_worse else 1.0, 0.0)
-        columns[name] = tail.sign * tail.over_turn(predicted_turn(loaded_values[name], pilot, units)[1])
-    order = np.argsort(np.tile(np.arange(stop - start), len(points)), kind="stable")
-    sample = np.repeat(np.arange(start, stop, dtype=np.int64), len(points))
-    return {"sample": sample} | {name: values[order] for name, values in columns.items()}
+    for name, metric in library().items():
+        worst_value, best_value = metric.over_turn(units[name])
+        of_turn = {"worst": worst_value, "best": best_value, "mean": units[name].mean(axis=1)}
+        columns[name] = of_turn[study.limits.over]
+    order = np.argsort(columns["sample"], kind="stable")
+    return {name: values[order] for name, values in columns.items()}
 
 
 def _population(study: Study, name: str, scale: float) -> Population:
@@ -106,45 +123,66 @@ def _population(study: Study, name: str, scale: float) -> Population:
 
 
 def scaled_yields(
-    study: Study, surrogate: pd.DataFrame, solved_values: pd.DataFrame, stated_yields: Mapping[str, Estimate]
+    study: Study, scaled_units: pd.DataFrame, stated_values: pd.DataFrame, stated_yields: Mapping[str, Estimate]
 ) -> Iterator[ScaledYield]:
     """Yield at every scale of every tolerance, by limit and against all.
 
     Parameters
     ----------
-    surrogate : the columns of `surrogate_values`.
-    solved_values : load-solved metrics over the turn as the limits mean it, by sample.
+    scaled_units : the columns of `scaled_values`.
+    stated_values : metrics over the turn as the limits mean it, by sample; the worst as it was found.
     stated_yields : yields of the whole study by metric and of `ALL_LIMITS`.
     """
     metrics = [name for name in study.limits.of_metrics if name in library()]
-    by_sample = surrogate.set_index("sample")
+    by_sample = scaled_units.set_index("sample")
     here = by_sample[by_sample["tolerance"] == AS_STATED][metrics]
-    solved_values = solved_values[list(study.limits.of_metrics)].reindex(here.index).astype(float)
-    correlations = {name: _squared_correlation(solved_values[name], here[name]) for name in metrics}
-    correlations[ALL_LIMITS] = float(np.nanmin([*correlations.values(), 1.0]))
+    stated_values = stated_values[list(study.limits.of_metrics)].reindex(here.index).astype(float)
     for (tolerance, scale), part in by_sample.groupby(["tolerance", "scale"], sort=False):
-        moved_values = solved_values.copy()
+        moved_values = stated_values.copy()
         moved_values[metrics] += part[metrics] - here
-        has_both = (moved_values.notna() & solved_values.notna()).all(axis=1).to_numpy()
+        has_both = (moved_values.notna() & stated_values.notna()).all(axis=1).to_numpy()
         if tolerance == AS_STATED or not has_both.any():
             continue
-        passes_before = study.limits.pass_flags(solved_values[has_both])
+        passes_before = study.limits.pass_flags(stated_values[has_both])
         passes_after = study.limits.pass_flags(moved_values[has_both])
         for name, estimate in stated_yields.items():
-            if name in correlations and name in passes_before:
+            if name in (*metrics, ALL_LIMITS) and name in passes_before:
                 shifted_yield = _shifted_yield(
                     estimate, passes_before[name], passes_after[name], study.metrics.confidence
                 )
-                yield ScaledYield(
-                    str(tolerance), float(scale), name, **vars(shifted_yield), explained=correlations[name]
-                )
+                yield ScaledYield(str(tolerance), float(scale), name, **vars(shifted_yield))
 
 
-def _squared_correlation(values: pd.Series, predictions: pd.Series) -> float:
-    """Squared correlation of values and their predictions; NaN of fewer than three values or equal ones."""
-    pairs = pd.DataFrame({"solved": values, "predicted": predictions}).dropna()
-    varies = len(pairs) > 2 and (pairs.std() > 0).all()
-    return float(pairs["solved"].corr(pairs["predicted"]) ** 2) if varies else np.nan
+def removed_variances(scaled_units: pd.DataFrame, confidence: float) -> Iterator[RemovedVariance]:
+    """What each tolerance at the least scale takes off the variance of each metric over the turn.
+
+    Parameters
+    ----------
+    scaled_units : the columns of `scaled_values`.
+
+    Notes
+    -----
+    Both variances are of the same units, and so are their bootstrap resamples (percentile interval; Efron and
+    Tibshirani, An introduction to the bootstrap, 1993, section 13.3).
+    """
+    by_sample = scaled_units.set_index("sample")
+    here = by_sample[by_sample["tolerance"] == AS_STATED]
+    for tolerance, part in by_sample[by_sample["scale"] == min(SCALES)].groupby("tolerance", sort=False):
+        for metric in library():
+            pairs = pd.DataFrame({"stated": here[metric], "tightened": part[metric]}).dropna().to_numpy(float)
+            if len(pairs) < FEWEST_PAIRS or not np.ptp(pairs[:, 0]) > 0:
+                continue
+            drawn = np.random.default_rng(RESAMPLE_SEED).integers(0, len(pairs), (RESAMPLES, len(pairs)))
+            ratios = np.array([_variance_ratio(pairs[rows]) for rows in drawn])
+            low, high = 1 - np.nanquantile(ratios, [(1 + confidence) / 2, (1 - confidence) / 2])
+            value = 1 - _variance_ratio(pairs)
+            yield RemovedVariance(str(tolerance), metric, float(value), float(low), float(high), len(pairs))
+
+
+def _variance_ratio(pairs: Real) -> float:
+    """Variance of the second column of (n, 2) over that of the first; NaN where that does not vary."""
+    variances = np.var(pairs, axis=0)
+    return float(variances[1] / variances[0]) if variances[0] > 0 else np.nan
 
 
 def _shifted_yield(stated_yield: Estimate, passes_before: Truth, passes_after: Truth, confidence: float) -> Estimate:

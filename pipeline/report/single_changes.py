@@ -8,15 +8,13 @@ import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.cheapest import Priced
-from pipeline.figures.labels import LIMITED_METRICS, PARAMETERS
+from pipeline.figures.labels import PARAMETERS
 from pipeline.report.frames import Frames
 from pipeline.report.layout import percent, percent_interval, rounded_number
 
 SCALED_YIELDS = "scales/yields"
 TARGETS = (0.9, 0.95, 0.99, 0.999)
 """Yields of which the first above that of a study is aimed at."""
-POORLY_EXPLAINED = 0.5
-"""Squared correlation below which the page says that the surrogate predicts a metric poorly."""
 
 
 def next_target(value: float) -> float:
@@ -168,16 +166,9 @@ class SingleChanges:
     @property
     def _sureness(self) -> str:
         """What the estimate rests on."""
-        units, correlation = int(self.rows["n"].max()), self.rows.groupby("metric")["explained"].first()
-        poor = [
-            LIMITED_METRICS[name].inline
-            for name, share in correlation.items()
-            if name in LIMITED_METRICS and share < POORLY_EXPLAINED
-        ]
-        warning = f" It predicts the {' and the '.join(poor)} poorly." if poor else ""
         return (
-            f"This is an estimate: a surrogate rescales {units:,} units without solving them again.{warning} "
-            "The interval does not include the error of the surrogate."
+            f"This rests on {int(self.rows['n'].max()):,} units that were solved again at every scale; the interval "
+            "includes that they are few."
         )
 
     @property

@@ -128,7 +128,7 @@ def turn_readings(
     ----------
     loops : columns of the table of loops, the loaded angles of a unit one after the other.
     bearing_force : (n, 2, n_angles, n_bearings) complex [N], as `hysteresis.bearing_forces` has it.
-    rigid_ends : (n, 2, n_rigid_angles) [arcmin], as `clearance.rigid_ends` has it.
+    rigid_ends : (n, 2, n_rigid_angles) [arcmin], as `clearance.rigid_turn` has it.
     """
     angles = np.array(study.cycle.crank_deg)
     loaded_angles, free_angles = (_angles_of(loops, names, metric, len(angles)) for names, metric in READ_AT.items())

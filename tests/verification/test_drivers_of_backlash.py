@@ -4,24 +4,29 @@ The double loop shares no code with the design or the estimator: it freezes a gr
 unit cube), draws the others anew, and splits the variance by an analysis of variance.
 """
 
+import tomllib
 from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from pipeline import assembly
-from pipeline.config import load_study
+from pipeline.config import load_design, load_study, parse_study
 from pipeline.config.dimensions.pins import oval_shift
 from pipeline.config.studies.study import Drivers
+from pipeline.engine.runner import Resources, run
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.sampling.errors import draw
 from pipeline.sampling.pick_freeze import draw_mixed, error_groups
 from pipeline.statistics.sensitivity import variance_indices
+from stages.chain import STAGES
 
 CRANKS = 0.0, 90.0, 180.0, 270.0
-STUDY = load_study("paper", Path(__file__).parents[2])
+ROOT = Path(__file__).parents[2]
+STUDY = load_study("paper", ROOT)
 REDUCERS = [assembly.reducer(STUDY.design, crank) for crank in CRANKS]
 OVALS = {"ovality_2": 2, "ovality_3": 3}
 
@@ -99,6 +104,27 @@ def test_indices_of_the_rigid_backlash_are_those_of_a_double_loop(estimated, gro
         half = (shares.ci_high[g] - shares.ci_low[g]) / 2
         assert abs(shares.value[g] - truth) < half + 2 * (truth + 1 / inner) * np.sqrt(2 / outer)
         assert half < 0.12
+
+
+def test_a_tolerance_without_effect_has_no_share_where_finite_motions_add_to_the_play(new_runs):
+    """The units of both sets have them: with a clearance of 0.1 mm they add 0.1 arcmin."""
+    data = tomllib.loads((ROOT / "data/studies/printed_drive.toml").read_text(encoding="utf-8"))
+    profile = {"distribution": "uniform", "lower_um": -3.0, "upper_um": 3.0, "allowance_um": 100.0}
+    idle = {"distribution": "uniform", "lower_um": -0.01, "upper_um": 0.01}
+    data |= {"tolerances": {"disk_profile": profile, "roller_diameter": idle}, "drivers": {"base_samples": 40}}
+    data |= {"cycle": {"crank_deg": [0.0, 90.0], "rigid_angles": 3, "levels_per_branch": 0}, "limits": {}}
+    data["samples"]["count"] = 80
+    data["reduce"] = {**data.get("reduce", {}), "disk": "rigid"}
+    for section in ("model_forms", "costs", "tails"):
+        data.pop(section, None)
+    study = parse_study(data, "idle", "idle.toml", lambda design: load_design(design, ROOT))
+    outputs = run(STAGES, study, ["aggregate"], new_runs(), Resources(1, 100))
+    table = pd.DataFrame(outputs["aggregate"].read("sensitivity"))
+    rows = table.query("metric == 'clearance_backlash_arcmin' and over == 'worst' and kind == 'total'")
+    shares = rows.set_index("parameter")["index"]
+    assert shares["roller_diameter"] < 1e-3
+    assert shares["disk_profile"] > 0.9
+    assert np.max(np.abs(outputs["clearance"].read("kinematic")["finite_motion_arcmin"])) > 0.01
 
 
 if __name__ == "__main__":  # the long form: python tests/verification/test_drivers_of_backlash.py

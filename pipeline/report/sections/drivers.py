@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.figures.labels import METRICS, parameter_title
+from pipeline.figures.labels import METRICS, PARAMETERS, parameter_title
 from pipeline.figures.yields import sensitivity_figure
 from pipeline.model.metrics import signed_number
+from pipeline.populations.scaled_tolerances import RemovedVariance
 from pipeline.report import inputs
 from pipeline.report.frames import Drawing, Frames
 from pipeline.report.layout import DASH, UNDETERMINED_TEXT, percent, percent_interval, plain_number
@@ -18,6 +19,8 @@ from pipeline.report.results import Cell
 from pipeline.report.sections.section import Page, Section
 from pipeline.statistics.sensitivity import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, are_determined
 
+REMOVED_VARIANCES = "scales/variances"
+"""Table of what each tolerance removes of the variances if it is tightened."""
 MOST_NAMED = 3
 """Errors that a row names."""
 NONE_LEADS = "none stands out"
@@ -77,15 +80,32 @@ def _driver_rows(table: pd.DataFrame) -> list[tuple[str, list[Cell]]]:
 
 
 def main_contributor(frames: Frames, metric: str) -> str:
-    """The tolerance that drives a metric most, with its total share of the variance; empty where none is determined."""
-    rows = _judged_rows(frames, metric)
-    total, ranks = _leading(rows, TOTAL), _leading(rows, RANK_CORRELATION)
+    """The tolerance that drives a metric most, with its share of the variance; empty where none is determined.
+
+    It is that of the largest total share, else that which removes most of the variance if it is tightened. A rank
+    correlation does not tell: errors of elements enter it by their mean, and what scatters from element to element is
+    not seen.
+    """
+    total = _leading(_judged_rows(frames, metric), TOTAL)
     if len(total):
         share = percent(float(total.iloc[0]))
         return f"{parameter_title(total.index[0])} ({share} of its variance, interactions included)"
-    if len(ranks):
-        return f"{parameter_title(ranks.index[0])} (rank correlation {signed_number(float(ranks.iloc[0]), 2)})"
-    return ""
+    removed = _most_removed(frames, metric)
+    if removed is None:
+        return ""
+    return (
+        f"{PARAMETERS[removed.tolerance]} (tightened to a quarter, it removes {percent(removed.value)} of the variance)"
+    )
+
+
+def _most_removed(frames: Frames, metric: str) -> RemovedVariance | None:
+    """What the tolerance removes that certainly removes variance, and the most of it; None where none does."""
+    table = frames.tables.get(REMOVED_VARIANCES, pd.DataFrame(columns=["metric", "ci_low"]))
+    certain = table[(table["metric"] == metric) & (table["ci_low"].astype(float) > 0)]
+    if certain.empty:
+        return None
+    row = certain.sort_values("value", ascending=False).iloc[0]
+    return RemovedVariance(**{name: row[name] for name in RemovedVariance.__dataclass_fields__})
 
 
 def share_note(frames: Frames, metric: str) -> str:
@@ -93,7 +113,7 @@ def share_note(frames: Frames, metric: str) -> str:
     rows = _judged_rows(frames, metric)
     total = _leading(rows, TOTAL)
     if total.empty:
-        return ""
+        return _removed_note(_most_removed(frames, metric))
     note = (
         "A share with interactions included counts all variance in which the tolerance takes part, alone or together "
         "with others (total Sobol\u2019 index); making this tolerance alone exact removes less where tolerances "
@@ -105,6 +125,17 @@ def share_note(frames: Frames, metric: str) -> str:
     index, low, high = (float(alone[name].iloc[0]) for name in ("index", "ci_low", "ci_high"))
     share = f"{percent(index)} ({percent_interval(low, high)}) of the variance of the {METRICS[metric].inline}"
     return f"{note}: by itself the {parameter_title(total.index[0])} causes {share} (first-order index)."
+
+
+def _removed_note(removed: RemovedVariance | None) -> str:
+    """What a share of removed variance is and how sure it is."""
+    if removed is None:
+        return ""
+    return (
+        f"Removed variance: that of the {METRICS[removed.metric].inline} over {removed.n:,} units solved again "
+        f"with the {PARAMETERS[removed.tolerance]} at a quarter of its limits is less by {percent(removed.value)} "
+        f"({percent_interval(removed.ci_low, removed.ci_high)})."
+    )
 
 
 def _judged_rows(frames: Frames, metric: str) -> pd.DataFrame:

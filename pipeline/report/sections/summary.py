@@ -17,7 +17,7 @@ from pipeline.model.metrics.turn import turn_library
 from pipeline.report.frames import OK, Drawing, Frames
 from pipeline.report.layout import count_text, interval, percent, percent_interval
 from pipeline.report.results import Cell, Results, preload_warning
-from pipeline.report.sections.drivers import main_contributor, share_note
+from pipeline.report.sections.drivers import REMOVED_VARIANCES, main_contributor, share_note
 from pipeline.report.sections.further import FormResults
 from pipeline.report.sections.section import Page, Section
 from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges, next_target
@@ -67,8 +67,7 @@ class Verdict:
     @property
     def no_contributor(self) -> str:
         """What stands in place of a main contributor where none is determined."""
-        units = count_text(len(self.frames.over_turn), "unit")
-        return f"no contributor is determined: with {units} the interval of each is as wide as its value"
+        return "no main contributor is determined; state base_samples under [drivers] for shares of the variance"
 
     @property
     def share_note(self) -> str:
@@ -246,5 +245,5 @@ SECTION = Section(
     values=_values,
     applies=lambda frames: not frames.is_listed and len(frames.over_turn) > 0,
     drawings=_drawings,
-    tables=(SCALED_YIELDS,),
+    tables=(SCALED_YIELDS, REMOVED_VARIANCES),
 )
