@@ -40,9 +40,9 @@ def plan(measurement: Measurement | TurnRecord) -> list[str]:
         held_out_by = measurement.held_out_by
         split = f"each {held_out_by} is predicted from the others" if held_out_by else "nothing can be held out"
     elif cranks > 1:
-        split = f"each of {cranks} crank positions is predicted from the others"
+        split = f"each of {cranks} crank positions is predicted from others"
     else:
-        split = f"each of {cycles} cycles is predicted from the others" if cycles > 1 else "nothing can be held out"
+        split = f"each of {cycles} cycles is predicted from others" if cycles > 1 else "nothing can be held out"
     model_text = f"the model of design {unit.settings.design}" if unit.design_study else "play, friction and a spring"
     return [
         f"plan: {model_text}, fitted to {len(measurement.cells)} cells of {len(measurement.branches)} branches; {split}"

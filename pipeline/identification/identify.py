@@ -164,9 +164,18 @@ def identify_measured(measurement: Measurement, condense: Condensed) -> Identifi
         discrepancy=discrepancy_of(fitter, answer, measurement.cells.direction, is_training)
         if verdict.verdict == UNEXPLAINED and not turns
         else None,
-        could_hide=detection_limits(fitter, selection.base, selector.testable) if has_limits else (),
+        could_hide=_sizes_that_could_hide(selector, selection, verdict) if has_limits else (),
         between_cranks=error_between_cranks(measurement, condense, fitter, answer.model, answer.unknowns),
     )
+
+
+def _sizes_that_could_hide(selector: Selector, selection: Selection, verdict: Verdict) -> tuple[DetectionLimit, ...]:
+    """The sizes of each effect that would be noticed and named; none would be named beside structure that is left.
+
+    What no effect of the library explains refuses every name: a discrepancy describes it as well, and unused data fail.
+    """
+    limits = detection_limits(selector.fitter, selection.base, selector.testable)
+    return tuple(replace(limit, named=np.nan) for limit in limits) if verdict.verdict == UNEXPLAINED else limits
 
 
 def _problem_of(measurement: Measurement, condense: Condensed) -> tuple[Truth, Problem]:

@@ -44,7 +44,7 @@ from pipeline.identification.results.residual_signatures import (
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import Verdict
-from pipeline.report.unit.facts import comparison_sentence, rows_facts
+from pipeline.report.unit.facts import comparison_sentence, held_crank_sentence, rows_facts
 from pipeline.report.unit.rows import candidate_row, remainder_cards
 from pipeline.sampling.errors import draw
 from pipeline.statistics.curve_scatter import CurveScatter
@@ -360,6 +360,27 @@ def test_the_page_says_whether_crank_angles_are_known(angles: str, cranks: list[
     unit = SimpleNamespace(settings=SimpleNamespace(crank_angles=angles))
     measurement = SimpleNamespace(rows=rows, unit=unit, known_cranks=len(cranks) if angles == "measured" else 0)
     assert dict(rows_facts(SimpleNamespace(measurement=measurement)))["Crank angles"] == words
+
+
+@pytest.mark.parametrize(
+    ("locked", "moves", "range_arcmin", "turned"),
+    [
+        ("output", "fixed", 300.0, "65\u00b0"),
+        ("output", "fixed", 50.0, ""),  # less than half a pitch of the pins
+        ("output", "follows_angle", 300.0, ""),
+        ("input", "fixed", 300.0, ""),
+    ],
+)
+def test_the_page_says_that_the_model_holds_a_crank_which_the_data_let_turn(
+    locked: str, moves: str, range_arcmin: float, turned: str
+) -> None:
+    """300 arcmin at the output are 65 degrees of the crank of 14 pins and 13 lobes."""
+    study = load_study("printed_drive", ROOT)
+    settings = SimpleNamespace(locked=locked, crank=SimpleNamespace(moves=moves))
+    cells = SimpleNamespace(angle_mean=np.array([0.0, range_arcmin, 1e4, 1e4 + 10]), position=np.array([0, 0, 1, 1]))
+    measurement = SimpleNamespace(unit=SimpleNamespace(study=study, settings=settings), cells=cells)
+    sentence = held_crank_sentence(SimpleNamespace(measurement=measurement))
+    assert (f"turned by up to {turned} within a position" in sentence) if turned else sentence == ""
 
 
 def test_the_page_says_which_prediction_is_ahead() -> None:

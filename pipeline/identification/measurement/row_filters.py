@@ -167,7 +167,7 @@ def spikes(rows: Rows, smallest_spike: float, torque_noise: float) -> Truth:
 
     The scale of an ordinary step is robust over the run of one cycle, and at ``smallest_spike`` the angle's step and
     noise [arcmin]. A torque that goes out and back in three rows may well take the angle along: that is a turn. After
-    an outlier of several rows the angle is back where it was; after the overshoot of a drive it is not.
+    an outlier the angle is back where it was; after the overshoot of a drive it is not.
     """
     is_spike = np.zeros(len(rows), bool)
     good = numeric(rows)
@@ -181,7 +181,7 @@ def spikes(rows: Rows, smallest_spike: float, torque_noise: float) -> Truth:
         for width in range(1, min(WIDEST_SPIKE, run_rows.size - 2) + 1):
             out, back = step[:-width], step[width:]
             height = np.minimum(np.abs(out), np.abs(back))
-            left = np.abs(angle[width + 1 :] - angle[: -width - 1]) if width > 1 else 0.0
+            left = np.abs(angle[width + 1 :] - angle[: -width - 1])
             out_and_back = (out * back < 0) & (height > limit) & (left < 0.5 * height)
             before, after = torque[: -width - 1], torque[width + 1 :]
             inside = sliding_window_view(torque, width + 2)[:, 1:-1].mean(axis=1)

@@ -89,7 +89,7 @@ CANDIDATES = Table(
         Column("misfit_after", "float64", "1", "the same with the effect"),
         Column("log_odds", "float64", "1", "logarithm of the posterior odds against no effect; null: only describes"),
         Column("log_score_gain", "float64", "1", "gain in the log predictive density of data left out"),
-        Column("significant", "bool", "", "whether the odds reject no effect at 5 %"),
+        Column("significant", "bool", "", "whether the odds against no effect are 999 to 1"),
         Column("member_of_class", "bool", "", "whether it is among those that the verdict names"),
         Column("screened_share", "float64", "1", "least misfit on a coarse grid, in shares of the recalibrated one"),
         Column("why_not", "label", "", "why it was not tested, not fitted in full, or supports no claim; else empty"),

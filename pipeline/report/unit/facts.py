@@ -12,6 +12,7 @@ from pipeline.identification.measurement.turning.turning_measurement import Turn
 from pipeline.identification.selection.statements.discrepancy import Discrepancy
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.statement import title_of
+from pipeline.model.units import ARCMIN
 from pipeline.report.layout import count_text, listed_text, plain_number
 from pipeline.report.unit.rows import digits, interval, scatter_words, shown_unit, with_capital
 from pipeline.sampling.errors import unmeasured_dimensions
@@ -64,6 +65,24 @@ def interpolation_sentence(identification: Identification) -> str:
         f"The model is condensed at {listed_text(sorted({str(count) for count in counts}))} crank angles for each "
         "position. Between them the angle is interpolated by a cubic spline, or by a parabola if there are three. "
         f"Halfway between two of them it is off by at most {digits(identification.between_cranks)} arcmin."
+    )
+
+
+def held_crank_sentence(identification: Identification) -> str:
+    """That the model holds a crank which the data let turn, and by how much; empty where the input was locked."""
+    measurement = identification.measurement
+    unit, cells = measurement.unit, measurement.cells
+    if isinstance(measurement, TurningMeasurement) or unit.settings.crank.moves != "fixed":
+        return ""
+    widest = max(np.ptp(cells.angle_mean[cells.position == position]) for position in np.unique(cells.position))
+    ratio = abs(unit.study.design.output.crank_torque_ratio(unit.study.design.cycloid))
+    turned = float(np.degrees(widest / ARCMIN * ratio))
+    if unit.settings.locked == "input" or turned < 180 / unit.study.design.cycloid.pins:
+        return ""
+    return (
+        "The output was locked, and unit.toml has no [crank], so the model holds the crank still. If the angle was "
+        f"read at the motor, the crank turned by up to {turned:.0f}\u00b0 within a position, and the predictions are "
+        "of another crank angle: state [crank] with moves, ratio and known crank angles."
     )
 
 

@@ -269,3 +269,12 @@ def test_outliers_of_up_to_three_rows_are_left_out(tmp_path, width, is_left_out)
     table.loc[99 : 98 + width, "angle_arcmin"] += 40.0
     measurement = Measurement.read(load_measured_unit(write_unit(tmp_path / "u", {"rows.csv": table}), ROOT))
     assert np.flatnonzero(measurement.spikes).tolist() == (list(range(99, 99 + width)) if is_left_out else [])
+
+
+def test_the_overshoot_of_a_drive_that_lands_is_no_outlier(tmp_path):
+    """A fast crossing of the play: one row beyond the level on which the drive then stays."""
+    table = measured()
+    table.loc[99:, "angle_arcmin"] += 50.0
+    table.loc[99, "angle_arcmin"] += 30.0
+    measurement = Measurement.read(load_measured_unit(write_unit(tmp_path / "u", {"rows.csv": table}), ROOT))
+    assert not measurement.spikes[:200].any()

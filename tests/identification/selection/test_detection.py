@@ -1,18 +1,21 @@
 """Sizes that would be noticed and named, against draws of the whole rule."""
 
 from dataclasses import replace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 from linear_unit import LinearFitter, linear_data, model_of
 from scipy.stats import norm
 
+from pipeline.identification import identify
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection.covariance import Covariance, parts_of
 from pipeline.identification.selection.criteria import NAMED_ODDS, Judge, Trial
 from pipeline.identification.selection.evidence import Evidence
 from pipeline.identification.selection.statements import detection
-from pipeline.identification.selection.statements.detection import detection_limits
+from pipeline.identification.selection.statements.detection import DetectionLimit, detection_limits
+from pipeline.identification.selection.statements.verdict import ADEQUATE, UNEXPLAINED, Verdict
 from pipeline.statistics.resampling import CONFIDENCE
 
 DATA = linear_data(positions=3, cycles=3, branches=2, cells=20, sigma=0.1)
@@ -129,3 +132,13 @@ def test_a_name_takes_the_odds_over_a_rival_that_costs_less_and_over_all_but_two
     assert sought.limit([(20.0, 400.0)]).named == pytest.approx(size(20.0 - NAMED_ODDS, 400.0))
     rivals = [(0.0, 400.0), (0.0, 100.0), (0.0, 25.0)]
     assert sought.limit(rivals).named == pytest.approx(size(NAMED_ODDS, 400.0))
+
+
+@pytest.mark.parametrize(("verdict", "is_promised"), [(UNEXPLAINED, False), (ADEQUATE, True)])
+def test_no_size_would_be_named_beside_structure_that_is_left(monkeypatch, verdict, is_promised):
+    """Friction of 6.5 N m beside a play that the model lacks was not named, where 0.27 N m was promised."""
+    limit = DetectionLimit("coulomb", "torque_Nm", "N m", 0.2, 0.3)
+    monkeypatch.setattr(identify, "detection_limits", lambda *of_unit: (limit,))
+    (stated,) = identify._sizes_that_could_hide(MagicMock(), MagicMock(), Verdict(verdict))
+    assert stated.noticed == 0.2
+    assert stated.named == 0.3 if is_promised else np.isnan(stated.named)
