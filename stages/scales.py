@@ -1,5 +1,6 @@
 """Stage 5b: the first units solved again at other scales of each tolerance, and the yields that follow."""
 
+from dataclasses import replace
 from functools import partial
 
 import pandas as pd
@@ -18,7 +19,7 @@ from pipeline.populations.scaled_tolerances import (
     scaled_yields,
 )
 from pipeline.statistics.intervals import Estimate
-from stages.hysteresis import prepare
+from stages.hysteresis import Shared, prepare
 from stages.tables.distributions import OVER_ALL, over_turn
 from stages.tables.keys import SAMPLE
 from stages.tails import OF_FRESH_UNITS, at_angles
@@ -27,6 +28,8 @@ LOOPS = 200_000
 """Loops that are solved, units times loaded angles times scales of all tolerances: some minutes of processor time."""
 CARRIER_FACTOR = 3
 """Times that a loop of an RV reducer takes."""
+MOST_ANGLES = 31
+"""Loaded angles of a unit that are solved at most, evenly among those of the study."""
 FEWEST = 16
 """Units that are solved at every scale at least, where the study has as many."""
 BATCH = 8
@@ -85,7 +88,8 @@ def _run(job: Job) -> Tables:
         return {table.name: table.empty() for table in (UNITS, YIELDS, VARIANCES)}
     first_unit = int(study.samples.nominal_first)
     stop = min(study.samples.rows, first_unit + units_solved(study))
-    inputs = ((study, *ends, partial(at_angles, prepare(job))) for ends in batches(first_unit, stop, BATCH))
+    loops = _at_some_angles(prepare(job))
+    inputs = ((study, *ends, partial(at_angles, loops)) for ends in batches(first_unit, stop, BATCH))
     scaled_units = pd.DataFrame(joined_columns(worker_results(job.jobs, scaled_values, inputs)))
     distributions = pd.DataFrame(job.read("aggregate", "distributions"))
     units = pd.DataFrame(job.read_items("aggregate", "units", first_unit, stop))
@@ -102,7 +106,25 @@ def _run(job: Job) -> Tables:
 def units_solved(study: Study) -> int:
     """Units that are solved at the scales of each tolerance, at most."""
     factor = CARRIER_FACTOR if study.design.output.carries_disks else 1
-    return max(FEWEST, LOOPS // (factor * len(scaled_points(study)) * len(study.cycle.crank_deg)))
+    angles = len(study.cycle.crank_deg[:: _stride(study)])
+    return max(FEWEST, LOOPS // (factor * len(scaled_points(study)) * angles))
+
+
+def _stride(study: Study) -> int:
+    """Every so many of the loaded angles are solved."""
+    return -(-len(study.cycle.crank_deg) // MOST_ANGLES)
+
+
+def _at_some_angles(loop_inputs: Shared) -> Shared:
+    """The inputs of the loops at every so many of the loaded angles."""
+    study, stride = loop_inputs.study, _stride(loop_inputs.study)
+    cycle = study.cycle.model_copy(update={"crank_deg": study.cycle.crank_deg[::stride]})
+    return replace(
+        loop_inputs,
+        study=study.model_copy(update={"cycle": cycle}),
+        laws=loop_inputs.laws[::stride],
+        compliances=loop_inputs.compliances[::stride],
+    )
 
 
 def _stated_yields(study: Study, distributions: pd.DataFrame) -> dict[str, Estimate]:

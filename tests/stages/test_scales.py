@@ -48,7 +48,8 @@ def test_more_tolerances_have_fewer_units_for_the_same_time():
     few, many = load_study("quick", ROOT), load_study("rv_80e", ROOT)
     assert units_solved(few) == LOOPS // (55 * len(few.cycle.crank_deg))
     assert 1 + len(SCALES) * len(scaled_tolerances(many)) == 103
-    assert units_solved(many) == FEWEST  # of carriers at 323 angles
+    assert len(many.cycle.crank_deg) == 323  # of which every eleventh is solved
+    assert units_solved(many) == LOOPS // (3 * 103 * 30) > FEWEST  # of carriers
     cycle = many.cycle.model_copy(update={"crank_deg": many.cycle.crank_deg[:11]})
     assert units_solved(many.model_copy(update={"cycle": cycle})) == LOOPS // (3 * 103 * 11)
 
