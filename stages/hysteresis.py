@@ -78,10 +78,12 @@ class Shared:
 
     Attributes
     ----------
+    cranks : (n_angles,) [deg] the loaded crank angles.
     curve, brief : load cycles where whole curves are kept, and with the torques of the metrics alone.
     """
 
     study: Study
+    cranks: tuple[float, ...]
     curve: LoadCycle
     brief: LoadCycle
     laws: tuple[ContactLaws, ...]
@@ -100,6 +102,7 @@ def prepare(job: Job) -> Shared:
     reducers = [assembly.reducer(study.design, crank) for crank in cranks]
     return Shared(
         study,
+        cranks,
         assembly.load_cycle(study, study.cycle.levels_per_branch),
         assembly.load_cycle(study, 0),
         tuple(laws_of_columns(coefficients, crank) for crank in cranks),
@@ -112,7 +115,7 @@ def solve_samples(loop_inputs: Shared, sampled_errors: Errors) -> Iterator[Solve
     study = loop_inputs.study
     errors = assembly.errors(sampled_errors)
     clearance = assembly.bearing_clearance(study.design, sampled_errors.bearing_clearance)
-    for crank, laws, compliance in zip(study.cycle.crank_deg, loop_inputs.laws, loop_inputs.compliances, strict=True):
+    for crank, laws, compliance in zip(loop_inputs.cranks, loop_inputs.laws, loop_inputs.compliances, strict=True):
         drive = drive_of(
             study, crank, compliance, errors, clearance, laws, assembly.modulus(study.design, sampled_errors)
         )

@@ -117,13 +117,12 @@ def _stride(study: Study) -> int:
 
 def _at_some_angles(loop_inputs: Shared) -> Shared:
     """The inputs of the loops at every so many of the loaded angles."""
-    study, stride = loop_inputs.study, _stride(loop_inputs.study)
-    cycle = study.cycle.model_copy(update={"crank_deg": study.cycle.crank_deg[::stride]})
+    every = slice(None, None, _stride(loop_inputs.study))
     return replace(
         loop_inputs,
-        study=study.model_copy(update={"cycle": cycle}),
-        laws=loop_inputs.laws[::stride],
-        compliances=loop_inputs.compliances[::stride],
+        cranks=loop_inputs.cranks[every],
+        laws=loop_inputs.laws[every],
+        compliances=loop_inputs.compliances[every],
     )
 
 

@@ -44,7 +44,7 @@ def shared_of(study):
     laws = tuple(assembly.contact_laws(study, reducer) for reducer in reducers)
     rigid = tuple(np.zeros((len(entry), len(entry))) for entry in laws)
     curve, brief = (assembly.load_cycle(study, levels) for levels in (study.cycle.levels_per_branch, 0))
-    return hysteresis.Shared(study, curve, brief, laws, rigid)
+    return hysteresis.Shared(study, study.cycle.crank_deg, curve, brief, laws, rigid)
 
 
 @pytest.fixture(scope="module")
