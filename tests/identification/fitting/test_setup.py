@@ -14,6 +14,7 @@ from pipeline import assembly
 from pipeline.assembly import contact_laws
 from pipeline.config import load_study
 from pipeline.config.studies.study import LAW_FACTORS
+from pipeline.config.studies.tolerances import Tolerances
 from pipeline.errors import InputError
 from pipeline.identification.fitting import build
 from pipeline.identification.fitting.build import _refuse_paths, build_problem
@@ -114,9 +115,15 @@ def test_crank_angles_that_nobody_knows_predict_no_difference_between_positions(
 
 
 def test_what_was_measured_is_off_by_the_instrument_in_common_and_at_each_element():
-    measured_names = SimpleNamespace(model_fields_set={"pin_radial", "eccentricity"})
-    units = build._indistinguishable_errors(errors_of(SMALL, reducer_at(SMALL, 0.4)), measured_names, 0.8)
+    """Positions are off in both directions alike."""
+    study = load_study("pin_in_hole", ROOT)
+    exact = study.model_copy(update={"tolerances": Tolerances()})
+    measured_names = SimpleNamespace(model_fields_set={"pin_radial", "eccentricity", "output_pin_position"})
+    units = build._indistinguishable_errors(build._population(exact), measured_names, 0.8)
     unit, pins = 0.8 * MICROMETRE, units.pin_radial
+    for part in (units.pin_off_hole.real, units.pin_off_hole.imag):
+        assert np.std(part.mean(axis=1)) == pytest.approx(np.sqrt(1 + 1 / part.shape[1]) * unit, rel=0.15)
+        assert np.std(part - part.mean(axis=1, keepdims=True)) == pytest.approx(unit, rel=0.15)
     assert np.std(units.eccentricity) == pytest.approx(np.sqrt(units.eccentricity.ndim) * unit, rel=0.15)
     assert np.std(pins.mean(axis=1)) == pytest.approx(np.sqrt(1 + 1 / pins.shape[1]) * unit, rel=0.15)
     assert np.std(pins - pins.mean(axis=1, keepdims=True)) == pytest.approx(unit, rel=0.15)
