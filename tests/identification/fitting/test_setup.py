@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from measured_bench import measured, write_unit
-from reducers import MICROMETRE, SMALL, errors_of, reducer_at
+from reducers import MICROMETRE
 from synthetic_unit import ROOT, Bench, make_unit, problem_of
 
 from pipeline import assembly
