@@ -97,7 +97,7 @@ def unit_answer(measurement: Measurement | TurnRecord, jobs: int | Workers | Non
     content, frames = results.write(findings, folder)
     write_page(findings, content, frames, folder, settings.shown(folder))
     verdict, statement = identification.verdict.verdict, identification.statement
-    sentences = _sentences(verdict, statement.sentence, statement.advice)
+    sentences = _sentences(verdict, statement.sentence, content["advice"])
     return UnitAnswer(findings, sentences, folder, frames, verdict=verdict, content=content)
 
 

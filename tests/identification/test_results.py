@@ -29,7 +29,7 @@ from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.results import corrected_design, tables
-from pipeline.identification.results.prediction_errors import angle_of_branch
+from pipeline.identification.results.prediction_errors import LoopError, angle_of_branch
 from pipeline.identification.results.residual_signatures import (
     SignatureCells,
     _friction,
@@ -41,6 +41,7 @@ from pipeline.identification.results.residual_signatures import (
     judged_signature,
     trend,
 )
+from pipeline.identification.results.write import play_advice
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import Verdict
@@ -360,6 +361,18 @@ def test_the_page_says_whether_crank_angles_are_known(angles: str, cranks: list[
     unit = SimpleNamespace(settings=SimpleNamespace(crank_angles=angles))
     measurement = SimpleNamespace(rows=rows, unit=unit, known_cranks=len(cranks) if angles == "measured" else 0)
     assert dict(rows_facts(SimpleNamespace(measurement=measurement)))["Crank angles"] == words
+
+
+@pytest.mark.parametrize(("refitted", "is_advised"), [(50.0, True), (190.0, False), (320.0, True), (None, False)])
+def test_loops_of_another_width_than_the_refitted_model_send_to_the_play_first(
+    refitted: float | None, is_advised: bool
+) -> None:
+    """The printed drive is 201 arcmin wide at no torque, refitted 50; an effect took the place of the play."""
+    predicted = {} if refitted is None else {"declared": 37.0, "recalibrated": refitted}
+    advice = play_advice({"zero_torque_width_arcmin": LoopError(201.0, predicted, 3)})
+    assert ("201 arcmin wide at no torque" in advice) == is_advised
+    assert bool(advice) == is_advised
+    assert play_advice({"zero_torque_width_arcmin": LoopError(why_not="no loop")}) == ""
 
 
 @pytest.mark.parametrize(

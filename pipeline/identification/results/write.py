@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from pipeline.constant_kinds import Shown
 from pipeline.engine.store import write_json, write_tables
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import FaultyUnit, Identification, one_thread
@@ -29,7 +30,7 @@ from pipeline.identification.results.residual_signatures import Signature, signa
 from pipeline.identification.results.turn_signatures import turn_errors, turn_signatures
 from pipeline.identification.selection.held_out import STAGES
 from pipeline.identification.selection.statements.statement import fault_statement
-from pipeline.identification.selection.statements.verdict import FAULT, VERDICT_FILE
+from pipeline.identification.selection.statements.verdict import FAULT, UNEXPLAINED, VERDICT_FILE
 
 NO_VERDICT = "the data do not support a verdict"
 STALE = (
@@ -37,6 +38,10 @@ STALE = (
     *DESIGN_FILES.values(),
 )
 """What an earlier run of the unit may have left that this one does not write."""
+
+
+OTHER_WIDTH: Shown = 1.5
+"""Ratio of widths of loops from which the advice of an unexplained unit begins with the play."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,26 @@ def findings(identification: Identification) -> Findings:
         of_turns = {stage: turn_signatures(measurement, data, curves[stage]) for stage in STAGES[1:]}
         return Findings(identification, of_turns, turn_errors(identification))
     of_loops = {stage: signatures(measurement, data, curves[stage]) for stage in STAGES[1:]}
-    return Findings(identification, of_loops, loop_errors(identification))
+    of_readings = loop_errors(identification)
+    advice = play_advice(of_readings) if identification.verdict.verdict == UNEXPLAINED else ""
+    statement = replace(identification.statement, advice=f"{advice}{identification.statement.advice}")
+    return Findings(replace(identification, statement=statement), of_loops, of_readings)
+
+
+def play_advice(loops: Mapping[str, LoopError]) -> str:
+    """To measure the play first, where loops are much wider or narrower at no torque than refitted; else empty.
+
+    Effects beside a wrong play take its place: a spring that is soft near no load for a wider one.
+    """
+    width = loops.get("zero_torque_width_arcmin", LoopError())
+    refitted = width.predicted_values.get("recalibrated")
+    if not width.measured_value or not refitted or 1 / OTHER_WIDTH < width.measured_value / refitted < OTHER_WIDTH:
+        return ""
+    return (
+        f"Measure the play first: loops are {width.measured_value:.3g} arcmin wide at no torque, those of the refitted "
+        f"model {refitted:.3g}. Turn the output by small torques of both senses at several crank positions, gauge "
+        "pins, holes and flanks, and state the dimensions in the file of as_measured. "
+    )
 
 
 @one_thread
