@@ -206,6 +206,7 @@ def test_the_yield_of_the_whole_turn_stands_before_that_of_the_angles(frames):
     assert angles in said
     row |= {"metric": "transmission_error_arcsec", "value": 0.9}
     corrected = replace(of_turn, distributions=pd.concat([of_turn.distributions, pd.DataFrame([row])]))
+    assert Results(corrected).estimate("transmission_error_arcsec", "yield")[0] == 0.9
     said = Verdict(corrected, Results(corrected)).holds_for
     assert "but for the transmission error without load: of" in said
     assert f"{counts['n_rigid_angles']:,} crank angles" in said
