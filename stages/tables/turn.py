@@ -249,7 +249,7 @@ def shortfalls(units: pd.DataFrame, audit: Columns) -> pd.DataFrame:
 def left_between(audit: Columns) -> pd.DataFrame | None:
     """What angles between those of the audit add to each metric's worst of the audited units in the mean, at most.
 
-    None where one phase of each pitch is looked at. Of the transmission error it is not known, and 0.
+    None where one phase of each pitch is looked at. Missing of the transmission error, of which it is not known.
 
     Notes
     -----
@@ -262,7 +262,7 @@ def left_between(audit: Columns) -> pd.DataFrame | None:
         return None
     share = 1.0 / (rows[N_PHASES.name] - 1)
     added = {name: share * (rows[f"{name}_worst"] - rows[OF_PITCHES[name].name]) for name in library()}
-    return pd.DataFrame({**added, **dict.fromkeys(OF_ALL_PITCHES, 0.0 * share)})
+    return pd.DataFrame({**added, **dict.fromkeys(OF_ALL_PITCHES, np.nan * share)})
 
 
 def whole_turn_estimates(
