@@ -7,7 +7,7 @@ misses is seen on units that are solved at every pitch and beside the worst of t
 
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -157,7 +157,7 @@ class _Best:
         worst, step = self.value[..., 0], self.step[..., 0]
         values = np.where(self.missing | ~np.isfinite(worst), np.nan, self.sign * worst)
         names = list(library())
-        best_steps = self.step.reshape(len(step), step.shape[1] * BEST_CLIMBED)
+        best_steps = self.step[:, : len(names)].reshape(len(step), len(names) * BEST_CLIMBED)
         value, steps = (dict(zip(names, columns.T, strict=False)) for columns in (values, step))
         ends = np.reshape(values[:, len(names) :], (len(values), 2, self.n_angles)).swapaxes(1, 2)
         return Worst(value, steps, best_steps, self.n_solved, ends)
@@ -225,16 +225,21 @@ def search_and_audit(
         for pool, pairs, of_pool in zip(pools, candidates, np.split(values, ends)[:-1], strict=True):
             pool.take(pairs, of_pool)
     _solve_batches(drives, units, waiting)
-    of_phases = deepcopy(of_pitches)
+    of_phases, of_angles, n_metrics = deepcopy(of_pitches), deepcopy(of_pitches), len(library())
     best_steps = found.step[:, [name in names for name in library()], :n_best]
     beside = _pairs_beside(drives, np.arange(len(units)), best_steps)
-    beside_audited = _pairs_beside(drives, audited, of_phases.step[audited])
-    _solve_batches(drives, units, [_Batch(beside, found), _Batch(beside_audited, of_phases)])
+    batches = [_Batch(beside, found)]
+    for best_values, kinds in ((of_phases, slice(n_metrics)), (of_angles, slice(n_metrics, None))):
+        pairs = _pairs_beside(drives, audited, best_values.step[audited][:, kinds])
+        batches.append(_Batch(pairs, best_values))
+    _solve_batches(drives, units, batches)
     found.move_finitely(drives, units)
     audits = of_pitches.some(audited), of_phases.some(audited)
     for best_values in audits:
         best_values.move_finitely(drives, units.some(audited))
-    return found.worst_values(), audits[0].worst_values(), audits[1].worst_values()
+    ends_of_angles = of_angles.some(audited).worst_values().ends_of_angles
+    of_all = replace(audits[1].worst_values(), ends_of_angles=ends_of_angles)
+    return found.worst_values(), audits[0].worst_values(), of_all
 
 
 def worst_at(drives: TurnDrives, units: Units, steps: Index) -> Worst:
