@@ -167,7 +167,7 @@ def spikes(rows: Rows, smallest_spike: float, torque_noise: float) -> Truth:
 
     The scale of an ordinary step is robust over the run of one cycle, and at ``smallest_spike`` the angle's step and
     noise [arcmin]. A torque that goes out and back in three rows may well take the angle along: that is a turn. After
-    an outlier the angle is back where it was; after the overshoot of a drive it is not.
+    an outlier the angle is back where it was, and stood before; a drive that overshoots was already on its way.
     """
     is_spike = np.zeros(len(rows), bool)
     good = numeric(rows)
@@ -178,11 +178,13 @@ def spikes(rows: Rows, smallest_spike: float, torque_noise: float) -> Truth:
         angle, torque = rows.angle[run_rows], rows.torque[run_rows]
         step = np.diff(angle)
         limit = SPIKE_FACTOR * max(MAD_TO_STD * np.median(np.abs(step)), smallest_spike)
+        before_step = np.concatenate([[0.0], step])
         for width in range(1, min(WIDEST_SPIKE, run_rows.size - 2) + 1):
-            out, back = step[:-width], step[width:]
+            out, back, came = step[:-width], step[width:], before_step[: -width - 1]
             height = np.minimum(np.abs(out), np.abs(back))
             left = np.abs(angle[width + 1 :] - angle[: -width - 1])
-            out_and_back = (out * back < 0) & (height > limit) & (left < 0.5 * height)
+            on_its_way = came * np.sign(out)
+            out_and_back = (out * back < 0) & (height > limit) & (np.maximum(left, on_its_way) < 0.5 * height)
             before, after = torque[: -width - 1], torque[width + 1 :]
             inside = sliding_window_view(torque, width + 2)[:, 1:-1].mean(axis=1)
             turn = np.abs(inside - (before + after) / 2) > np.abs(after - before) + TURN_NOISE * torque_noise

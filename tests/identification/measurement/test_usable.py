@@ -271,10 +271,33 @@ def test_outliers_of_up_to_three_rows_are_left_out(tmp_path, width, is_left_out)
     assert np.flatnonzero(measurement.spikes).tolist() == (list(range(99, 99 + width)) if is_left_out else [])
 
 
-def test_the_overshoot_of_a_drive_that_lands_is_no_outlier(tmp_path):
-    """A fast crossing of the play: one row beyond the level on which the drive then stays."""
+@pytest.mark.parametrize(
+    "course",
+    [
+        (30.0,),
+        (-98.0, -47.0, 3.0, 17.5, 5.6, -0.3),  # the printed drive, arcmin beyond the level on which it then stays
+        (-56.7, -2.0, 20.8, 10.2, -0.7),
+        (32.0, 4.0, -9.0, 9.8, 14.4, 10.8),
+    ],
+)
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_the_overshoot_of_a_drive_that_lands_is_no_outlier(tmp_path, sense, course):
+    """A fast crossing of the play: rows beyond the level on which the drive then stays, one back at the row before."""
     table = measured()
-    table.loc[99:, "angle_arcmin"] += 50.0
-    table.loc[99, "angle_arcmin"] += 30.0
+    table.loc[99:, "angle_arcmin"] += 130.0 * sense
+    table.loc[99 : 98 + len(course), "angle_arcmin"] += sense * np.array(course)
     measurement = Measurement.read(load_measured_unit(write_unit(tmp_path / "u", {"rows.csv": table}), ROOT))
     assert not measurement.spikes[:200].any()
+
+
+def test_two_outliers_beside_a_good_row_are_left_out(tmp_path):
+    table = measured()
+    table.loc[[99, 101], "angle_arcmin"] += 40.0
+    measurement = Measurement.read(load_measured_unit(write_unit(tmp_path / "u", {"rows.csv": table}), ROOT))
+    assert measurement.spikes[[99, 101]].all()
+    assert np.flatnonzero(measurement.spikes).size <= 3
+
+
+def test_the_loops_of_the_printed_drive_have_no_outlier():
+    """Twenty rows on which it overshoots behind the play were taken for jumps of the encoder."""
+    assert not Measurement.read(load_measured_unit("base_pccf_runin", ROOT)).spikes.any()
