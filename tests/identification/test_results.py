@@ -19,6 +19,7 @@ from measured_bench import measured, write_unit
 from synthetic_unit import EXAMPLE, TRIED, Condensed, problem_of
 
 from pipeline import assembly, cli, settings
+from pipeline.cli.identify import parts_left_out
 from pipeline.config import load_study
 from pipeline.config.changing import toml_of
 from pipeline.config.studies.study import LAW_FACTORS
@@ -45,7 +46,7 @@ from pipeline.identification.results.write import play_advice
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import Verdict
-from pipeline.report.unit.facts import comparison_sentence, held_crank_sentence, rows_facts
+from pipeline.report.unit.facts import _groups, comparison_sentence, held_crank_sentence, rows_facts
 from pipeline.report.unit.rows import candidate_row, remainder_cards
 from pipeline.sampling.errors import draw
 from pipeline.statistics.curve_scatter import CurveScatter
@@ -394,6 +395,21 @@ def test_the_page_says_that_the_model_holds_a_crank_which_the_data_let_turn(
     measurement = SimpleNamespace(unit=SimpleNamespace(study=study, settings=settings), cells=cells)
     sentence = held_crank_sentence(SimpleNamespace(measurement=measurement))
     assert (f"turned by up to {turned} within a position" in sentence) if turned else sentence == ""
+
+
+@pytest.mark.parametrize(("positions", "folds", "groups"), [(3, 3, ""), (6, 6, ""), (9, 3, "3 groups")])
+def test_the_page_says_in_how_many_groups_positions_were_left_out(positions: int, folds: int, groups: str) -> None:
+    position = np.repeat(np.arange(positions), 4)
+    data = SimpleNamespace(held_out_parts=lambda cells: position)
+    problem = SimpleNamespace(data=data, training=np.ones(len(position), bool))
+    words = _groups(SimpleNamespace(problem=problem, folds=SimpleNamespace(models=("",) * folds)))
+    assert (f"in {groups}" in words) if groups else words == "each predicted by a fit to the others"
+
+
+def test_the_plan_says_in_how_many_groups_positions_are_left_out() -> None:
+    assert parts_left_out(6, "crank positions", True) == "each of 6 crank positions is"
+    assert parts_left_out(9, "crank positions", True) == "9 crank positions are left out in 6 groups, each"
+    assert parts_left_out(9, "cycles", False) == "9 cycles are left out in 3 groups, each"
 
 
 def test_the_page_says_which_prediction_is_ahead() -> None:

@@ -9,6 +9,9 @@ FEWEST_PIECE_ROWS = 5
 """Rows in turn from which a piece of a record has a shape: a branch, a flat tail, an extreme that repeats."""
 FEWEST_OF_A_WAVE = 4
 """Values over a wave from which it can be tested: one more than its mean, amplitude and phase."""
+SINGLE_GROUPS = 6
+"""Positions (or cycles) up to which each is left out by itself; more are left out in three lots, spread evenly over
+them, so that the time grows as the rows do. Of effects of the crank angle there are as many lots as this."""
 LEAST_PART = 0.5
 """Share of the longest loop, turn or pass that one must have to count: pieces at the ends are left out."""
 LOADED_SHARE = 0.5

@@ -21,7 +21,7 @@ from pipeline.arrays import Real, Truth, Whole
 from pipeline.constant_kinds import Rounding
 from pipeline.identification.fitting.cells_in_noise import noise_between_rows
 from pipeline.identification.fitting.data import Data, TurningData
-from pipeline.identification.measurement.enough import FEWEST_COMPARED
+from pipeline.identification.measurement.enough import FEWEST_COMPARED, SINGLE_GROUPS
 from pipeline.identification.measurement.turning.motion import groups
 from pipeline.statistics.resampling import CONFIDENCE
 
@@ -52,9 +52,6 @@ CORRELATIONS = (
 """Correlations of the noise within a branch that are tried.
 
 A bench usually has both kinds: rounding and the torque sensor add white noise to an angle that wanders."""
-SINGLE_GROUPS = 6
-"""Positions (or cycles) up to which each is left out by itself; more are left out in three lots, spread evenly over
-them, so that the time grows as the rows do."""
 NO_WEIGHT: Rounding = 1e-12
 """Weight of an earlier cell in a whitened one, of unit noise, below which it counts as none."""
 OFFSET: Rounding = 1e3

@@ -21,9 +21,8 @@ from pipeline.identification.generic.crank_loops import CrankLoops
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, SOFT, TERMS, title
 from pipeline.identification.generic.generic_drive import LoopModel
 from pipeline.identification.generic.shared_fit import fitted_together
-from pipeline.identification.measurement.enough import FEWEST_COMPARED, FEWEST_OF_A_WAVE
+from pipeline.identification.measurement.enough import FEWEST_COMPARED, FEWEST_OF_A_WAVE, SINGLE_GROUPS
 from pipeline.identification.measurement.faults.branch_faults import FEWEST_BLOCKS
-from pipeline.identification.selection.covariance import SINGLE_GROUPS
 from pipeline.identification.selection.criteria import MOST_NAMED
 from pipeline.identification.series.folds import Folds, StateFolds, held_numbers, reversed_numbers, state_folds
 from pipeline.identification.series.states import Series

@@ -169,10 +169,7 @@ def data_facts(identification: Identification) -> list[tuple[str, str]]:
         *rows_facts(identification),
         ("Branches and cells", ", ".join(counts)),
         *([] if isinstance(measurement, TurningMeasurement) else _rows_not_compared(measurement)),
-        (
-            "Held out",
-            "what unit.toml names" if train else f"whole {held_out_by}, each predicted by a fit to the others",
-        ),
+        ("Held out", "what unit.toml names" if train else f"whole {held_out_by}, {_groups(identification)}"),
         ("Noise floor of a cell", f"{digits(identification.problem.data.noise)} arcmin: {noise.floor.words}"),
         *(
             (title, f"{digits(rms.value)} arcmin, interval {interval(rms.ci_low, rms.ci_high) or 'not determined'}")
@@ -181,6 +178,14 @@ def data_facts(identification: Identification) -> list[tuple[str, str]]:
         ("Noise of the torque", f"{digits(noise.torque_noise_Nm)} N m a row"),
         ("Left from position to position", _scatter(identification.remainder)),
     ]
+
+
+def _groups(identification: Identification) -> str:
+    """How the parts of the data were left out: each by itself, or in groups."""
+    problem, groups = identification.problem, len(identification.folds.models)
+    if groups < len(np.unique(problem.data.held_out_parts(problem.training))):
+        return f"left out in {groups} groups, each predicted by a fit to the other groups"
+    return "each predicted by a fit to the others"
 
 
 def _rows_not_compared(measurement: Measurement) -> list[tuple[str, str]]:
