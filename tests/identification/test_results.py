@@ -42,7 +42,7 @@ from pipeline.identification.results.residual_signatures import (
     judged_signature,
     trend,
 )
-from pipeline.identification.results.write import play_advice
+from pipeline.identification.results.write import crank_advice, play_advice
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import Verdict
@@ -377,24 +377,39 @@ def test_loops_of_another_width_than_the_refitted_model_send_to_the_play_first(
 
 
 @pytest.mark.parametrize(
-    ("locked", "moves", "range_arcmin", "turned"),
+    ("locked", "moves", "range_arcmin", "turned", "is_warned"),
     [
-        ("output", "fixed", 300.0, "65\u00b0"),
-        ("output", "fixed", 50.0, ""),  # less than half a pitch of the pins
-        ("output", "follows_angle", 300.0, ""),
-        ("input", "fixed", 300.0, ""),
+        ("output", "fixed", 300.0, "65\u00b0", True),
+        ("output", "fixed", 50.0, "10.8\u00b0", False),  # less than half a pitch of the pins
+        ("output", "follows_angle", 300.0, "", False),
+        ("input", "fixed", 300.0, "", False),
     ],
 )
 def test_the_page_says_that_the_model_holds_a_crank_which_the_data_let_turn(
-    locked: str, moves: str, range_arcmin: float, turned: str
+    locked: str, moves: str, range_arcmin: float, turned: str, is_warned: bool
 ) -> None:
     """300 arcmin at the output are 65 degrees of the crank of 14 pins and 13 lobes."""
-    study = load_study("printed_drive", ROOT)
-    settings = SimpleNamespace(locked=locked, crank=SimpleNamespace(moves=moves))
+    settings = SimpleNamespace(locked=locked, crank=SimpleNamespace(moves=moves), model_fields_set={"locked"})
     cells = SimpleNamespace(angle_mean=np.array([0.0, range_arcmin, 1e4, 1e4 + 10]), position=np.array([0, 0, 1, 1]))
-    measurement = SimpleNamespace(unit=SimpleNamespace(study=study, settings=settings), cells=cells)
-    sentence = held_crank_sentence(SimpleNamespace(measurement=measurement))
-    assert (f"turned by up to {turned} within a position" in sentence) if turned else sentence == ""
+    unit = SimpleNamespace(study=load_study("printed_drive", ROOT), settings=settings)
+    measurement = SimpleNamespace(unit=unit, cells=cells)
+    sentence, advice = held_crank_sentence(SimpleNamespace(measurement=measurement)), crank_advice(measurement)
+    assert ("states no [crank], so the crank is taken to stand still" in sentence) == bool(turned)
+    assert (f"turned by up to {turned} within a position" in sentence) == bool(turned)
+    assert ("of another crank angle" in sentence) == is_warned
+    assert advice.startswith("State [crank] in unit.toml first") == is_warned == bool(advice)
+    assert not is_warned or f"turned by up to {turned}" in advice
+
+
+def test_the_page_does_not_miss_a_crank_that_the_unit_states(tmp_path: Path) -> None:
+    copied = shutil.copytree(ROOT / "data" / "measured" / "base_pccf_runin", tmp_path / "u")
+    with (copied / "unit.toml").open("a", encoding="utf-8") as file:
+        file.write('\n[crank]\nmoves = "fixed"\n')
+    settings = load_measured_unit(copied, ROOT).settings
+    cells = SimpleNamespace(angle_mean=np.array([0.0, 300.0]), position=np.zeros(2, int))
+    unit = SimpleNamespace(study=load_study("printed_drive", ROOT), settings=settings)
+    sentence = held_crank_sentence(SimpleNamespace(measurement=SimpleNamespace(unit=unit, cells=cells)))
+    assert "unit.toml says that the crank is fixed" in sentence
 
 
 @pytest.mark.parametrize(("positions", "folds", "groups"), [(3, 3, ""), (6, 6, ""), (9, 3, "3 groups")])

@@ -1,5 +1,7 @@
 """What the data of a unit have of what effects need."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pipeline.arrays import Truth
@@ -42,13 +44,31 @@ def met_needs(measurement: Measurement, training: Truth) -> frozenset[str]:
 
 def _of_loops(measurement: Measurement, training: Truth) -> set[str]:
     """What loops at standing cranks have, and whether the crank stays where it is."""
-    gear, cells, settings = measurement.unit.study.design.cycloid, measurement.cells, measurement.unit.settings
-    position, angle = cells.position[training], cells.angle_mean[training]
-    lobe_turns = max(np.ptp(angle[position == p]) for p in np.unique(position)) * gear.lobes / ARCMIN
+    settings = measurement.unit.settings
     if settings.crank.moves != "fixed":
         return {LOOPS, SENSES, TORQUES, *([MOVES] if measurement.known_cranks else [])}
-    still = settings.locked == "input" or lobe_turns < np.pi / gear.pins
-    return {LOOPS, SENSES, TORQUES, *([STILL] if still else [])}
+    return {LOOPS, SENSES, TORQUES, *([] if turn_of_held_crank(measurement, training).leaves_pitch else [STILL])}
+
+
+class CrankTurn(NamedTuple):
+    """Turn of a crank [deg] that a model holds still, and whether it is more than half a pitch of the pins."""
+
+    deg: float
+    leaves_pitch: bool
+
+
+def turn_of_held_crank(measurement: Measurement, training: Truth | None = None) -> CrankTurn:
+    """Largest turn within a position, of an angle read at the motor, by its training cells (n_cells,) or by all.
+
+    None is left out where the input is locked or unit.toml says how the crank moves.
+    """
+    gear, cells, settings = measurement.unit.study.design.cycloid, measurement.cells, measurement.unit.settings
+    if settings.locked == "input" or settings.crank.moves != "fixed":
+        return CrankTurn(0.0, False)
+    chosen_cells = slice(None) if training is None else training
+    position, angle = cells.position[chosen_cells], cells.angle_mean[chosen_cells]
+    turned = float(max(np.ptp(angle[position == p]) for p in np.unique(position)) * gear.lobes / ARCMIN)
+    return CrankTurn(float(np.degrees(turned)), turned >= np.pi / gear.pins)
 
 
 def _of_turns(measurement: TurningMeasurement, training: Truth) -> set[str]:

@@ -11,8 +11,10 @@ import pandas as pd
 from pipeline.constant_kinds import Shown
 from pipeline.engine.store import write_json, write_tables
 from pipeline.identification.fitting.data import TurningData
+from pipeline.identification.fitting.offered import turn_of_held_crank
 from pipeline.identification.identify import FaultyUnit, Identification, one_thread
 from pipeline.identification.measurement.faults.fault import Fault
+from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.results import tables
 from pipeline.identification.results.corrected_design import (
     DESIGN_FILES,
@@ -68,8 +70,23 @@ def findings(identification: Identification) -> Findings:
     of_loops = {stage: signatures(measurement, data, curves[stage]) for stage in STAGES[1:]}
     of_readings = loop_errors(identification)
     advice = play_advice(of_readings) if identification.verdict.verdict == UNEXPLAINED else ""
-    statement = replace(identification.statement, advice=f"{advice}{identification.statement.advice}")
+    advice = f"{crank_advice(measurement)}{advice}{identification.statement.advice}"
+    statement = replace(identification.statement, advice=advice)
     return Findings(replace(identification, statement=statement), of_loops, of_readings)
+
+
+def crank_advice(measurement: Measurement) -> str:
+    """To state the crank first, where the model holds one that the data let turn by more than half a pitch; or empty.
+
+    Then whatever the crank angle changes is taken for an effect of the torque.
+    """
+    turn = turn_of_held_crank(measurement)
+    if not turn.leaves_pitch:
+        return ""
+    return (
+        "State [crank] in unit.toml first, with known crank angles: if the angle was read at the motor, the crank "
+        f"turned by up to {turn.deg:.3g}\u00b0 within a position, and this model holds it still. "
+    )
 
 
 def play_advice(loops: Mapping[str, LoopError]) -> str:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.identification.fitting.offered import turn_of_held_crank
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.measurement.enough import UNLOADED_SHARE
 from pipeline.identification.measurement.measurement import Measurement
@@ -12,7 +13,6 @@ from pipeline.identification.measurement.turning.turning_measurement import Turn
 from pipeline.identification.selection.statements.discrepancy import Discrepancy
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.statement import title_of
-from pipeline.model.units import ARCMIN
 from pipeline.report.layout import count_text, listed_text, plain_number
 from pipeline.report.unit.rows import digits, interval, scatter_words, shown_unit, with_capital
 from pipeline.sampling.errors import unmeasured_dimensions
@@ -69,20 +69,18 @@ def interpolation_sentence(identification: Identification) -> str:
 
 
 def held_crank_sentence(identification: Identification) -> str:
-    """That the model holds a crank which the data let turn, and by how much; empty where the input was locked."""
+    """That the model holds the crank of a locked output, and how far the data let it turn; empty for another end."""
     measurement = identification.measurement
-    unit, cells = measurement.unit, measurement.cells
-    if isinstance(measurement, TurningMeasurement) or unit.settings.crank.moves != "fixed":
+    settings = measurement.unit.settings
+    if settings.locked != "output" or settings.crank.moves != "fixed":
         return ""
-    widest = max(np.ptp(cells.angle_mean[cells.position == position]) for position in np.unique(cells.position))
-    ratio = abs(unit.study.design.output.crank_torque_ratio(unit.study.design.cycloid))
-    turned = float(np.degrees(widest / ARCMIN * ratio))
-    if unit.settings.locked == "input" or turned < 180 / unit.study.design.cycloid.pins:
-        return ""
+    turn = turn_of_held_crank(measurement)
+    stated = "says that the crank is fixed" if "crank" in settings.model_fields_set else "states no [crank]"
+    other = ": the predictions are then of another crank angle, and its effects are not seen"
+    turned = f"turned by up to {turn.deg:.3g}\u00b0 within a position{other if turn.leaves_pitch else ''}"
     return (
-        "The output was locked, and unit.toml has no [crank], so the model holds the crank still. If the angle was "
-        f"read at the motor, the crank turned by up to {turned:.0f}\u00b0 within a position, and the predictions are "
-        "of another crank angle: state [crank] with moves, ratio and known crank angles."
+        f"The output was locked and unit.toml {stated}, so the crank is taken to stand still. If the angle was read at "
+        f"the motor, the crank {turned}."
     )
 
 
