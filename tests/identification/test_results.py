@@ -43,10 +43,11 @@ from pipeline.identification.results.residual_signatures import (
     trend,
 )
 from pipeline.identification.results.write import crank_advice, play_advice
+from pipeline.identification.selection.criteria import NAMED_ODDS
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import Remainder
-from pipeline.identification.selection.statements.verdict import Verdict
-from pipeline.report.unit.facts import _groups, comparison_sentence, held_crank_sentence, rows_facts
+from pipeline.identification.selection.statements.verdict import ADEQUATE, UNEXPLAINED, Verdict
+from pipeline.report.unit.facts import _groups, comparison_sentence, held_crank_sentence, limits_note, rows_facts
 from pipeline.report.unit.rows import candidate_row, remainder_cards
 from pipeline.sampling.errors import draw
 from pipeline.statistics.curve_scatter import CurveScatter
@@ -425,6 +426,23 @@ def test_the_plan_says_in_how_many_groups_positions_are_left_out() -> None:
     assert parts_left_out(6, "crank positions", True) == "each of 6 crank positions is"
     assert parts_left_out(9, "crank positions", True) == "9 crank positions are left out in 6 groups, each"
     assert parts_left_out(9, "cycles", False) == "9 cycles are left out in 3 groups, each"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "odds", "words"),
+    [
+        (UNEXPLAINED, {}, ("exclude nothing", "named at any size", "in addition to")),
+        (ADEQUATE, {"coulomb": NAMED_ODDS + 1}, ("noticed already", "in addition to")),
+        (ADEQUATE, {"coulomb": NAMED_ODDS - 1}, ()),
+    ],
+)
+def test_sizes_that_could_hide_are_no_bound_where_something_is_left(
+    verdict: str, odds: dict[str, float], words: tuple[str, ...]
+) -> None:
+    identification = SimpleNamespace(verdict=Verdict(verdict), selection=SimpleNamespace(odds=odds))
+    note = limits_note(identification)
+    assert bool(note) == bool(words)
+    assert all(part in " ".join(note or ()) for part in words)
 
 
 def test_the_page_says_which_prediction_is_ahead() -> None:

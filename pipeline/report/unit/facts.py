@@ -10,9 +10,11 @@ from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.measurement.enough import UNLOADED_SHARE
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
+from pipeline.identification.selection.criteria import NAMED_ODDS
 from pipeline.identification.selection.statements.discrepancy import Discrepancy
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.statement import title_of
+from pipeline.identification.selection.statements.verdict import UNEXPLAINED
 from pipeline.report.layout import count_text, listed_text, plain_number
 from pipeline.report.unit.rows import digits, interval, scatter_words, shown_unit, with_capital
 from pipeline.sampling.errors import unmeasured_dimensions
@@ -82,6 +84,22 @@ def held_crank_sentence(identification: Identification) -> str:
         f"The output was locked and unit.toml {stated}, so the crank is taken to stand still. If the angle was read at "
         f"the motor, the crank {turned}."
     )
+
+
+def limits_note(identification: Identification) -> tuple[str, str] | None:
+    """What the sizes that could hide do not exclude, and why; None where the refitted model leaves nothing."""
+    if identification.verdict.verdict == UNEXPLAINED:
+        return "These sizes exclude nothing here:", (
+            "structure is left that no effect of the library explains. It would refuse any name, so that none would be "
+            "named at any size. A size that would be noticed is of an effect in addition to what the refitted model "
+            "misses, which may contain the same effect."
+        )
+    if max(identification.selection.odds.values(), default=0.0) >= NAMED_ODDS:
+        return "An effect is noticed already,", (
+            "and not named: see what was tried. These sizes are of an effect in addition to what the refitted model "
+            "misses, which may contain the same effect."
+        )
+    return None
 
 
 def comparison_sentence(identification: Identification) -> str:

@@ -24,7 +24,6 @@ from pipeline.identification.results import tables
 from pipeline.identification.results.write import Findings
 from pipeline.identification.selection.held_out import STAGES
 from pipeline.identification.selection.statements.statement import title_of
-from pipeline.identification.selection.statements.verdict import UNEXPLAINED
 from pipeline.report.layout import Picture, drawn_pictures, render
 from pipeline.report.unit import facts
 from pipeline.report.unit.record import TURNING_CAPTIONS, turning_figures
@@ -148,7 +147,7 @@ def _fit_values(
         "judged_on": facts.data_sentence(identification),
         "between_cranks": facts.interpolation_sentence(identification),
         "held_crank": facts.held_crank_sentence(identification),
-        "unexplained": UNEXPLAINED,
+        "limits_note": facts.limits_note(identification),
         "errors_title": "Errors in sample" if identification.folds.in_sample else "Errors on held-out data",
         "data_facts": facts.data_facts(identification),
         "headlines": [headline(titles[stage], identification.errors[stage]) for stage in STAGES],

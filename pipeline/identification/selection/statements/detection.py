@@ -28,13 +28,14 @@ AGREEMENT: Shown = 0.05
 
 @dataclass(frozen=True)
 class DetectionLimit:
-    """Sizes of an effect that would be noticed, and named, with 95 % probability.
+    """Sizes of an effect, in addition to what the refitted model misses, noticed and named with 95 % probability.
 
     Attributes
     ----------
     effect, parameter, unit : whose size it is; of two amplitudes the first, at the phase of the second one's zero.
-    is_noticed : from which "no effect" is rejected; NaN where not even the library's bound would be.
-    named : from which it is named, alone or in a class of three.
+    noticed : from which "no effect" is rejected; NaN where not even the library's bound would be.
+    named : from which it is named, alone or in a class of three; NaN where none is: beyond the library's bound, or
+        where structure is left that no effect explains, which refuses every name.
     """
 
     effect: str
