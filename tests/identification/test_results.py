@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import tomllib
 from collections.abc import Callable, Sequence
@@ -47,6 +48,7 @@ from pipeline.identification.selection.criteria import NAMED_ODDS
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import ADEQUATE, UNEXPLAINED, Verdict
+from pipeline.report.unit import facts
 from pipeline.report.unit.facts import _groups, comparison_sentence, held_crank_sentence, limits_note, rows_facts
 from pipeline.report.unit.rows import candidate_row, remainder_cards
 from pipeline.sampling.errors import draw
@@ -426,6 +428,16 @@ def test_the_plan_says_in_how_many_groups_positions_are_left_out() -> None:
     assert parts_left_out(6, "crank positions", True) == "each of 6 crank positions is"
     assert parts_left_out(9, "crank positions", True) == "9 crank positions are left out in 6 groups, each"
     assert parts_left_out(9, "cycles", False) == "9 cycles are left out in 3 groups, each"
+
+
+def test_page_and_tables_state_the_odds_that_a_name_takes() -> None:
+    """They said 5 %."""
+    odds = f"{math.exp(NAMED_ODDS):.0f} to 1"
+    (column,) = (column for column in tables.CANDIDATES.columns if column.name == "significant")
+    assert column.meaning.endswith(odds)
+    page = (Path(facts.__file__).parent / "unit.html").read_text(encoding="utf-8")
+    assert f"are {odds} against" in page
+    assert f"a name takes {NAMED_ODDS:.1f}, {odds}" in page
 
 
 @pytest.mark.parametrize(
