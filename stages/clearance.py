@@ -132,8 +132,17 @@ def rigid_turn(study: Study, sampled_errors: Errors) -> tuple[np.ndarray, np.nda
     finite_motion : what finite motions add to the backlash (n, n_rigid_angles) [arcmin].
     """
     plays = [play for _, _, play in rigid_plays(study, sampled_errors)]
-    ends = np.stack([np.where(play.preloaded, np.nan, play.ends) for play in plays], axis=2).swapaxes(0, 1)
-    return ARCMIN * ends, ARCMIN * _finite_motion(study, sampled_errors, plays)
+    return _ends(plays), ARCMIN * _finite_motion(study, sampled_errors, plays)
+
+
+def rigid_ends(study: Study, sampled_errors: Errors) -> np.ndarray:
+    """Ends of the play alone, as `rigid_turn` has them: finite motions take longer than these."""
+    return _ends([play for _, _, play in rigid_plays(study, sampled_errors)])
+
+
+def _ends(plays: Sequence[RigidPlay]) -> np.ndarray:
+    ends = [np.where(play.preloaded, np.nan, play.ends) for play in plays]
+    return ARCMIN * np.stack(ends, axis=2).swapaxes(0, 1)
 
 
 def _finite_motion(study: Study, sampled: Errors, plays: Sequence[RigidPlay]) -> np.ndarray:

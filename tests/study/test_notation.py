@@ -11,7 +11,7 @@ from pipeline.config.dimensions import dimension_library
 from pipeline.config.tolerance_notation import DEVIATIONS_UM, TOLERANCES_UM, UP_TO_MM, limit_deviations
 from pipeline.errors import InputError
 from pipeline.sampling.errors import draw
-from stages.clearance import rigid_turn
+from stages.clearance import rigid_ends
 
 ROOT = Path(__file__).parents[2]
 STUDY = tomllib.loads((ROOT / "data/studies/pin_in_hole.toml").read_text())
@@ -139,7 +139,7 @@ def test_the_sign_of_a_dimension_is_what_it_does_to_the_play(name):
     raw["cycle"] = {**STUDY["cycle"], "rigid_angles": 7}
     raw = {key: value for key, value in raw.items() if key not in ("tolerances", "costs", "drivers", "tails")}
     study = parse_study(raw, "signs", "signs.toml", lambda name: load_design(name, ROOT))
-    ends, _ = rigid_turn(study, draw(study, 0, 2))
+    ends = rigid_ends(study, draw(study, 0, 2))
     play = np.mean(ends[:, 0] - ends[:, 1], axis=1)
     assert np.sign(play[1] - play[0]) == dimension_library()[name].gap_sign
 
