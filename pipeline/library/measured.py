@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline import assembly, settings
 from pipeline.config import Study
+from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.change import results as change_results
 from pipeline.identification.change.results import ChangeAnswer
@@ -36,6 +37,9 @@ from pipeline.report.unit.population import write_description_page, write_popula
 from pipeline.report.unit.record import write_record_page
 from pipeline.report.unit.series import write_change_page, write_series_page
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
+
+INPUTS_FILE = "inputs.txt"
+"""File in a folder of results: the folders that they are of, a line each."""
 
 LARGEST_NOISE = 20.0
 """Repeatability of a bench [%] beyond which a number is in another unit."""
@@ -78,7 +82,7 @@ def identify(unit: str | Path, jobs: int | Workers | None = None) -> UnitAnswer:
 
 def unit_answer(measurement: Measurement | TurnRecord, jobs: int | Workers | None = None) -> UnitAnswer:
     """As ``identify``, of a measurement that has been read."""
-    folder = settings.RUNS / "identify" / measurement.unit.name
+    folder = _results_folder("identify", measurement.unit.name, [measurement.unit.folder])
     if isinstance(measurement, TurnRecord):
         return _of_record(measurement, folder)
     if measurement.unit.design_study is None:
@@ -99,6 +103,27 @@ def unit_answer(measurement: Measurement | TurnRecord, jobs: int | Workers | Non
     verdict, statement = identification.verdict.verdict, identification.statement
     sentences = _sentences(verdict, statement.sentence, content["advice"])
     return UnitAnswer(findings, sentences, folder, frames, verdict=verdict, content=content)
+
+
+def _results_folder(command: str, name: str, inputs: Sequence[Path]) -> Path:
+    """The folder for results of these input folders.
+
+    Raises
+    ------
+    InputError
+        If it has the results of other folders of the same name, and these still exist.
+    """
+    folder = settings.RUNS / command / name
+    file, paths = folder / INPUTS_FILE, [path.resolve() for path in inputs]
+    lines = file.read_text(errors="surrogateescape").splitlines() if file.is_file() else []
+    previous_paths = [Path(line) for line in lines] or paths
+    if previous_paths != paths and all(path.exists() for path in previous_paths):
+        raise InputError(
+            f"{settings.shown(folder)} has the results of {', '.join(map(str, previous_paths))}, which would be "
+            f"overwritten by those of {', '.join(map(str, paths))}; rename a folder, or move these results away"
+        )
+    write_atomic(file, "\n".join(map(str, paths)).encode(errors="surrogateescape"))
+    return folder
 
 
 def _description_answer(measurement: Measurement, folder: Path) -> UnitAnswer:
@@ -185,9 +210,10 @@ def changed(before: str | Path, after: str | Path, also: Sequence[str | Path] = 
 def compared_states(states: Sequence[Measurement]) -> Answer[ChangeAnswer]:
     """As ``changed``, of measurements that have been read: before, after, further ones."""
     state_before, state_after, *further = states
+    names = f"{state_before.unit.name}-{state_after.unit.name}"
+    folder = _results_folder("changed", names, [state_before.unit.folder, state_after.unit.folder])
     with linear_algebra_faults(f"{state_before.unit.name}, {state_after.unit.name}"):
         answer = change_results.answer(state_before, state_after, further)
-    folder = settings.RUNS / "changed" / f"{state_before.unit.name}-{state_after.unit.name}"
     frames = change_results.write(answer, folder)
     write_change_page(answer, frames, folder, settings.shown(folder))
     sentences = (
@@ -231,8 +257,8 @@ def identify_series(folder: str | Path, over: str = "") -> Answer[SeriesAnswer]:
 
 def shared_by_states(measurements: Sequence[Measurement], folder: str | Path, over: str = "") -> Answer[SeriesAnswer]:
     """As ``identify_series``, of measurements that have been read."""
+    runs = _results_folder("series", Path(folder).resolve().name, [Path(folder)])
     answer = identify_measurements(measurements, over)
-    runs = settings.RUNS / "series" / Path(folder).resolve().name
     frames = series_results.write(answer, runs)
     write_series_page(answer, frames, runs, settings.shown(runs))
     sentences = (f"{answer.verdict}: {answer.sentence}", answer.trend_sentence, answer.advice)

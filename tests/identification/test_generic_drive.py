@@ -12,6 +12,7 @@ from pipeline.errors import InputError
 from pipeline.identification.described.description import FULLY_DESCRIBED, describe
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.library.measured import identify
 
 TEXT = """
 title = "A drive on a bench"
@@ -170,3 +171,20 @@ def test_rows_in_reversed_time_are_a_fault(tmp_path):
     table = pd.read_csv(tmp_path / "right/rows.csv")[::-1].assign(cycle=lambda rows: 2 - rows["cycle"])
     folder = write_unit(tmp_path / "wrong", {"rows.csv": table}, TEXT.format(locked="input"))
     assert [fault.kind for fault in Measurement.read(load_measured_unit(folder, ROOT)).fatal] == ["swapped columns"]
+
+
+def test_results_of_another_folder_of_the_same_name_are_not_overwritten(tmp_path, monkeypatch):
+    monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
+    folders = [tmp_path / place / "unit" for place in ("first", "second")]
+    for folder in folders:
+        drive_measured(folder)
+        table = pd.read_csv(folder / "rows.csv")
+        write_unit(folder, {"rows.csv": table.assign(torque_Nm=1e3 * table["torque_Nm"])}, TEXT.format(locked="input"))
+    verdict = identify(folders[0]).folder / "verdict.json"
+    content = verdict.read_bytes()
+    with pytest.raises(InputError, match=r"has the results of .*first/unit, .* overwritten by those of .*second/unit"):
+        identify(folders[1])
+    assert verdict.read_bytes() == content
+    identify(folders[0])
+    folders[0].rename(tmp_path / "moved")
+    identify(folders[1])
