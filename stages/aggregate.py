@@ -171,6 +171,7 @@ class _Block:
             **of_angles,
             **searched_columns,
             **{name: of_turn[name] for name in turn_library()},
+            **turn.searched_ranges(of_turn, search),
             "preloaded": self.is_preloaded,
             "n_angles": np.full(n, angles),
             "n_searched": np.full(n, searched_pitches(study)),
@@ -198,7 +199,8 @@ class _Columns:
     Attributes
     ----------
     units : rows of the table of units.
-    of_angles : worst, mean and best over the angles of the study alone, of the samples that drivers need.
+    of_angles : worst, mean and best over the angles of the study alone, and the metrics of the turn at them, of the
+        samples that drivers need.
     of_strides : the worst of every metric and the metrics of the turn, by stride.
     """
 
@@ -218,7 +220,8 @@ def _columns(job: Job, per_angle: PerAngle) -> _Columns:
         for stride, columns in of_strides.items():
             _fill(kept.of_strides[stride], columns, block.start, rows)
         _fill(kept.units, block.units(of_strides[1]), block.start, rows)
-        _fill(kept.of_angles, turn.over_turn_columns(block.turns), block.start, min(drawn_rows, rows))
+        of_angles = turn.over_turn_columns(block.turns) | {name: of_strides[1][name] for name in turn_library()}
+        _fill(kept.of_angles, of_angles, block.start, min(drawn_rows, rows))
     return kept
 
 

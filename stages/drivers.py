@@ -13,6 +13,7 @@ from pipeline.engine.parallel import end_idle_workers
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.model.metrics import library
+from pipeline.model.metrics.turn import turn_library
 from pipeline.populations.turn_drives import TurnDrives, Units
 from pipeline.populations.turn_ranking import Ranking
 from pipeline.populations.turn_search import search
@@ -32,13 +33,15 @@ from stages.tables.turn import (
     turn_readings,
     unit_status,
 )
-from stages.worst import ranked_drives
+from stages.worst import RANGES, ranked_drives
 
 SETS = ("base", "other")
 """Labels of the two sets; the units of a further one carry the name of the group that is exchanged."""
 SEARCHED_SHARE = 0.2
 """Base samples of each set whose worst over the whole turn is searched for: as many seconds as the others take."""
 
+SEARCHED = {**library(), **{name: turn_library()[name] for name in RANGES}}
+"""Metrics that are searched for over the whole turn."""
 UNITS = Table(
     "units",
     "unit of the pick-freeze design that is no sample of the study",
@@ -49,7 +52,7 @@ UNITS = Table(
         *OVER_TURN,
         *(
             Column(f"{name}_found", "float64", metric.unit, f"{metric.inline}, worst by search; null if not searched")
-            for name, metric in library().items()
+            for name, metric in SEARCHED.items()
         ),
         *OF_TURN,
         STATUS,
@@ -108,11 +111,11 @@ def _solve(loop_inputs: Shared, chunk: Chunk) -> Tables:
 
 
 def _search_worst(loop_inputs: Shared, sampled_errors: Errors, rows: np.ndarray) -> dict[str, np.ndarray]:
-    """The worst of every metric (n,) that a search finds, of some units; missing of the others."""
-    columns = {f"{name}_found": np.full(len(sampled_errors), np.nan) for name in library()}
+    """The worst of every metric (n,), and transmission errors, that a search finds of some units; missing of others."""
+    columns = {f"{name}_found": np.full(len(sampled_errors), np.nan) for name in SEARCHED}
     if loop_inputs.turn is not None and len(rows):
         units = Units.from_errors(loop_inputs.loops.study, sampled_errors).some(rows)
-        for name, values in search(*loop_inputs.turn, units).value.items():
+        for name, values in search(*loop_inputs.turn, units).of_turn.items():
             columns[f"{name}_found"][rows] = values
     return columns
 

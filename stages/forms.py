@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.arrays import Index, Real
-from pipeline.config.studies.study import Study
+from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.engine.parallel import worker_results
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table, interval_columns
@@ -34,7 +34,7 @@ from pipeline.statistics.intervals import Estimate, distribution, pass_share
 from stages.reduce import DiskMatrices
 from stages.sample import SAMPLED_TABLES
 from stages.tables.keys import SAMPLE, STATUS
-from stages.worst import TRAINING, drives_of, units_of
+from stages.worst import RANGES, TRAINING, drives_of, units_of
 
 Found = tuple[Ranking, Index]
 """A ranking of pitches, and the steps (n, n_steps) at which a search with it has found the worst of units."""
@@ -90,13 +90,14 @@ FORM_UNITS = Table(
             Column(name, "float64", metric.unit, f"{metric.inline} over the turn, as limits mean it")
             for name, metric in library().items()
         ),
+        *RANGES.values(),
     ),
 )
 
 
 @dataclass(frozen=True)
 class _Result:
-    """Metrics (n,) of the units under one form, by name; none with a status that is not ok."""
+    """Metrics (n,) of the units under one form, by name, of a search also the transmission errors; none unless ok."""
 
     form: ModelForm
     is_rescaled: bool
@@ -147,11 +148,11 @@ class _Body:
             if found is not None:
                 worst_values = worst_at(drives, units, found[1])
                 if not lies_elsewhere(worst_values, search(drives, found[0], units.some(slice(CHECKED_UNITS)))):
-                    return worst_values.value, found
+                    return worst_values.of_turn, found
             seed = np.random.SeedSequence(study.samples.seed, spawn_key=(TRAINING,))
             ranking = train_ranking(drives, units.some(slice(TRAINING_UNITS)), seed)
             worst_values = search(drives, ranking, units)
-            return worst_values.value, (ranking, worst_values.best_steps)
+            return worst_values.of_turn, (ranking, worst_values.best_steps)
         values = np.stack([metrics_of_units(units) for metrics_of_units in self.solvers(study)], axis=1)
         values[np.broadcast_to(np.isnan(values).any(axis=1, keepdims=True), values.shape)] = np.nan
         columns = {}
@@ -270,13 +271,16 @@ def _form_rows(results: list[_Result]) -> Columns:
 
 
 def _unit_rows(samples: Index, results: list[_Result]) -> Columns:
-    solved_results = [result for result in results if result.metrics]
-    n = len(samples)
+    solved_results, n = [result for result in results if result.metrics], len(samples)
+    unknown = np.full(n, np.nan)
     return {
         "form": np.repeat([result.form.name for result in solved_results], n),
         "rescaled": np.repeat([result.is_rescaled for result in solved_results], n),
         "sample": np.tile(samples, len(solved_results)),
-        **{name: np.concatenate([result.metrics[name] for result in solved_results]) for name in library()},
+        **{
+            name: np.concatenate([result.metrics.get(name, unknown) for result in solved_results])
+            for name in (*library(), *RANGES)
+        },
     }
 
 
@@ -294,9 +298,12 @@ def _estimate_rows(study: Study, results: list[_Result]) -> Columns:
 def _estimates(
     study: Study, study_metrics: Mapping[str, Real], form_metrics: Mapping[str, Real]
 ) -> Iterator[dict[str, object]]:
-    """Rows of one form: its statistics, and their differences from the study's own form on the same units."""
+    """Rows of one form: its statistics, and their differences from the study's own form on the same units.
+
+    Without a yield against all limits where a metric that has one is not known.
+    """
     confidence, seed = study.metrics.confidence, study.samples.seed
-    for name in library():
+    for name in study_metrics:
         has_both = np.isfinite(study_metrics[name]) & np.isfinite(form_metrics[name])
         a, b = study_metrics[name][has_both], form_metrics[name][has_both]
         if not len(b) or np.ptp(b) == 0:
@@ -308,6 +315,8 @@ def _estimates(
             yield _row(name, statistic, form_statistics[statistic], change, ends[statistic])
     pass_flags = [study.limits.pass_flags(metrics) for metrics in (study_metrics, form_metrics)]
     for name in pass_flags[0]:
+        if name == ALL_LIMITS and not set(study.limits.of_metrics) <= set(study_metrics):
+            continue
         limited_metrics = study.limits.limited_metrics(name, study_metrics)
         has_both = np.all(
             [np.isfinite(study_metrics[metric]) & np.isfinite(form_metrics[metric]) for metric in limited_metrics],

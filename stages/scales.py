@@ -3,9 +3,10 @@
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
 import pandas as pd
 
-from pipeline.arrays import joined_columns
+from pipeline.arrays import Real, joined_columns
 from pipeline.config.studies.study import Study
 from pipeline.engine.parallel import batches, end_idle_workers, worker_results
 from pipeline.engine.stage import Job, Stage, Tables
@@ -18,11 +19,14 @@ from pipeline.populations.scaled_tolerances import (
     scaled_values,
     scaled_yields,
 )
+from pipeline.sampling.errors import Errors
 from pipeline.statistics.intervals import Estimate
-from stages.hysteresis import Shared, prepare
+from stages.clearance import rigid_ends
+from stages.hysteresis import Shared, prepare, solved_loops
 from stages.tables.distributions import OVER_ALL, over_turn
 from stages.tables.keys import SAMPLE
-from stages.tails import OF_FRESH_UNITS, at_angles
+from stages.tables.turn import OF_TURN, loop_metrics, metric_turns, over_turn_columns, turn_columns, turn_readings
+from stages.tails import OF_FRESH_UNITS
 
 LOOPS = 200_000
 """Loops that are solved, units times loaded angles times scales of all tolerances: some minutes of processor time."""
@@ -43,9 +47,10 @@ UNITS = Table(
         Column("tolerance", "label", "", "the tolerance that is scaled; empty: none"),
         Column("scale", "float64", "1", "factor on its limits about nominal; its allowance stays"),
         *(
-            Column(name, "float64", metric.unit, f"{metric.inline} over the loaded angles; null where it does not hold")
+            Column(name, "float64", metric.unit, f"{metric.inline} over some angles; null where it does not hold")
             for name, metric in library().items()
         ),
+        *OF_TURN,
     ),
 )
 
@@ -73,12 +78,16 @@ VARIANCES = Table(
         Column(
             "tolerance", "label", "", "the tolerance that is scaled to a quarter, all others as the study states them"
         ),
-        Column("metric", "label", "", "column of metrics, over the loaded angles"),
+        Column("metric", "label", "", "column of metrics, over some angles, or of metrics of the turn"),
         Column("value", "float64", "1", "share of the variance that this removes"),
         *interval_columns("1"),
         Column("n", "int32", "1", "units solved at both scales"),
     ),
 )
+
+
+SECTIONS = ("samples", "cycle", *(name for name in OF_FRESH_UNITS if not name.startswith("cycle.")))
+"""Sections of a study that scaled units depend on."""
 
 
 def _run(job: Job) -> Tables:
@@ -89,7 +98,8 @@ def _run(job: Job) -> Tables:
     first_unit = int(study.samples.nominal_first)
     stop = min(study.samples.rows, first_unit + units_solved(study))
     loops = _at_some_angles(prepare(job))
-    inputs = ((study, *ends, partial(at_angles, loops)) for ends in batches(first_unit, stop, BATCH))
+    solve = partial(metrics_of_units, loops, study.limits.over)
+    inputs = ((study, *ends, solve) for ends in batches(first_unit, stop, BATCH))
     scaled_units = pd.DataFrame(joined_columns(worker_results(job.jobs, scaled_values, inputs)))
     distributions = pd.DataFrame(job.read("aggregate", "distributions"))
     units = pd.DataFrame(job.read_items("aggregate", "units", first_unit, stop))
@@ -116,14 +126,32 @@ def _stride(study: Study) -> int:
 
 
 def _at_some_angles(loop_inputs: Shared) -> Shared:
-    """The inputs of the loops at every so many of the loaded angles."""
-    every = slice(None, None, _stride(loop_inputs.study))
+    """The inputs of the loops, and the study, at every so many of the loaded angles."""
+    study, every = loop_inputs.study, slice(None, None, _stride(loop_inputs.study))
+    cycle = study.cycle.model_copy(update={"crank_deg": study.cycle.crank_deg[every]})
     return replace(
         loop_inputs,
+        study=Study.model_construct(
+            cycle=cycle, **{name: getattr(study, name) for name in SECTIONS if name != "cycle"}
+        ),
         cranks=loop_inputs.cranks[every],
         laws=loop_inputs.laws[every],
         compliances=loop_inputs.compliances[every],
     )
+
+
+def metrics_of_units(loop_inputs: Shared, over: str, sampled_errors: Errors) -> dict[str, Real]:
+    """Metrics of units (n,), ``over`` the loaded angles and those of rigid bodies, and their metrics of the turn.
+
+    Finite motions are left out of the play: they change by less than the play does.
+    """
+    study, ends = loop_inputs.study, rigid_ends(loop_inputs.study, sampled_errors)
+    loops = solved_loops(replace(loop_inputs, curve=loop_inputs.brief), sampled_errors)
+    turns = metric_turns(study, loop_metrics(study, loops.columns), ends[:, 0] - ends[:, 1])
+    readings = turn_readings(study, loops.columns, loops.bearing_force, ends)
+    readings = replace(readings, loaded_even=np.ones_like(readings.loaded_even))  # some of even ones are even enough
+    values = over_turn_columns(turns)
+    return {**{name: values[f"{name}_{over}"] for name in library()}, **turn_columns(readings)}
 
 
 def _stated_yields(study: Study, distributions: pd.DataFrame) -> dict[str, Estimate]:
@@ -138,10 +166,9 @@ def _stated_yields(study: Study, distributions: pd.DataFrame) -> dict[str, Estim
 SCALES = Stage(
     name="scales",
     reads=("springs", "reduce", "aggregate"),
-    sections=("samples", *OF_FRESH_UNITS),
+    sections=SECTIONS,
     tables=(UNITS, YIELDS, VARIANCES),
     module="stages.scales",
     run=_run,
-    proportional_to=("samples.count", "cycle.crank_deg"),
-    unit_seconds=2e-4,
+    unit_seconds=40.0,
 )

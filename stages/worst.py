@@ -32,23 +32,23 @@ FOUND_COLUMNS = tuple(
     )
 )
 SOLVED_COLUMN = Column("n_solved", "int32", "1", "pitches and phases of them at which the sample was load-solved")
-SEARCH = Table("found", "sample", (SAMPLE, *FOUND_COLUMNS, SOLVED_COLUMN))
 OF_PITCHES = {
     name: Column(f"{name}_at_pitches", "float64", metric.unit, f"{metric.inline}, the worst of one phase of each pitch")
     for name, metric in library().items()
 }
 """Columns of the worst at all pitches, without the phases between them, by metric."""
-OF_ALL_PITCHES = {
-    name: Column(name, "float64", metric.unit, f"{metric.inline} over all pitches; null without one")
+RANGES = {
+    name: Column(name, "float64", metric.unit, f"{metric.inline} over the pitches that were solved; null without one")
     for name, metric in turn_library().items()
     if metric.angles
 }
 """Columns of the metrics of the turn that are the range of an angle, by metric."""
+SEARCH = Table("found", "sample", (SAMPLE, *FOUND_COLUMNS, *RANGES.values(), SOLVED_COLUMN))
 N_PHASES = Column("n_phases", "int32", "1", "phases of a pitch that are examined beside the worst pitches; 1: none")
 AUDIT = Table(
     "audit",
     "sample that was solved at every pitch",
-    (SAMPLE, *FOUND_COLUMNS, SOLVED_COLUMN, *OF_PITCHES.values(), *OF_ALL_PITCHES.values(), N_PHASES),
+    (SAMPLE, *FOUND_COLUMNS, *RANGES.values(), SOLVED_COLUMN, *OF_PITCHES.values(), N_PHASES),
 )
 
 
@@ -110,8 +110,7 @@ def _solve(search_inputs: Shared, chunk: Chunk) -> Tables:
     found, of_pitches, audited = search_and_audit(drives, search_inputs.ranking, units, audited_rows)
     at_pitches = {OF_PITCHES[name].name: values for name, values in of_pitches.value.items()}
     n_phases = {N_PHASES.name: np.full(len(audited_rows), drives.phases, np.int32)}
-    of_turn = {name: audited.range_of_angles(turn_library()[name].angles) for name in OF_ALL_PITCHES}
-    audit_columns = _columns(drives, samples[audited_rows], audited) | at_pitches | of_turn | n_phases
+    audit_columns = _columns(drives, samples[audited_rows], audited) | at_pitches | n_phases
     return {"found": _columns(drives, samples, found), "audit": audit_columns}
 
 
@@ -120,7 +119,8 @@ def _columns(drives: TurnDrives, samples: Index, worst_values: Worst) -> dict[st
     for name, values in worst_values.value.items():
         columns[f"{name}_worst"] = values
         columns[f"{name}_at_crank_deg"] = np.where(np.isnan(values), np.nan, drives.crank_deg(worst_values.step[name]))
-    return columns | {"n_solved": worst_values.n_solved}
+    ranges = {name: worst_values.of_turn[name] for name in RANGES}
+    return columns | ranges | {"n_solved": worst_values.n_solved}
 
 
 WORST = Stage(

@@ -1,7 +1,8 @@
 """How the yield of a study follows the scale of each of its tolerances, from some of its units solved at every scale.
 
 Unit k keeps its random numbers at any scale, so that the metrics at two scales differ by the scale alone. What a metric
-changes by at the loaded angles is added to the worst value that was found over the turn.
+changes by at some angles is added to its value over the whole turn. A transmission error grows in proportion instead,
+since some angles show a part of its range.
 
 Source
 ------
@@ -19,6 +20,7 @@ from pipeline.arrays import Real, Truth
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.config.studies.tolerances import Tolerances
 from pipeline.model.metrics import library
+from pipeline.model.metrics.turn import turn_library
 from pipeline.populations.tails import Population
 from pipeline.sampling.errors import Errors, draw, joined_errors
 from pipeline.statistics.differences import share_difference
@@ -76,9 +78,8 @@ class RemovedVariance:
 
 
 def scaled_tolerances(study: Study) -> list[str]:
-    """Tolerances that vary from unit to unit; none where there is no yield of a loop's metric."""
-    loop_limits = [name for name in study.limits.of_metrics if name in library()]
-    if study.samples.experiment == "cases" or not loop_limits:
+    """Tolerances that vary from unit to unit; none where there is no yield."""
+    if study.samples.experiment == "cases" or not study.limits.of_metrics:
         return []
     return [name for name, tolerance in study.tolerances if tolerance.varies]
 
@@ -93,11 +94,11 @@ def scaled_values(study: Study, start: int, stop: int, solve: Solve) -> dict[str
 
     Parameters
     ----------
-    solve : metrics (n, n_angles) of units under load.
+    solve : units to their metrics (n,) over the turn as the limits mean it, and their metrics of the turn.
 
     Returns
     -------
-    Columns by name: ``sample``, ``tolerance`` (`AS_STATED` once), ``scale`` and each metric, by the limits' side of it.
+    Columns by name: ``sample``, ``tolerance`` (`AS_STATED` once), ``scale`` and each metric.
     """
     points, count = scaled_points(study), stop - start
     units = solve(joined_errors(*(draw(_population(study, name, scale), start, stop) for name, scale in points)))
@@ -106,10 +107,7 @@ def scaled_values(study: Study, start: int, stop: int, solve: Solve) -> dict[str
         "tolerance": np.repeat(np.array([name for name, _ in points], object), count),
         "scale": np.repeat([scale for _, scale in points], count),
     }
-    for name, metric in library().items():
-        worst_value, best_value = metric.over_turn(units[name])
-        of_turn = {"worst": worst_value, "best": best_value, "mean": units[name].mean(axis=1)}
-        columns[name] = of_turn[study.limits.over]
+    columns |= units
     order = np.argsort(columns["sample"], kind="stable")
     return {name: values[order] for name, values in columns.items()}
 
@@ -133,13 +131,14 @@ def scaled_yields(
     stated_values : metrics over the turn as the limits mean it, by sample; the worst as it was found.
     stated_yields : yields of the whole study by metric and of `ALL_LIMITS`.
     """
-    metrics = [name for name in study.limits.of_metrics if name in library()]
+    metrics = list(study.limits.of_metrics)
+    ranges = [name for name in metrics if name in turn_library() and turn_library()[name].angles]
     by_sample = scaled_units.set_index("sample")
     here = by_sample[by_sample["tolerance"] == AS_STATED][metrics]
-    stated_values = stated_values[list(study.limits.of_metrics)].reindex(here.index).astype(float)
+    stated_values = stated_values[metrics].reindex(here.index).astype(float)
     for (tolerance, scale), part in by_sample.groupby(["tolerance", "scale"], sort=False):
-        moved_values = stated_values.copy()
-        moved_values[metrics] += part[metrics] - here
+        moved_values = stated_values + part[metrics] - here
+        moved_values[ranges] = stated_values[ranges] * part[ranges] / here[ranges]
         has_both = (moved_values.notna() & stated_values.notna()).all(axis=1).to_numpy()
         if tolerance == AS_STATED or not has_both.any():
             continue
@@ -168,7 +167,7 @@ def removed_variances(scaled_units: pd.DataFrame, confidence: float) -> Iterator
     by_sample = scaled_units.set_index("sample")
     here = by_sample[by_sample["tolerance"] == AS_STATED]
     for tolerance, part in by_sample[by_sample["scale"] == min(SCALES)].groupby("tolerance", sort=False):
-        for metric in library():
+        for metric in [name for name in (*library(), *turn_library()) if name in here]:
             pairs = pd.DataFrame({"stated": here[metric], "tightened": part[metric]}).dropna().to_numpy(float)
             if len(pairs) < FEWEST_PAIRS or not np.ptp(pairs[:, 0]) > 0:
                 continue

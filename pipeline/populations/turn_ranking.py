@@ -87,7 +87,7 @@ class Ranking:
         own, of_plus, of_minus = np.split(slopes, [len(slopes) - sum(n_sides), len(slopes) - n_sides[1]])
         return cls(springs, forces, names, own, (of_plus, of_minus), correlations)
 
-    def predict_metrics(self, gaps: SeparateGaps) -> dict[str, Real]:
+    def predict_values(self, gaps: SeparateGaps) -> dict[str, Real]:
         """Metrics (n, n_pitches) of units."""
         features = self.springs.features(gaps)
         peaks, values = self.forces.peaks_and_sums(gaps, self.of_forces)

@@ -1,8 +1,9 @@
 """Each unit's worst over a turn of the output, by a guided search; some units solved at every pitch tell how well.
 
-A rough model ranks every pitch of a unit for each metric, the most promising are load-solved, and each solution serves
-all metrics. What the rough model misses at them corrects the ranking of the others, in a few rounds. What the search
-misses is seen on units that are solved at every pitch and beside the worst of these.
+A rough model ranks every pitch of a unit for each metric, and for both ends of each angle of the output, whose range is
+a transmission error. The most promising are load-solved, and each solution serves all of them. What the rough model
+misses at them corrects the ranking of the others, in a few rounds. What the search misses is seen on units that are
+solved at every pitch and beside the worst of these.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from pipeline import assembly
 from pipeline.arrays import Index, Real, Single, Truth
 from pipeline.model.metrics import library
-from pipeline.model.metrics.turn import peak_to_peak
+from pipeline.model.metrics.turn import peak_to_peak, turn_library
 from pipeline.model.units import ARCMIN
 from pipeline.populations.turn_drives import TURN_ANGLES, TurnDrives, Units
 from pipeline.populations.turn_forces import PinForces
@@ -48,7 +49,7 @@ class _Effort:
     rounds : further ones at most, each ranked anew by what the ranking missed at the pitches solved so far.
     share, count : of those that may be worse, and at most, in each further round.
     candidates : the best ranked ones among which these are chosen.
-    spreads : standard deviations that one may lie above what is expected of it.
+    spreads : standard deviations that a metric may lie above what is expected of it.
     """
 
     shared: int
@@ -70,6 +71,19 @@ GOLDEN = 0.5 * (5**0.5 - 1)
 """Multiples of it lie evenly on a circle, however many there are."""
 
 
+class _Quantity(NamedTuple):
+    """A metric, or an end of an angle of the output over the turn; times ``sign`` larger values are worse."""
+
+    name: str
+    sign: float
+
+
+def _quantities() -> list[_Quantity]:
+    """What is searched: every metric, the largest of every angle, and the least of every angle."""
+    metrics = [_Quantity(name, _sign(name)) for name in library()]
+    return metrics + [_Quantity(name, sign) for sign in (1.0, -1.0) for name in TURN_ANGLES]
+
+
 @dataclass(frozen=True)
 class Worst:
     """The worst of each metric of ``n`` units, by name.
@@ -78,10 +92,10 @@ class Worst:
     ----------
     value : metric -> (n,); missing of a unit without a result at some step.
     step : metric -> (n,) step of the turn where it was found.
-    best_steps : (n, n_steps) that step of every metric and those of the values next to it.
+    best_steps : (n, n_steps) that step of every metric, those of the values next to it, and of the ends of angles.
     n_solved : (n,) solutions of each unit.
-    ends_of_angles : (n, n_angles, 2) [arcmin] largest and least angle of the output at them, in the order of
-        ``TURN_ANGLES``, as missing as the metrics; of a search none.
+    ends_of_angles : (n, n_angles, 2) [arcmin] largest and least angle of the output at the steps that were solved, in
+        the order of ``TURN_ANGLES``, as missing as the metrics.
     """
 
     value: dict[str, Real]
@@ -90,43 +104,41 @@ class Worst:
     n_solved: Index
     ends_of_angles: Real
 
-    def range_of_angles(self, names: Sequence[str]) -> Real:
-        """The larger range (n,) [arcsec] of angles of these names over the steps that were solved."""
-        return peak_to_peak(self.ends_of_angles[:, [TURN_ANGLES.index(name) for name in names]])
+    @property
+    def of_turn(self) -> dict[str, Real]:
+        """The worst of each metric, and those metrics of the turn (n,) that are the range of an angle."""
+        ranges = {
+            name: peak_to_peak(self.ends_of_angles[:, [TURN_ANGLES.index(angle) for angle in metric.angles]])
+            for name, metric in turn_library().items()
+            if metric.angles
+        }
+        return {**self.value, **ranges}
 
 
 class _Best:
-    """The worst that were found so far of ``n`` units: of every metric as many as are climbed from, the worst first.
+    """The worst found so far of ``n`` units: of every quantity as many as are climbed from, the worst first."""
 
-    After the metrics stand the largest of ``n_angles`` angles of the output, and then the least.
-    """
-
-    def __init__(self, n: int, n_angles: int = 0) -> None:
-        self.n_angles = n_angles
-        self.sign = np.array([_sign(name) for name in library()] + [1.0] * n_angles + [-1.0] * n_angles)
+    def __init__(self, n: int) -> None:
+        self.sign = np.array([quantity.sign for quantity in _quantities()])
         self.value = np.full((n, len(self.sign), BEST_CLIMBED), -np.inf)
         self.step = np.zeros((n, len(self.sign), BEST_CLIMBED), np.intp)
         self.missing = np.zeros((n, len(self.sign)), bool)
         self.n_solved = np.zeros(n, np.intp)
 
-    def take(self, steps: Index, rows: Index, values: Real, angles: Real) -> None:
-        """Note metrics (n_pairs, n_metrics) and angles (n_pairs, n_angles) of pairs (n_pairs,) of a step and a unit.
-
-        Of equal metrics the first stays.
-        """
-        values = np.hstack([values, *[angles[:, : self.n_angles]] * 2])
+    def take(self, steps: Index, rows: Index, values: Real) -> None:
+        """Note quantities (n_pairs, n_quantities) of pairs (n_pairs,) of a step and a unit; of equal ones the first."""
         np.logical_or.at(self.missing, rows, np.isnan(values))
         self.n_solved += np.bincount(rows, minlength=len(self.n_solved))
         signed_values = np.where(np.isnan(values), -np.inf, self.sign * values)
-        for metric in range(len(self.sign)):
-            value, step = self.value[:, metric], self.step[:, metric]
+        for number in range(len(self.sign)):
+            value, step = self.value[:, number], self.step[:, number]
             unit = np.concatenate([np.repeat(np.arange(len(value)), BEST_CLIMBED), rows])
-            all_values = np.concatenate([value.ravel(), signed_values[:, metric]])
+            all_values = np.concatenate([value.ravel(), signed_values[:, number]])
             all_steps = np.concatenate([step.ravel(), steps])
             order = np.lexsort((-all_values, unit))
             first_rows = np.searchsorted(unit[order], np.arange(len(value)))
             best_rows = order[first_rows[:, None] + np.arange(BEST_CLIMBED)]
-            self.value[:, metric], self.step[:, metric] = all_values[best_rows], all_steps[best_rows]
+            self.value[:, number], self.step[:, number] = all_values[best_rows], all_steps[best_rows]
 
     def move_finitely(self, drives: TurnDrives, units: Units) -> None:
         """Give metrics of the play what finite motions add at the worst steps, and put the worst first again.
@@ -148,7 +160,7 @@ class _Best:
 
     def some(self, rows: Index) -> "_Best":
         """The worst of some of the units."""
-        best_values = _Best(len(rows), self.n_angles)
+        best_values = _Best(len(rows))
         for name in ("value", "step", "missing", "n_solved"):
             setattr(best_values, name, getattr(self, name)[rows])
         return best_values
@@ -158,8 +170,9 @@ class _Best:
         values = np.where(self.missing | ~np.isfinite(worst), np.nan, self.sign * worst)
         names = list(library())
         best_steps = self.step[:, : len(names)].reshape(len(step), len(names) * BEST_CLIMBED)
+        best_steps = np.hstack([best_steps, step[:, len(names) :]])
         value, steps = (dict(zip(names, columns.T, strict=False)) for columns in (values, step))
-        ends = np.reshape(values[:, len(names) :], (len(values), 2, self.n_angles)).swapaxes(1, 2)
+        ends = np.reshape(values[:, len(names) :], (len(values), 2, len(TURN_ANGLES))).swapaxes(1, 2)
         return Worst(value, steps, best_steps, self.n_solved, ends)
 
 
@@ -168,19 +181,21 @@ def train_ranking(drives: TurnDrives, units: Units, seed: np.random.SeedSequence
     rng = np.random.default_rng(seed)
     pitches = rng.choice(drives.pitches, min(TRAINING_PITCHES, drives.pitches), replace=False)
     n_places = drives.study.design.cycloid.pins * drives.study.design.disk.count
-    work, ends, top_forces, metrics = SpringWork(len(drives.laws[0])), _top_states(drives), [], []
+    work, ends, top_forces, quantities = SpringWork(len(drives.laws[0])), _top_states(drives), [], []
     for pitch in pitches:
         drive, response, values = drives.solve_step(int(pitch) * drives.phases, units)
         order, force = np.argsort(drives.places(int(pitch))), response.equilibria.force
         deflection = drive.laws_of_states.deflection(force) + drive.elastic_deflection(force)
         work.add(deflection[..., order], force[..., order])
         top_forces.append(force[:, ends][..., order[:n_places]])
-        metrics.append(values.metrics)
+        quantities.append(np.hstack([values.metrics, values.angles]))
     gaps, springs = SeparateGaps.from_units(drives, units), Springs.from_compliance(drives, work.compliance)
     top = np.stack(top_forces, axis=1)  # (n, n_pitches, 2, n_places)
     forces = PinForces.from_pairs(springs, drives.laws[0].pressure[:n_places], gaps, pitches, top)
-    of_metrics = dict(zip(library(), np.moveaxis(np.stack(metrics, axis=1), -1, 0), strict=True))
-    return Ranking.from_pairs(springs, forces, gaps, pitches, of_metrics, drives.study.design.output.carries_disks)
+    jointly = drives.study.design.output.carries_disks
+    names = [*library(), *([] if jointly else TURN_ANGLES)]  # many more pitches of carriers would be solved for angles
+    of_quantities = dict(zip(names, np.moveaxis(np.stack(quantities, axis=1), -1, 0), strict=False))
+    return Ranking.from_pairs(springs, forces, gaps, pitches, of_quantities, jointly)
 
 
 def _top_states(drives: TurnDrives) -> list[int]:
@@ -208,7 +223,7 @@ def search_and_audit(
     Pairs of both are solved together, since setting up a step takes as long as solving ten units at it. Without a
     ranking nothing is searched, and the first of the three has no values.
     """
-    found, of_pitches, design = _Best(len(units)), _Best(len(units), len(TURN_ANGLES)), drives.study.design
+    found, of_pitches, design = _Best(len(units)), _Best(len(units)), drives.study.design
     names = () if ranking is None else ranking.names
     effort = SPREAD if design.output.carries_disks else RANKED
     n_best = 1 if drives.phases == 1 or design.cycloid.pins > MANY_PINS else BEST_CLIMBED
@@ -226,8 +241,8 @@ def search_and_audit(
             pool.take(pairs, of_pool)
     _solve_batches(drives, units, waiting)
     of_phases, of_angles, n_metrics = deepcopy(of_pitches), deepcopy(of_pitches), len(library())
-    best_steps = found.step[:, [name in names for name in library()], :n_best]
-    beside = _pairs_beside(drives, np.arange(len(units)), best_steps)
+    ranked_metrics = [name in names for name in library()]
+    beside = _pairs_beside(drives, np.arange(len(units)), found.step[:, :n_metrics][:, ranked_metrics, :n_best])
     batches = [_Batch(beside, found)]
     for best_values, kinds in ((of_phases, slice(n_metrics)), (of_angles, slice(n_metrics, None))):
         pairs = _pairs_beside(drives, audited, best_values.step[audited][:, kinds])
@@ -253,8 +268,8 @@ def worst_at(drives: TurnDrives, units: Units, steps: Index) -> Worst:
 
 def lies_elsewhere(found: Worst, searched: Worst) -> bool:
     """Whether the worst of units that were found at given steps fall short of what a search of the first ones finds."""
-    for name, values in searched.value.items():
-        short = _sign(name) * (values - found.value[name][: len(values)])
+    for name, values in searched.of_turn.items():
+        short = (_sign(name) if name in library() else 1.0) * (values - found.of_turn[name][: len(values)])
         finite = np.isfinite(short)
         if finite.any() and np.mean(short[finite]) > SHORT * np.std(values[finite]):
             return True
@@ -279,11 +294,11 @@ class _Pool:
     ----------
     rows : (n,) numbers of the units.
     pitches : (n, n_pitches) ascending, -1 where there are fewer.
-    predicted_values, solved_values : (n_metrics, n, n_pitches) the ranking's metrics and true ones, larger ones being
-        worse; missing where not solved.
-    best_columns : (n_metrics, n, n_candidates) those of each metric.
+    predicted_values, solved_values : (n_quantities, n, n_pitches) the ranking's quantities and true ones, larger ones
+        being worse; missing where not solved.
+    best_columns : (n_quantities, n, n_candidates) those of each quantity.
     is_open : (n,) whether some pitch may still be worse than the solved ones.
-    names, correlations : of the metrics that are ranked; see `Ranking`.
+    numbers, correlations : of the quantities that are ranked; see `Ranking`.
     effort : how many are solved.
     """
 
@@ -293,16 +308,17 @@ class _Pool:
     best_columns: NDArray[np.int16]
     solved_values: Single
     is_open: Truth
-    names: tuple[str, ...]
+    numbers: list[int]
     correlations: list[Correlation]
     effort: _Effort
 
     @classmethod
     def from_ranking(cls, ranking: Ranking, gaps: SeparateGaps, rows: Index, effort: _Effort) -> "_Pool":
-        """The best ranked pitches of each metric, of units by their gaps."""
-        rankings = ranking.predict_metrics(gaps)
+        """The best ranked pitches of each quantity, of units by their gaps."""
+        rankings, quantities = ranking.predict_values(gaps), _quantities()
+        numbers = [number for number, quantity in enumerate(quantities) if quantity.name in rankings]
         count = min(effort.candidates, gaps.n_pitches)
-        bad = np.stack([_sign(name) * values for name, values in rankings.items()])
+        bad = np.stack([quantities[number].sign * rankings[quantities[number].name] for number in numbers])
         best_pitches = np.sort(np.concatenate(np.argpartition(-bad, count - 1, axis=2)[:, :, :count], axis=1), axis=1)
         is_repeated = np.zeros(best_pitches.shape, bool)
         is_repeated[:, 1:] = best_pitches[:, 1:] == best_pitches[:, :-1]
@@ -321,13 +337,13 @@ class _Pool:
             best_columns=columns_of_best,
             solved_values=solved_values,
             is_open=is_open,
-            names=tuple(rankings),
-            correlations=[ranking.correlations[name] for name in rankings],
+            numbers=numbers,
+            correlations=[ranking.correlations[quantities[number].name] for number in numbers],
             effort=effort,
         )
 
     def first_pairs(self) -> Index:
-        """Pairs (n_pairs, 2) of a pitch and a unit: evenly over the turn, or of each metric the best ranked."""
+        """Pairs (n_pairs, 2) of a pitch and a unit: evenly over the turn, or of each quantity the best ranked."""
         scores = np.where(self.pitches < 0, -np.inf, self.predicted_values)
         if self.effort.shared:
             evenly = self.pitches.shape[1] * (GOLDEN * np.arange(self.effort.shared) % 1)
@@ -342,14 +358,16 @@ class _Pool:
         known = np.argsort(~is_known[rows], axis=1, kind="stable")[:, : max(1, int(is_known.sum(axis=1).max()))]
         rows = rows[:, None]
         pitches = np.where(is_known[rows, known], self.pitches[rows, known], -1)
-        metrics = list(range(len(self.names)))
-        groups = [metrics] if self.effort.shared else [[k] for k in metrics]
-        for group in groups:  # metrics that share correlation and candidates
+        places = list(range(len(self.numbers)))
+        groups = [places] if self.effort.shared else [[k] for k in places]
+        for group in groups:  # quantities that share correlation and candidates
             others, solved_values = self.best_columns[group[0]][rows[:, 0]], self.solved_values[:, rows, known][group]
             correlations = [self.correlations[k] for k in group]
             predicted_values = self.predicted_values[:, rows, others][group]
             residuals = solved_values - self.predicted_values[:, rows, known][group]
-            other_pitches, spreads = self.pitches[rows, others], self.effort.spreads
+            other_pitches = self.pitches[rows, others]
+            is_metric = self.numbers[group[0]] < len(library())
+            spreads = self.effort.spreads if is_metric else 0.0  # of a range 1 % is left so, for half of the solutions
             bounds = upper_bounds(correlations, pitches, residuals, other_pitches, predicted_values, spreads)
             least_values = np.sort(np.where(pitches < 0, -np.inf, solved_values), axis=2)[..., -n_best:][..., :1]
             may_be_worse = (bounds > least_values) & ~is_known[rows, others]
@@ -360,17 +378,17 @@ class _Pool:
         return self._pairs(scores, np.minimum(np.ceil(self.effort.share * n_open), self.effort.count))
 
     def _pairs(self, scores: Real, count: Real | int) -> Index:
-        """Pairs of the largest finite scores (n_metrics, n, n_pitches), so many of each metric and unit."""
+        """Pairs of the largest finite scores (n_quantities, n, n_pitches), so many of each and of each unit."""
         rank = np.argsort(np.argsort(-scores, axis=2, kind="stable"), axis=2)
         unit, column = np.nonzero(np.any((rank < count) & np.isfinite(scores), axis=0))
         return np.stack([self.pitches[unit, column], self.rows[unit]], axis=1).astype(np.intp)
 
     def take(self, pairs: Index, values: Real) -> None:
-        """Note the metrics (n_pairs, n_metrics of the library) of pairs."""
+        """Note the quantities (n_pairs, n_quantities) of pairs."""
         unit = pairs[:, 1] - self.rows[0]
         column = np.argmax(self.pitches[unit] == pairs[:, :1], axis=1)
-        for k, name in enumerate(self.names):
-            self.solved_values[k, unit, column] = _sign(name) * values[:, list(library()).index(name)]
+        for k, number in enumerate(self.numbers):
+            self.solved_values[k, unit, column] = _quantities()[number].sign * values[:, number]
 
 
 def _sign(name: str) -> float:
@@ -401,7 +419,7 @@ class _Batch(NamedTuple):
 
 
 def _solve_batches(drives: TurnDrives, units: Units, batches: Sequence[_Batch]) -> list[Real]:
-    """Metrics (n_pairs, n_metrics) of the pairs of each batch.
+    """Quantities (n_pairs, n_quantities) of the pairs of each batch.
 
     A step without a result, which is one of 20,000 of `rv_80e`, is that of the next phase, which differs by a hundredth
     of what varies over the turn.
@@ -413,7 +431,8 @@ def _solve_batches(drives: TurnDrives, units: Units, batches: Sequence[_Batch]) 
         steps[lost] = (steps[lost] + 1) % (drives.pitches * drives.phases)
         values.put(lost, drives.values_at(steps[lost], rows[lost], units))
     starts = np.cumsum([0, *(len(batch.pairs) for batch in batches)])[:-1]
-    parts = [np.split(columns, starts)[1:] for columns in (steps, rows, values.metrics, values.angles)]
+    of_quantities = np.hstack([values.metrics, values.angles, values.angles])
+    parts = [np.split(columns, starts)[1:] for columns in (steps, rows, of_quantities)]
     for batch, *columns in zip(batches, *parts, strict=True):
         batch.best_values.take(*columns)
     return parts[2]

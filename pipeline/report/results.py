@@ -47,6 +47,11 @@ class MetricRow:
     met: Cell
 
 
+def _is_of_turn(metric: str) -> bool:
+    """Whether it is a metric of the turn, which is one number whatever the limits count over the turn."""
+    return metric in LIMITED_METRICS and metric not in METRICS
+
+
 @dataclass(frozen=True)
 class Results:
     """Everything of the results that the page says in numbers."""
@@ -65,7 +70,7 @@ class Results:
 
     def estimate(self, metric: str, statistic: str, crank: float | None = None) -> tuple[float, float, float]:
         """A statistic and its interval at a crank angle, or over the turn as the limits mean it; NaN where missing."""
-        over_turn = "turn" if metric in LIMITED_METRICS and metric not in METRICS else self.frames.turn_statistic
+        over_turn = "turn" if _is_of_turn(metric) else self.frames.turn_statistic
         turn_value = over_turn if crank is None else "angle"
         if crank is None and self.is_of_whole_turn(metric, statistic):
             turn_value = WHOLE_TURN
@@ -74,7 +79,7 @@ class Results:
     def is_of_whole_turn(self, metric: str, statistic: str) -> bool:
         """Whether an estimate over the turn is corrected by units that were solved at every pitch."""
         key = (metric, WHOLE_TURN, None, statistic)
-        return self.frames.turn_statistic == "worst" and key in self._estimates
+        return (self.frames.turn_statistic == "worst" or _is_of_turn(metric)) and key in self._estimates
 
     def value_over(self, turn_value: str, metric: str, statistic: str) -> float:
         """A statistic of the whole or the continuous turn; NaN where there is none."""

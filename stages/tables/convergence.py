@@ -13,6 +13,7 @@ from pipeline.sampling.designs import replicates
 from pipeline.statistics.intervals import Estimate, distribution, pass_share
 from stages.clearance import rigid_angles
 from stages.tables.turn import Turn
+from stages.worst import RANGES
 
 STRIDES = (8, 4, 2, 1)
 """Every so many of the crank angles: how the worst value moves as they double."""
@@ -93,8 +94,9 @@ def convergence_rows(
         rows += _rows(study, worst_values, angles)
     if study.cycle.has_turn_search:
         worst_values |= {name: units[f"{name}_worst"][is_counted] for name in turns}
-        search_rows = _rows(study, worst_values, dict.fromkeys(turns, searched_pitches(study)))
-        rows += [row for row in search_rows if row["metric"] not in turn_library()]
+        worst_values |= {name: units[name][is_counted] for name in RANGES}
+        search_rows = _rows(study, worst_values, dict.fromkeys((*turns, *RANGES), searched_pitches(study)))
+        rows += [row for row in search_rows if row["metric"] in RANGES or row["metric"] not in turn_library()]
     frame = pd.DataFrame(rows)
     for name, part in (
         frame.groupby("metric", sort=False) if len(of_strides) > 2 and not study.cycle.has_turn_search else ()

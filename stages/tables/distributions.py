@@ -17,6 +17,7 @@ from pipeline.sampling.designs import replicates
 from pipeline.statistics.intervals import Estimate, distribution, pass_share, with_missing
 from stages.tables.convergence import angles_of_turn, searched_pitches
 from stages.tables.turn import TURN_VALUES, whole_turn_estimates
+from stages.worst import RANGES
 
 OVER_ALL = "turn"
 """What a metric of the whole turn is over."""
@@ -163,5 +164,6 @@ def distribution_rows(
             counts_of_turn = {name: max(count, n_searched) for name, count in turn.items()}
             rows += _rows(study, over_turn(units, turn_value), turn_value, np.nan, counts_of_turn, len(units))
         of_turn = {name: angles_of_turn(study, 1, metric.of_play) for name, metric in turn_library().items()}
+        of_turn |= {name: max(of_turn[name], searched_pitches(study)) for name in RANGES}
         rows += _rows(study, over_turn(units, TURN_VALUES[0]), OVER_ALL, np.nan, of_turn, len(units))
     return DISTRIBUTIONS.columns_of_rows(rows)

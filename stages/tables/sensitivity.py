@@ -24,6 +24,7 @@ from pipeline.statistics.sensitivity import (
     variance_indices,
 )
 from stages.sample import SAMPLED_TABLES
+from stages.worst import RANGES
 
 RANKED_SAMPLES = 20_000
 """Samples that rank correlations are taken from at most: their intervals are below 0.02 by then."""
@@ -123,8 +124,8 @@ def _scalars(job: Job, samples: np.ndarray) -> Mapping[str, np.ndarray]:
 def _shares(job: Job, units: Columns, of_angles: Columns) -> list[dict[str, Any]]:
     """First-order and total indices of every group; none where the study asks for none or nothing varies.
 
-    Those of the worst over a turn that is searched rest on the searched units, with the help of the worst over the
-    angles of the study, which all units have.
+    Those of the worst over a turn that is searched, and of transmission errors over it, rest on the searched units,
+    with the help of the values over the angles of the study, which all units have.
     """
     study: Study = job.study
     groups, n = error_groups(study), study.drivers.base_samples
@@ -139,7 +140,7 @@ def _shares(job: Job, units: Columns, of_angles: Columns) -> list[dict[str, Any]
     for (metric, turn_value), column in (columns | {(metric, "turn"): metric for metric in turn_library()}).items():
         samples = (of_angles if column in of_angles else units)[column]
         values = np.concatenate([np.asarray(samples)[drawn_rows], extra[column]]).reshape(-1, n)
-        if study.cycle.has_turn_search and turn_value == "worst":
+        if study.cycle.has_turn_search and (turn_value == "worst" or metric in RANGES):
             worse_values = _worse(metric, extra[column], extra[f"{metric}_found"])
             worse_values = np.concatenate([np.asarray(units[column])[drawn_rows], worse_values]).reshape(-1, n)
             indices = two_fidelity_indices(values, worse_values, study.metrics.confidence)
@@ -156,6 +157,6 @@ def _shares(job: Job, units: Columns, of_angles: Columns) -> list[dict[str, Any]
 
 def _worse(metric: str, first_values: np.ndarray, second_values: np.ndarray) -> np.ndarray:
     """The worse of two values of a metric (n,), missing where either is."""
-    worse_of = np.minimum if library()[metric].smaller_is_worse else np.maximum
+    worse_of = np.minimum if metric in library() and library()[metric].smaller_is_worse else np.maximum
     worse: np.ndarray = worse_of(first_values, second_values)
     return worse

@@ -22,7 +22,7 @@ from pipeline.statistics.two_phase import audited_distribution, audited_share
 from stages.clearance import rigid_angles
 from stages.hysteresis import READINGS
 from stages.tables.over_turn import FRICTION_POWER, PRESSURE_SPEED, RUNNING, SHEAR, SHEAR_DEPTH
-from stages.worst import N_PHASES, OF_ALL_PITCHES, OF_PITCHES
+from stages.worst import N_PHASES, OF_PITCHES, RANGES
 
 TURN_VALUES = ("worst", "mean", "best")
 """What is made of a metric's values over the turn."""
@@ -230,18 +230,26 @@ def found_columns(study: Study, turns: Mapping[str, Turn], search: Mapping[str, 
     return columns
 
 
-def shortfalls(units: pd.DataFrame, audit: Columns) -> pd.DataFrame:
-    """What each metric's worst of the audited units lies beyond that in the table of units, by sample.
+def searched_ranges(of_turn: Mapping[str, np.ndarray], search: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Transmission errors (n,) over the angles of the study and the pitches of the search; missing where either is.
 
-    So does the transmission error, of which the table of units has that of the study's angles.
+    Parameters
+    ----------
+    of_turn : metrics of the turn at the angles of the study.
+    search : columns of the table of the search; none where the study looks at its angles alone.
     """
+    return {name: np.maximum(of_turn[name], search[name]) if len(search) else of_turn[name] for name in RANGES}
+
+
+def shortfalls(units: pd.DataFrame, audit: Columns) -> pd.DataFrame:
+    """What worst values and transmission errors of audited units lie beyond those in the table of units, by sample."""
     audit_rows = pd.DataFrame(dict(audit)).set_index("sample")
     found_rows = units[units["sample"].isin(audit_rows.index)].set_index("sample").loc[audit_rows.index]
     beyond = {}
     for name, metric in library().items():
         difference = audit_rows[f"{name}_worst"] - found_rows[f"{name}_worst"]
         beyond[name] = difference.clip(upper=0.0) if metric.smaller_is_worse else difference.clip(lower=0.0)
-    for name in OF_ALL_PITCHES:
+    for name in RANGES:
         beyond[name] = (audit_rows[name] - found_rows[name]).clip(lower=0.0)
     return pd.DataFrame(beyond)
 
@@ -262,7 +270,7 @@ def left_between(audit: Columns) -> pd.DataFrame | None:
         return None
     share = 1.0 / (rows[N_PHASES.name] - 1)
     added = {name: share * (rows[f"{name}_worst"] - rows[OF_PITCHES[name].name]) for name in library()}
-    return pd.DataFrame({**added, **dict.fromkeys(OF_ALL_PITCHES, np.nan * share)})
+    return pd.DataFrame({**added, **dict.fromkeys(RANGES, np.nan * share)})
 
 
 def whole_turn_estimates(
@@ -281,9 +289,9 @@ def whole_turn_estimates(
         if len(found_values) and len(missed_values):
             for statistic, estimate in audited_distribution(found_values, missed_values, confidence).items():
                 yield name, statistic, estimate
-    if study.limits.over != "worst":
-        return
     for name in study.limits.pass_flags({column: values[column].to_numpy(float) for column in values}):
+        if study.limits.over != "worst" and name not in RANGES:
+            continue  # the audited units have the worst of a metric alone
         limited_metrics = study.limits.limited_metrics(name, values)
         counted_values = values[limited_metrics].dropna()
         missed_values = shortfall[[m for m in limited_metrics if m in shortfall]].dropna()

@@ -76,7 +76,8 @@ def test_yields_are_those_of_studies_with_the_scaled_tolerance(finished):
         interfering = [play.preloaded for _, _, play in rigid_plays(scaled_study, errors)]
         np.testing.assert_array_equal(values[PRELOADED], np.any(interfering, axis=0))
         found = units.loc[tolerance, scale].set_index("sample")
-        np.testing.assert_allclose(found[METRIC], values[METRIC], rtol=1e-9)
+        for name in (METRIC, "clearance_backlash_arcmin"):  # which rigid bodies know between the loaded angles
+            np.testing.assert_allclose(found[name], values[name], rtol=1e-9)
         estimate, truth = rows.loc[tolerance, scale, METRIC], np.mean(values[METRIC] <= 4000.0)
         assert abs(truth - np.mean(stated.loc[1:, f"{METRIC}_worst"] <= 4000.0)) > 0.01  # a change to be found
         assert estimate["value"] == pytest.approx(truth)
@@ -159,6 +160,17 @@ def test_units_without_a_value_at_the_scale_are_left_out():
     assert row.value == pytest.approx(0.9)
 
 
-@pytest.mark.parametrize("limits", [{}, {"transmission_error_arcsec": 1.0}])
-def test_without_a_limit_on_a_loop_nothing_is_scaled(limits):
-    assert scaled_tolerances(coarse_study(limits=limits)) == []
+def test_without_a_limit_nothing_is_scaled():
+    assert scaled_tolerances(coarse_study(limits={})) == []
+
+
+def test_a_transmission_error_grows_in_proportion_and_a_metric_of_a_loop_by_a_difference():
+    """A few angles show 6 of the 9 arcsec of the whole turn: half as much at them is half as much over the turn."""
+    study = coarse_study(limits={"transmission_error_arcsec": 5.0, METRIC: 10.0})
+    solved = pd.DataFrame({METRIC: [9.0, 9.0], "transmission_error_arcsec": [9.0, 12.0]}, index=[1, 2])
+    rows = scaled_units({(AS_STATED, 1.0): [8.0, 8.0], ("pin_radial", 0.5): [8.5, 8.5]})
+    rows["transmission_error_arcsec"] = [6.0, 8.0, 3.0, 4.0]  # over the turn 4.5 and 6: a difference would leave 6 and 8
+    stated = {name: Estimate(0.5, 0.4, 0.6, 1000) for name in ("transmission_error_arcsec", METRIC, ALL_LIMITS)}
+    yields = {row.metric: row.value for row in scaled_yields(study, rows, solved, stated)}
+    assert yields == pytest.approx({"transmission_error_arcsec": 1.0, METRIC: 0.5, ALL_LIMITS: 1.0})
+

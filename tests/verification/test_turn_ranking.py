@@ -173,7 +173,7 @@ def test_a_ranking_of_metrics_that_are_linear_in_what_it_knows_is_exact(
     metrics["few"][1:] = np.nan
     ranking = Ranking.from_pairs(springs, forces, many, PITCHES, metrics, jointly)
     assert ranking.names == ("metric",)
-    found = ranking.predict_metrics(many)["metric"]
+    found = ranking.predict_values(many)["metric"]
     assert np.abs(found - metric).max() < 1e-2 * metric.std()
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.figures.labels import METRICS, PARAMETERS, parameter_title
+from pipeline.figures.labels import LIMITED_METRICS, METRICS, PARAMETERS, parameter_title
 from pipeline.figures.yields import sensitivity_figure
 from pipeline.model.metrics import signed_number
 from pipeline.populations.scaled_tolerances import RemovedVariance
@@ -123,7 +123,7 @@ def share_note(frames: Frames, metric: str) -> str:
     if alone.empty or not np.isfinite(alone["index"].iloc[0]):
         return f"{note}."
     index, low, high = (float(alone[name].iloc[0]) for name in ("index", "ci_low", "ci_high"))
-    share = f"{percent(index)} ({percent_interval(low, high)}) of the variance of the {METRICS[metric].inline}"
+    share = f"{percent(index)} ({percent_interval(low, high)}) of the variance of the {LIMITED_METRICS[metric].inline}"
     return f"{note}: by itself the {parameter_title(total.index[0])} causes {share} (first-order index)."
 
 
@@ -132,7 +132,7 @@ def _removed_note(removed: RemovedVariance | None) -> str:
     if removed is None:
         return ""
     return (
-        f"Removed variance: that of the {METRICS[removed.metric].inline} over {removed.n:,} units solved again "
+        f"Removed variance: that of the {LIMITED_METRICS[removed.metric].inline} over {removed.n:,} units solved again "
         f"with the {PARAMETERS[removed.tolerance]} at a quarter of its limits is less by {percent(removed.value)} "
         f"({percent_interval(removed.ci_low, removed.ci_high)})."
     )

@@ -14,6 +14,7 @@ from pipeline.figures.labels import LIMITED_METRICS
 from pipeline.figures.yields import failures_figure
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
+from pipeline.populations.scaled_tolerances import FEWEST_PAIRS, scaled_tolerances
 from pipeline.report.frames import OK, Drawing, Frames
 from pipeline.report.layout import count_text, interval, percent, percent_interval
 from pipeline.report.results import Cell, Results, preload_warning
@@ -66,8 +67,14 @@ class Verdict:
 
     @property
     def no_contributor(self) -> str:
-        """What stands in place of a main contributor where none is determined."""
-        return "no main contributor is determined; state base_samples under [drivers] for shares of the variance"
+        """What stands in place of a main contributor where none is determined, and what would determine it."""
+        study, n_units = self.frames.study, len(self.frames.over_turn)
+        if not scaled_tolerances(study):
+            return "no tolerance contributes, since none varies"
+        if n_units < FEWEST_PAIRS:
+            return f"no main contributor is determined from {count_text(n_units, 'unit')}; run {FEWEST_PAIRS} or more"
+        needs = "state more base_samples" if study.drivers.base_samples else "state base_samples"
+        return f"no main contributor is determined; {needs} under [drivers] for shares of the variance"
 
     @property
     def share_note(self) -> str:

@@ -81,9 +81,10 @@ class TurnSection:
             return ""
         counts = self.frames.units.iloc[0]
         return (
-            f"Statistics and yield of the {' and the '.join(titles)} are of the whole turn: units that were solved at "
-            f"every pitch correct what {int(counts['n_angles']):,} loaded and {int(counts['n_rigid_angles']):,} "
-            "unloaded crank angles miss. Numbers of single units and figures are of these angles."
+            f"The {' and the '.join(titles)} are of the whole turn: its pitches were searched for both ends of each "
+            "angle, and units that were solved at every pitch correct statistics and yield for what the search misses. "
+            f"Figures are of {int(counts['n_angles']):,} loaded and {int(counts['n_rigid_angles']):,} unloaded crank "
+            "angles."
         )
 
     @cached_property
