@@ -24,7 +24,7 @@ from pipeline.model.metrics.turn import turn_library
 from pipeline.populations.tails import Population
 from pipeline.sampling.errors import Errors, draw, joined_errors
 from pipeline.statistics.differences import share_difference
-from pipeline.statistics.intervals import Estimate
+from pipeline.statistics.intervals import Estimate, with_missing
 
 Solve = Callable[[Errors], Mapping[str, Real]]
 
@@ -46,7 +46,8 @@ class ScaledYield:
     ----------
     tolerance, scale : the factor on its limits about nominal; its allowance stays.
     metric : of the limit, or `ALL_LIMITS`.
-    value, ci_low, ci_high : the yield of the study plus the paired difference of its first units.
+    value, ci_low, ci_high : the yield of the study plus the paired difference of its first units; the lower end counts
+        units that have a result as stated and none at the scale as failed.
     n : units of the difference.
     """
 
@@ -142,6 +143,7 @@ def scaled_yields(
         has_both = (moved_values.notna() & stated_values.notna()).all(axis=1).to_numpy()
         if tolerance == AS_STATED or not has_both.any():
             continue
+        n_lost = int(np.count_nonzero(stated_values.notna().all(axis=1) & ~has_both))
         passes_before = study.limits.pass_flags(stated_values[has_both])
         passes_after = study.limits.pass_flags(moved_values[has_both])
         for name, estimate in stated_yields.items():
@@ -149,7 +151,7 @@ def scaled_yields(
                 shifted_yield = _shifted_yield(
                     estimate, passes_before[name], passes_after[name], study.metrics.confidence
                 )
-                yield ScaledYield(str(tolerance), float(scale), name, **vars(shifted_yield))
+                yield ScaledYield(str(tolerance), float(scale), name, **vars(with_missing(shifted_yield, n_lost)))
 
 
 def removed_variances(scaled_units: pd.DataFrame, confidence: float) -> Iterator[RemovedVariance]:

@@ -158,6 +158,9 @@ def test_units_without_a_value_at_the_scale_are_left_out():
     (row,) = scaled_yields(study, rows, solved, {METRIC: Estimate(0.4, 0.3, 0.5, 1000)})
     assert row.n == 2
     assert row.value == pytest.approx(0.9)
+    (without,) = scaled_yields(study, rows[rows["sample"] != 2], solved.drop(2), {METRIC: Estimate(0.4, 0.3, 0.5, 1000)})
+    assert row.ci_low == pytest.approx(without.ci_low * 2 / 3)  # the third unit has none, and may fail
+    assert without.ci_low > 0
 
 
 def test_without_a_limit_nothing_is_scaled():
