@@ -406,8 +406,10 @@ def test_the_page_says_that_the_model_holds_a_crank_which_the_data_let_turn(
 
 def test_the_page_does_not_miss_a_crank_that_the_unit_states(tmp_path: Path) -> None:
     copied = shutil.copytree(ROOT / "data" / "measured" / "base_pccf_runin", tmp_path / "u")
-    with (copied / "unit.toml").open("a", encoding="utf-8") as file:
-        file.write('\n[crank]\nmoves = "fixed"\n')
+    text = (copied / "unit.toml").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith(("ratio", "torque_at"))]
+    text = "\n".join(lines).replace('moves = "follows_angle"', 'moves = "fixed"')
+    (copied / "unit.toml").write_text(text, encoding="utf-8")
     settings = load_measured_unit(copied, ROOT).settings
     cells = SimpleNamespace(angle_mean=np.array([0.0, 300.0]), position=np.zeros(2, int))
     unit = SimpleNamespace(study=load_study("printed_drive", ROOT), settings=settings)
