@@ -31,6 +31,8 @@ TOLERANCES_UM = {
     11: (60, 75, 90, 110, 130, 160, 190, 220, 250, 290, 320, 360, 400),
 }
 """Width of the zone by grade and range of sizes [um]."""
+GRADE_2_UM = (1.2, 1.5, 1.5, 2, 2.5, 2.5, 3, 4, 5, 7, 8, 9, 10)
+"""The same of grade 2, which is no grade of a study: holes of grade 3 are moved by what it is narrower."""
 DEVIATIONS_UM = {
     "e": (-14, -20, -25, -32, -40, -50, -60, -72, -85, -100, -110, -125, -135),
     "f": (-6, -10, -13, -16, -20, -25, -30, -36, -43, -50, -56, -62, -68),
@@ -109,9 +111,9 @@ def _hole(letter: str, grade: int, size_step: int) -> float:
         raise ValueError("K of sizes above 3 mm has grades up to 8")
     if letter == "M" and grade == 6 and UP_TO_MM[size_step] == 315:
         return -9.0
-    if size_step == 0 or grade > LARGEST_DELTA_GRADE[shaft] or grade - 1 not in TOLERANCES_UM:
+    if size_step == 0 or grade > LARGEST_DELTA_GRADE[shaft]:
         return mirrored_deviation
-    return mirrored_deviation + TOLERANCES_UM[grade][size_step] - TOLERANCES_UM[grade - 1][size_step]
+    return mirrored_deviation + TOLERANCES_UM[grade][size_step] - TOLERANCES_UM.get(grade - 1, GRADE_2_UM)[size_step]
 
 
 LIMITS, ISO, OF_SIZE, POSITION, CONVENTION = "limits_mm", "iso", "of", "position", "convention"

@@ -93,6 +93,15 @@ def test_codes_are_those_of_the_standards_tables(code, lower, upper):
     assert limit_deviations(*code) == (lower, upper)
 
 
+def test_holes_of_grade_3_are_moved_by_the_standards_delta():
+    """ISO 286-1, Table 5, column of the difference for grade 3; K3 of 14.4 mm in ISO 286-2."""
+    delta = (0, 1, 1, 1, 1.5, 1.5, 2, 2, 3, 3, 4, 4, 5)
+    for letter, shaft in (("K", "k"), ("M", "m"), ("N", "n"), ("P", "p")):
+        uppers = np.array([limit_deviations(letter, 3, size)[1] for size in UP_TO_MM])
+        np.testing.assert_allclose(uppers + DEVIATIONS_UM[shaft], delta)
+    assert limit_deviations("K", 3, 14.4) == (-3, 0)
+
+
 @pytest.mark.parametrize("letter", ["h", "k", "n", "H", "N"])
 def test_ends_of_the_ranges_belong_to_the_smaller_one(letter):
     assert limit_deviations(letter, 6, 18) == limit_deviations(letter, 6, 14)
