@@ -37,8 +37,14 @@ ALLOWED_NOTATION = {
     "iso": '"6h5": a code of ISO 286, in place of lower_um and upper_um',
     "of": '"diameter" or "radius": what limits_mm are of',
     "position": '"dia 0.02": diameter of a circular zone [mm], for positions; of housing pins: pin_position',
-    "convention": '"drawing" (a larger part is positive) or "material_off": sign of limits_mm of a profile',
+    "convention": '"drawing" (a larger part is positive) or "material_off": sign of limits_mm of a profile, which '
+    "needs clearance.disk_reading too",
 }
+PROFILE_LIMITS = (
+    "state convention: a drawing has the other sign; and clearance.disk_reading, which is normal for a profile "
+    "tolerance of ISO 1101: 0.008 on the drawing is limits_mm = ±0.004"
+)
+"""What limits in mm of a profile need."""
 GAP_WORDS = {1: "opens gaps", -1: "closes gaps", 0: "either"}
 
 
@@ -183,7 +189,7 @@ def effect_facts(effect: Effect | InstrumentEffect) -> Iterator[tuple[str, str]]
 
 def sign_of(dimension: Dimension) -> tuple[str, str, str]:
     """Sign of a dimension in words, its effect on the gaps, and the sign of limits in mm."""
-    drawing = "as here" if dimension.drawing_sign > 0 else "state convention: a drawing has the other sign"
+    drawing = "as here" if dimension.drawing_sign > 0 else PROFILE_LIMITS
     return dimension.sign, GAP_WORDS[dimension.gap_sign], drawing
 
 

@@ -36,7 +36,7 @@ from pipeline.config.studies.costs import Costs, cost_problems
 from pipeline.config.studies.optional import ANY_MESH, with_mesh
 from pipeline.config.studies.study import Study
 from pipeline.config.studies.tolerances import Case, Tolerances, case_problems, tolerance_problems
-from pipeline.config.tolerance_notation import with_notation
+from pipeline.config.tolerance_notation import reading_mistakes, with_notation
 from pipeline.errors import InputError
 
 BUNDLED_DATA = Path(__file__).parent.parent / "bundled"
@@ -173,7 +173,9 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
     design, design_problems = _referenced_design(raw.get("design"), read_design)
     unreadable: list[Mistake] = []
     if "tolerances" in raw:
+        without_reading = reading_mistakes(raw["tolerances"], raw.get("clearance"))
         raw["tolerances"], unreadable = with_notation(raw["tolerances"], design)
+        unreadable += without_reading
     raw, design, mistakes = _at_temperature(raw, design)
     unreadable += mistakes
     cases = raw.get("cases", ()) if isinstance(raw.get("cases", ()), tuple) else ()

@@ -118,6 +118,8 @@ def _hole(letter: str, grade: int, size_step: int) -> float:
 
 LIMITS, ISO, OF_SIZE, POSITION, CONVENTION = "limits_mm", "iso", "of", "position", "convention"
 NOTATION = (LIMITS, ISO, OF_SIZE, POSITION, CONVENTION)
+READING = "disk_reading"
+"""Key of what a deviation of the disk's profile is."""
 DRAWING, MATERIAL_OFF = "drawing", "material_off"
 """Signs that limits in mm may have: a larger part positive, or material taken off positive."""
 LIMIT_NAMES = ("lower_um", "upper_um")
@@ -170,6 +172,28 @@ def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[
         remaining = {key: value for key, value in settings.items() if key not in NOTATION}
         tolerance_sections[name] = {**remaining, **settings_of_tolerance}
     return tolerance_sections, problems
+
+
+def reading_mistakes(tolerances: object, clearance: object) -> list[Mistake]:
+    """What is wrong where a profile has limits as on a drawing: they say nothing without the reading of the disk.
+
+    Parameters
+    ----------
+    tolerances, clearance : sections of the study as they stand in its file.
+    """
+    if not isinstance(tolerances, Mapping) or (isinstance(clearance, Mapping) and READING in clearance):
+        return []
+    profiles = [name for name, dimension in dimension_library().items() if dimension.drawing_sign < 0]
+    for name in profiles:
+        settings = tolerances.get(name)
+        if isinstance(settings, Mapping) and LIMITS in settings:
+            requirement = (
+                f'must stand beside {LIMITS} of {name}: "normal" if they are along the normal of the flank, as a '
+                'profile tolerance of ISO 1101 (0.008 on the drawing is "±0.004"); "radial" or "radial_on_diameter" '
+                "if they are a radius or a diameter that counts as the pin circle's, which opens the gaps by less"
+            )
+            return [Mistake(f"clearance.{READING}", MISSING, requirement)]
+    return []
 
 
 def _split_zone(settings: object, stated_beside: Sequence[str]) -> dict[str, Any] | Mistake:

@@ -49,6 +49,7 @@ def test_the_command_prints_one_part_and_the_signs(capsys):
     signs, everything = ("\n".join(key_lines(name)) for name in ("tolerances", ""))
     assert all(f"  {name}: " in lines for name in dimension_library() for lines in (signs, everything))
     assert "disk_profile: material off the whole flank; positive gives clearance; opens gaps; state convention" in signs
+    assert "clearance.disk_reading, which is normal for a profile tolerance of ISO 1101: 0.008" in signs
     assert cli.main(["keys", "cyle"]) == 2
     assert "did you mean 'cycle'" in capsys.readouterr().err
 

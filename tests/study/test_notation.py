@@ -137,6 +137,27 @@ def test_a_ground_profile_takes_the_sign_that_the_file_names():
     assert tolerances(disk_profile=allowance).disk_profile.allowance_um == 10.0
 
 
+@pytest.mark.parametrize("clearance", [None, {"method": "exact"}])
+def test_limits_of_a_profile_need_the_reading_of_the_disk(clearance):
+    """A profile tolerance of 8 um is ±4 um along the normal; the default counts half of it, along the radius."""
+    limits = {"distribution": "uniform", "limits_mm": "±0.004", "convention": "drawing"}
+    raw = {**STUDY, "clearance": clearance, "tolerances": {"lobe_profile": limits}}
+    raw = {name: section for name, section in raw.items() if section is not None}
+    with pytest.raises(InputError) as raised:
+        parse_study(raw, "drawn", "drawn.toml", lambda name: load_design(name, ROOT))
+    assert len(raised.value.problems) == 1
+    assert "clearance.disk_reading is missing; must stand beside limits_mm of lobe_profile" in raised.value.problems[0]
+    assert 'as a profile tolerance of ISO 1101 (0.008 on the drawing is "±0.004")' in raised.value.problems[0]
+    raw["clearance"] = {"disk_reading": "normal"}
+    study = parse_study(raw, "drawn", "drawn.toml", lambda name: load_design(name, ROOT))
+    assert study.tolerances.lobe_profile.limits_um == (-4.0, 4.0)
+    raw |= {
+        "clearance": {},
+        "tolerances": {"lobe_profile": {"distribution": "uniform", "lower_um": 0.0, "upper_um": 1.0}},
+    }
+    assert parse_study(raw, "um", "um.toml", lambda name: load_design(name, ROOT)).clearance.disk_reading != "normal"
+
+
 SIGNED = [name for name, item in dimension_library().items() if item.gap_sign and item.count(DESIGN)]
 
 
