@@ -158,6 +158,17 @@ def test_limits_of_a_profile_need_the_reading_of_the_disk(clearance):
     assert parse_study(raw, "um", "um.toml", lambda name: load_design(name, ROOT)).clearance.disk_reading != "normal"
 
 
+@pytest.mark.parametrize(("order", "diameters"), [(2, 4.0), (3, 0.0)])
+def test_amplitudes_of_waves_are_told_in_what_is_measured(order, diameters):
+    """Roundness deviation and difference of two-point diameters of a ring with one wave, per amplitude."""
+    angles = np.linspace(0, 2 * np.pi, 721)
+    diameter = np.cos(order * angles) + np.cos(order * (angles + np.pi))
+    assert np.ptp(diameter) == pytest.approx(diameters, abs=1e-9)
+    told = "a quarter of Dmax - Dmin" if diameters else "not seen in Dmax - Dmin, which is 0"
+    for name in (f"ovality_{order}", f"pin_roundness_{order}"):
+        assert f"roundness deviation, {told};" in dimension_library()[name].sign
+
+
 SIGNED = [name for name, item in dimension_library().items() if item.gap_sign and item.count(DESIGN)]
 
 

@@ -100,12 +100,17 @@ def oval_shift(amplitude: Real, phase: Real, order: int, pins: int) -> Real:
     return amplitude[:, None] * np.cos(order * (theta - phase[:, None]))
 
 
+def two_points(order: int) -> str:
+    """What the amplitude of a wave of the radius is of the largest diameter less the smallest one."""
+    return "a quarter of Dmax - Dmin" if order % 2 == 0 else "not seen in Dmax - Dmin, which is 0"
+
+
 def ovality(order: int, shape: str, rank: int, draw_columns: tuple[int, int]) -> Dimension:
     """The ovality of so many waves."""
     return Dimension(
         name=f"ovality_{order}",
         title=f"{shape} ovality of pin circle",
-        sign="amplitude; direction random",
+        sign=f"amplitude, half of the roundness deviation, {two_points(order)}; direction random",
         meaning=f"{shape} ovality of the pin circle, part of radial_um",
         rank=rank,
         draw_columns=draw_columns,
@@ -131,7 +136,8 @@ def roundness(order: int, shape: str, rank: int, draw_columns: tuple[int, int]) 
     return Dimension(
         name=f"pin_roundness_{order}",
         title=f"{shape} roundness of pins",
-        sign="amplitude of each pin, half of its roundness deviation; direction random; pins held against turning",
+        sign=f"amplitude of each pin, half of its roundness deviation, {two_points(order)}; direction random; pins "
+        "held against turning",
         meaning=f"amplitude of the pin's {shape} wave, half of its roundness deviation",
         rank=rank,
         draw_columns=draw_columns,
