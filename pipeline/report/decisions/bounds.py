@@ -7,6 +7,7 @@ import pandas as pd
 
 from pipeline import assembly
 from pipeline.config.studies.study import ALL_LIMITS, Study
+from pipeline.config.tolerance_notation import PIN_COORDINATES
 from pipeline.decisions.allocation import Allocation, Choice, allocation_rows, check_rows
 from pipeline.decisions.bounds import (
     BOUNDS,
@@ -33,6 +34,7 @@ from pipeline.report.layout import (
     render,
     rounded_number,
 )
+from pipeline.sampling.errors import varies
 
 LARGEST_GAP = 0.1
 """Relative error of the linear stack's standard deviation beyond which its contributions are marked."""
@@ -46,7 +48,7 @@ def write_bounds_page(bound_findings: BoundFindings, folder: Path) -> None:
     page = render(
         "decisions/bounds.html",
         study=bound_findings.study,
-        sentence=bounds_sentence(tables[BOUNDS], tables[STACKS]),
+        sentence=bounds_sentence(tables[BOUNDS], tables[STACKS]) + square_sentence(bound_findings.study),
         definitions=_definitions(bound_findings.study, list(dict.fromkeys(tables[BOUNDS]["metric"]))),
         bounds=[_bound(row) for row in tables[BOUNDS].to_dict("records")],
         stacks=[_stack(row) for row in tables[STACKS].to_dict("records")],
@@ -91,6 +93,18 @@ def bounds_sentence(bounds: pd.DataFrame, stacks: pd.DataFrame) -> str:
         f"{', '.join(parts[True])}. The worst found under load, where a search may miss worse cases, is "
         f"{', '.join(parts[False])}.{invalid} Over a whole turn more units exceed a value than at one angle, and units "
         "may be worse at other angles."
+    )
+
+
+def square_sentence(study: Study) -> str:
+    """That the places of the housing's pins fill squares, where both directions vary; empty where they do not."""
+    if not all(varies(study, name) for name in PIN_COORDINATES):
+        return ""
+    return (
+        " The radial and the tangential limits of a housing pin make a rectangle, whose corners count too. For a "
+        "circular zone (pin_position) it is a square: with a normal distribution one about the circle, whose largest "
+        "play is at most that of the square; with a uniform one its corners lie at 1.22 times the circle's radius and "
+        "its sides at 0.87 times, so that the worst over the circle may lie on either side."
     )
 
 

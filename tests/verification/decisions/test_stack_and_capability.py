@@ -8,11 +8,12 @@ import pytest
 from scipy.stats import norm, truncnorm
 
 from pipeline.config import load_study
+from pipeline.config.distributions.shipped import Fixed
 from pipeline.decisions.bounds import WORST_FOUND, WORST_OF_VALID
 from pipeline.decisions.box import Box, capability, stack
 from pipeline.decisions.play_bounds import BY_PROGRAM
 from pipeline.figures.labels import METRICS
-from pipeline.report.decisions.bounds import bounds_sentence
+from pipeline.report.decisions.bounds import bounds_sentence, square_sentence
 
 ROOT = Path(__file__).parent.parent.parent.parent
 
@@ -71,3 +72,11 @@ def test_the_page_opens_with_the_worst_case_of_each_metric_at_any_angle():
     assert f"where a search may miss worse cases, is torsional rigidity {rigidity.text(4.4)}" in text
     assert "lead beyond where the model is valid" in text
     assert "crank angles looked at (0°, 90°)" in text
+
+
+def test_the_page_says_that_places_of_the_housings_pins_fill_a_square():
+    """sqrt(2) of the limits, which are sqrt(3)/2 of the radius if uniform."""
+    study = load_study("quick", ROOT)
+    assert "with a uniform one its corners lie at 1.22 times the circle's radius" in square_sentence(study)
+    fixed = Fixed(distribution="fixed", value_um=0.0)
+    assert not square_sentence(study.with_section("tolerances", pin_tangential=fixed))
