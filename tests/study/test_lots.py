@@ -27,6 +27,7 @@ from pipeline.errors import InputError
 from pipeline.library.lots import assemble, certificate, lots
 from pipeline.model.metrics import library as metrics
 from pipeline.report.decisions.certificate import assembly_sentences, pairs_next_step
+from pipeline.report.decisions.lots import sentences
 from pipeline.sampling.designs import correlated_numbers
 from pipeline.sampling.errors import draw
 from pipeline.statistics.intervals import Estimate
@@ -263,6 +264,18 @@ def test_the_study_of_a_lot_runs_from_its_file(tmp_path):
     (tmp_path / "made.toml").write_text(study_text(STUDY, fits, "lot", "made", "pham2017"))
     made = load_study(tmp_path / "made.toml", ROOT)
     assert made.tolerances == study_of_lot(STUDY, fits).tolerances
+
+
+def test_one_value_per_part_is_said_to_be_that_of_one_element():
+    """Loose pins, one row each; the mean of a set of pins looks alike, and its scatter is not that of pins."""
+    shapes = {"pin_radius": (12, 1), "pin_tangential": (12, 80), "disk_profile": (12, 1)}
+    fits = [SimpleNamespace(dimension=DIMENSIONS[name], values=np.zeros(shape)) for name, shape in shapes.items()]
+    shares = {ALL_LIMITS: Estimate(0.9, 0.8, 1.0, 100)}
+    outcome = SimpleNamespace(as_made=shares, as_drawn=shares, costs=())
+    _, _, *notes = sentences(SimpleNamespace(lot=SimpleNamespace(name="pins"), fits=fits, outcome=outcome))
+    assert len(notes) == 1
+    assert "pin_radius has one value per part. Each is taken for one pin by itself" in notes[0]
+    assert "If a value is the mean of several pins, the yield does not hold" in notes[0]
 
 
 def test_repeated_rows_are_the_elements_of_a_part():

@@ -28,14 +28,33 @@ def sentences(lot_result: LotFindings) -> list[str]:
     )
     costly = [cost for cost in lot_result.outcome.costs if cost.gain.ci_low > 0]
     if not costly:
-        return [text, "No measured dimension by itself costs yield beyond the confidence interval."]
+        text_of_costs = "No measured dimension by itself costs yield beyond the confidence interval."
+        return [text, text_of_costs, *single_value_sentences(lot_result)]
     first_cost = costly[0]
     return [
         text,
         f"{PARAMETERS[first_cost.name].capitalize()} costs most yield: at the drawing's mean in every part the yield "
         f"would be {_percent(first_cost.yield_at_target)} ({_points(first_cost.gain.value)} percentage points more, "
         f"interval {_points(first_cost.gain.ci_low)} to {_points(first_cost.gain.ci_high)}).",
+        *single_value_sentences(lot_result),
     ]
+
+
+def single_value_sentences(lot_result: LotFindings) -> list[str]:
+    """What one value per part is taken for, of each dimension that the elements of a part have one by one."""
+    texts = []
+    for fit in lot_result.fits:
+        elements, name = fit.dimension.elements, fit.dimension.name
+        if elements is None or fit.values.shape[1] > 1:
+            continue
+        element = elements.name.replace("_", " ")
+        texts.append(
+            f"Lot {lot_result.lot.name}: {name} has one value per part. Each is taken for one {element} by itself, and "
+            f"every {element} of a unit is drawn from their scatter, independently of the others. If a value is the "
+            f"mean of several {element}s, the yield does not hold: give each {element} a value ({name}_0, {name}_1, "
+            f"..., or one row per {element} with the same part)."
+        )
+    return texts
 
 
 def remarks(lot_result: LotFindings) -> list[str]:
