@@ -93,6 +93,10 @@ class Shared:
         """The load cycle at a crank angle [deg]."""
         return self.curve if crank_deg in self.study.cycle.curve_crank_deg else self.brief
 
+    def at_some(self, angles: slice) -> "Shared":
+        """The same at some of the loaded crank angles; the study keeps all of them."""
+        return replace(self, cranks=self.cranks[angles], laws=self.laws[angles], compliances=self.compliances[angles])
+
 
 def prepare(job: Job) -> Shared:
     """Read the laws and compliances of every crank angle."""

@@ -130,13 +130,10 @@ def _at_some_angles(loop_inputs: Shared) -> Shared:
     study, every = loop_inputs.study, slice(None, None, _stride(loop_inputs.study))
     cycle = study.cycle.model_copy(update={"crank_deg": study.cycle.crank_deg[every]})
     return replace(
-        loop_inputs,
+        loop_inputs.at_some(every),
         study=Study.model_construct(
             cycle=cycle, **{name: getattr(study, name) for name in SECTIONS if name != "cycle"}
         ),
-        cranks=loop_inputs.cranks[every],
-        laws=loop_inputs.laws[every],
-        compliances=loop_inputs.compliances[every],
     )
 
 

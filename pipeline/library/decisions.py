@@ -189,6 +189,5 @@ def _at_crank(loop_inputs: hysteresis.Shared, crank_deg: float, sampled_errors: 
     """Every metric of ``n`` units at one loaded crank angle, (n,) each."""
     study, k = loop_inputs.study, loop_inputs.study.cycle.crank_deg.index(crank_deg)
     reduced_study = study.with_section("cycle", crank_deg=(crank_deg,), loaded_angles=None)
-    laws, compliances = (loop_inputs.laws[k],), (loop_inputs.compliances[k],)
-    single = replace(loop_inputs, study=reduced_study, laws=laws, compliances=compliances)
+    single = replace(loop_inputs.at_some(slice(k, k + 1)), study=reduced_study)
     return {name: values[:, 0] for name, values in at_angles(single, sampled_errors).items()}

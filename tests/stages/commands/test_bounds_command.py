@@ -9,7 +9,11 @@ import pytest
 
 from pipeline import cli, settings
 from pipeline.decisions import bounds, play_bounds
+from pipeline.library.decisions import _at_crank
 from pipeline.report.decisions.bounds import invalid_stacks
+from pipeline.sampling.errors import draw
+from stages.tails import at_angles
+from tests.study.test_certificate import rigid_study, shared_of
 
 ROOT = Path(__file__).parent.parent.parent.parent
 
@@ -61,6 +65,15 @@ def test_no_sample_lies_beyond_its_bounds(
     spread = tables["stacks"][tables["stacks"]["statistic"] == "std"]
     off = spread.loc[(spread["linear"] / spread["full"] - 1).abs() > 0.1, "metric"].unique()
     assert ("not valid for" in page) == (len(off) > 0)
+
+
+def test_each_of_several_loaded_angles_is_solved_alone() -> None:
+    shared = shared_of(rigid_study())
+    units = draw(shared.study, 0, 3)
+    of_all = at_angles(shared, units)
+    for number, crank in enumerate(shared.cranks):
+        for name, values in _at_crank(shared, crank, units).items():
+            np.testing.assert_array_equal(values, of_all[name][:, number])
 
 
 def test_the_contributions_to_a_stack_that_is_off_are_marked() -> None:
