@@ -16,7 +16,7 @@ from pipeline.config.dimensions import dimension_library
 from pipeline.config.studies.study import Study
 from pipeline.config.studies.tolerances import Case, direction_key
 from pipeline.decisions.box import Box
-from pipeline.decisions.fresh_units import Solve, fresh_study
+from pipeline.decisions.fresh_units import Solve, fresh_study, preloaded_share
 from pipeline.decisions.lots.lot_yield import limit_passes
 from pipeline.decisions.play_bounds import Bound, play_bounds
 from pipeline.engine.store import write_csv, write_json, write_tables
@@ -82,10 +82,11 @@ class Certificate:
     Attributes
     ----------
     label : of the unit.
-    measured_dimensions : names of the measured dimensions.
+    measured_um : total deviations of the measured dimensions (1, n_elements).
     metrics : rows of `METRICS_TABLE`.
     meets_all : probability that the unit meets every limit, with the interval of the number of draws; None without
         limits.
+    preloaded : share of the units that the measured one may be whose parts interfere without load.
     bounds : of the rigid play at the first crank angle, over all that was not measured.
     why_no_bounds : empty where there are bounds.
     loops : of the units that the measured one may be and for which the model is valid; missing if there is none.
@@ -93,12 +94,18 @@ class Certificate:
 
     study: Study
     label: str
-    measured_dimensions: tuple[str, ...]
+    measured_um: Mapping[str, Real]
     metrics: pd.DataFrame
     meets_all: Estimate | None
+    preloaded: float
     bounds: tuple[Bound, ...]
     why_no_bounds: str
     loops: Loops
+
+    @property
+    def measured_dimensions(self) -> tuple[str, ...]:
+        """Names of the measured dimensions."""
+        return tuple(self.measured_um)
 
     @property
     def is_predicted(self) -> bool:
@@ -181,8 +188,8 @@ def certificate(
     confidence = study.metrics.confidence
     meets_all = pass_share(limit_passes(study, values), confidence) if study.limits.of_metrics else None
     metrics, bounds = _metrics(study, values), _bounds(study, known_values, loops)
-    names = tuple(name for name in known_values if name in dimension_library())
-    return Certificate(study, case.label, names, metrics, meets_all, *bounds, loops)
+    measured_um = {name: known for name, known in known_values.items() if name in dimension_library()}
+    return Certificate(study, case.label, measured_um, metrics, meets_all, preloaded_share(values), *bounds, loops)
 
 
 def _valid_loops(loops: Loops, is_valid: Truth) -> Loops:

@@ -71,6 +71,11 @@ def yields(study: Study, values: Mapping[str, Real], missing_fail: bool = False)
     return shares
 
 
+def preloaded_share(values: Mapping[str, Real]) -> float:
+    """Share of units (n,) whose parts interfere without load at some crank angle."""
+    return float(np.mean(values[PRELOADED]))
+
+
 def has_values(study: Study, values: Mapping[str, Real], limit: str) -> Truth:
     """Whether units (n,) have every metric of a limit, by the name of its metric or ``ALL_LIMITS``."""
     limited_metrics = study.limits.limited_metrics(limit, values)

@@ -16,7 +16,7 @@ from pipeline.arrays import Index, Real, Truth, joined_columns
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.studies.study import Study
-from pipeline.decisions.fresh_units import BATCH, Solve, fresh_study
+from pipeline.decisions.fresh_units import BATCH, Solve, fresh_study, preloaded_share
 from pipeline.decisions.lots.lot_yield import limit_passes
 from pipeline.decisions.lots.measured_lot import MeasuredLot
 from pipeline.engine.parallel import batches, worker_results
@@ -63,6 +63,7 @@ class Assembly:
     passes : (n_first, n_second) whether a pair keeps all limits then.
     pairs : (n_pairs, 2) parts of the best assignment.
     random, selected_yield : yields of fresh units assembled at random and by the assignment.
+    random_preload, selected_preload : shares of these units that are preloaded at some crank angle.
     mounting_N : (n_first, n_second) largest contact force without torque [N]; None where no limit was stated.
     """
 
@@ -73,6 +74,8 @@ class Assembly:
     pairs: Index
     random: Estimate
     selected_yield: Estimate
+    random_preload: float
+    selected_preload: float
     mounting_N: Real | None
 
     def binding_share(self, limit_N: float) -> float:
@@ -137,8 +140,10 @@ def best_assembly(
         margin=margin,
         passes=passes,
         pairs=pairs,
-        random=shares[0],
-        selected_yield=shares[1],
+        random=shares[0][0],
+        selected_yield=shares[1][0],
+        random_preload=shares[0][1],
+        selected_preload=shares[1][1],
         mounting_N=forces,
     )
 
@@ -190,12 +195,12 @@ def _margins(study: Study, values: Mapping[str, Real]) -> Real:
 
 def _verified_yield(
     study: Study, first_lot: MeasuredLot, second_lot: MeasuredLot, pairs: Index, solve: Solve, jobs: int
-) -> Estimate:
-    """Yield of a fresh unit of each pair (n_units, 2) of parts."""
+) -> tuple[Estimate, float]:
+    """Yield of a fresh unit of each pair (n_units, 2) of parts, and the share of these units that is preloaded."""
     values = _solve_metrics(
         study, _measured_values(first_lot, pairs[:, 0]) | _measured_values(second_lot, pairs[:, 1]), solve, jobs
     )
-    return pass_share(limit_passes(study, values), study.metrics.confidence)
+    return pass_share(limit_passes(study, values), study.metrics.confidence), preloaded_share(values)
 
 
 def pair_rows(assembly: Assembly) -> pd.DataFrame:

@@ -35,11 +35,13 @@ from pipeline.model.load_history.load_cycle import BRANCHES
 from pipeline.model.units import ARCMIN, NM_PER_NMM
 from pipeline.report.decisions.certificate import (
     assembly_sentences,
+    assembly_warnings,
+    certificate_warnings,
     compensation_sentence,
     write_assembly_page,
     write_certificate_page,
 )
-from pipeline.report.decisions.lots import sentences, write_lots_page
+from pipeline.report.decisions.lots import lot_warnings, sentences, write_lots_page
 from pipeline.sampling.errors import Errors
 from stages import hysteresis
 
@@ -89,8 +91,8 @@ def lots(
         write_atomic(folder / f"{name}.toml", text.encode())
     write_atomic(folder / DESIGN_FILE, toml_of(study.design.model_dump()).encode())
     write_lots_page(study, findings, [f"{name}.toml" for name in names], folder)
-    lines = tuple(line for lot_findings in findings for line in sentences(lot_findings))
-    return Answer(findings, lines, folder, frames)
+    lines = [line for found in findings for line in (*lot_warnings(study, found), *sentences(found))]
+    return Answer(findings, tuple(lines), folder, frames)
 
 
 def assemble(
@@ -128,7 +130,8 @@ def assemble(
     folder = settings.RUNS / "assemble" / f"{study.name}-{first_lot.name}-{second_lot.name}"
     frames = write_pairs(assembly, folder)
     write_assembly_page(study, assembly, mounting_force, folder)
-    return Answer(assembly, tuple(assembly_sentences(assembly, mounting_force)), folder, frames)
+    lines = (*assembly_warnings(study, assembly), *assembly_sentences(assembly, mounting_force))
+    return Answer(assembly, lines, folder, frames)
 
 
 def certificate(
@@ -176,8 +179,8 @@ def certificate(
     folder = settings.RUNS / "certificate" / case.label
     frames = write_certificate(unit_certificate, folder)
     write_certificate_page(unit_certificate, loop, folder)
-    sentences = (limit_sentence(unit_certificate), compensation_sentence(unit_certificate, loop))
-    return Answer(unit_certificate, sentences, folder, frames)
+    lines = (limit_sentence(unit_certificate), compensation_sentence(unit_certificate, loop))
+    return Answer(unit_certificate, (*certificate_warnings(unit_certificate), *lines), folder, frames)
 
 
 def whole_loops(loop_inputs: hysteresis.Shared, sampled_errors: Errors) -> Loops:

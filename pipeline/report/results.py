@@ -261,10 +261,36 @@ def preload_warning(distributions: pd.DataFrame) -> str:
     share = distributions.loc[(distributions[list(key)] == pd.Series(key)).all(axis=1), "value"]
     if share.empty or share.iloc[0] < MOSTLY_PRELOADED:
         return ""
+    return preload_sentence({"the units": float(share.iloc[0])}, CHECK_TOLERANCES)
+
+
+CHECK_TOLERANCES = (
+    "Check the signs of the tolerances (python -m pipeline keys tolerances) and the allowances (allowance_um)."
+)
+"""What to do where tolerances make preloaded units."""
+
+
+def preload_sentence(shares: Mapping[str, float], advice: str) -> str:
+    """How many units are preloaded and what to do; empty where none is.
+
+    Parameters
+    ----------
+    shares : of preloaded units by whose they are, as "the units made from these parts"; the first is the subject.
+    """
+    if not any(shares.values()):
+        return ""
+    (whose, share), *others = ((whose, f"{100 * share:.3g} %") for whose, share in shares.items())
+    beside = "".join(f", of {other} {other_share}" for other, other_share in others)
     return (
-        f"{100 * share.iloc[0]:.3g} % of the units are preloaded: at some crank angle parts interfere without load. "
-        "Check the signs of the tolerances (python -m pipeline keys tolerances) and the allowances (allowance_um)."
-    )
+        f"{share} of {whose} are preloaded{beside}: at some crank angle parts interfere without load. A preloaded unit "
+        f"may keep every limit, because none counts preload itself. {advice}"
+    ).rstrip()
+
+
+def preload_warnings(shares: Mapping[str, float], advice: str) -> list[str]:
+    """The sentence on preloaded units as a warning, with the advice where most are; none where no unit is."""
+    sentence = preload_sentence(shares, advice if max(shares.values()) >= MOSTLY_PRELOADED else "")
+    return [f"Warning: {sentence}"] if sentence else []
 
 
 def needed_units(estimate: Estimate, confidence: float) -> list[tuple[float, int]]:

@@ -15,19 +15,20 @@ from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions import library
 from pipeline.config.files.table_file import TableFile, read_table
 from pipeline.config.studies.study import ALL_LIMITS
+from pipeline.decisions.fresh_units import PRELOADED
 from pipeline.decisions.lots import dimension_fit as dimension_fits
 from pipeline.decisions.lots import lot_yield as lot_yields
 from pipeline.decisions.lots.dimension_fit import correlation_length, dimension_fit
 from pipeline.decisions.lots.fitted_distribution import fitted_kinds, relative_bic
 from pipeline.decisions.lots.lot_yield import limit_passes, lot_yield, study_of_lot
 from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot, with_separate_ovalities
-from pipeline.decisions.lots.results import fit_rows, lot_findings, lot_fits, study_text, write
+from pipeline.decisions.lots.results import fit_rows, lot_findings, lot_fits, study_text, write, yield_rows
 from pipeline.decisions.selective_assembly import best_assembly
 from pipeline.errors import InputError
 from pipeline.library.lots import assemble, certificate, lots
 from pipeline.model.metrics import library as metrics
-from pipeline.report.decisions.certificate import assembly_sentences, pairs_next_step
-from pipeline.report.decisions.lots import sentences
+from pipeline.report.decisions.certificate import assembly_sentences, assembly_warnings, pairs_next_step
+from pipeline.report.decisions.lots import lot_warnings, sentences, zone_warnings
 from pipeline.sampling.designs import correlated_numbers
 from pipeline.sampling.errors import draw
 from pipeline.statistics.intervals import Estimate
@@ -182,7 +183,7 @@ def play_of_few_pins(errors):
     play = 0.2 * errors.disk_profile + 0.05 * errors.pin_tangential.min(axis=1)
     values = {name: np.where(np.isnan(play), np.nan, 0.0) for name in STUDY.limits.of_metrics}
     values |= {"clearance_backlash_arcmin": play, "torsional_rigidity_Nm_per_arcmin": np.full(len(play), 9.0)}
-    return {}, values
+    return {}, values | {PRELOADED: errors.disk_profile < 0}
 
 
 @pytest.mark.long
@@ -210,7 +211,7 @@ def test_the_interval_of_a_high_yield_holds_the_truth_of_ten_normal_parts(monkey
     monkeypatch.setattr(lot_yields, "SOLVED_LOTS", 50)
     limit, holds = 10 + 2.326, 0  # 99 % of a disk profile of 10 um with a standard deviation of 1 um
     study = STUDY.model_copy(update={"limits": type(STUDY.limits)(clearance_backlash_arcmin=limit)})
-    solve = lambda errors: ({}, {"clearance_backlash_arcmin": np.asarray(errors.disk_profile, float)})  # noqa: E731
+    solve = lambda errors: ({}, {"clearance_backlash_arcmin": errors.disk_profile, PRELOADED: np.zeros(1)})  # noqa: E731
     for seed in range(40):
         found = fit("disk_profile", np.random.default_rng(seed).normal(10, 1, (10, 1)), seed)
         share = lot_yield(study.with_section("samples", seed=seed + 1), [found], solve, 1000, 1).as_made[ALL_LIMITS]
@@ -244,6 +245,57 @@ def test_a_unit_without_a_value_counts_in_neither_yield_of_a_gain():
 
     (cost,) = lot_yield(STUDY, [found], solve, 100, 1).costs
     assert cost.gain.n == 50
+
+
+@pytest.mark.parametrize(
+    ("mean", "spread", "words"),
+    [
+        (12.0, 0.5, ""),
+        (16.0, 0.5, ""),
+        (-12.0, 0.5, "mean of -12 µm, more than its width outside of the drawing's zone, 10 to 14 µm. With the oppo"),
+        (0.012, 0.0005, "Times 1000 they would fit: are they in mm?"),
+        (12_000.0, 500.0, "Divided by 1000 they would fit: are they in nm?"),
+        (2.0, 0.5, "With the allowance of 10 µm they would fit"),
+        (64.99, 0.001, "Are they deviations from the nominal size in µm?"),
+        (64_987.0, 1.0, "Are they deviations from the nominal size in µm?"),
+    ],
+)
+def test_values_that_cannot_be_meant_as_they_are_read_are_doubted(mean, spread, words):
+    values = {"disk_profile": mean + spread * np.linspace(-1, 1, 20)[:, None]}
+    texts = zone_warnings(STUDY, "lot", values)
+    assert (len(texts) == 1 and words in texts[0]) if words else not texts
+
+
+def test_a_zone_about_zero_tells_another_unit_by_the_spread():
+    places = np.random.default_rng(0).normal(0, 1, (6, 80))
+    assert not zone_warnings(STUDY, "lot", {"pin_radial": places})
+    (text,) = zone_warnings(STUDY, "lot", {"pin_radial": 1e-3 * places})
+    assert "less than a hundredth of the drawing's zone" in text
+    assert "Times 1000 they would fit" in text
+
+
+def test_a_yield_of_parts_that_interfere_is_not_said_alone():
+    """Smaller disks pass the stand-in's limits more often: -12 um in place of 12 is a better lot."""
+    sizes = np.linspace(11, 13, 20)
+    warnings = []
+    for sign in (1, -1):
+        lot = measured_lot("lot", table({"disk_profile": [str(sign * size) for size in sizes]}), STUDY.design)
+        findings = lot_findings(STUDY, lot, play_of_few_pins, 40, 1)
+        assert (findings.outcome.as_made[ALL_LIMITS].value == 1) == (sign == -1)
+        assert set(yield_rows([findings])["preloaded"]) == {0.0, float(sign == -1)}
+        warnings.append(lot_warnings(STUDY, findings))
+    assert not warnings[0]
+    assert "the opposite sign" in warnings[1][0]
+    assert warnings[1][1].startswith(
+        "Warning: 100 % of the units made from the parts of lot are preloaded, of those with the tolerances of the "
+        "study 0 %: at some crank angle parts interfere without load."
+    )
+    assert warnings[1][1].endswith("Check the sign and the unit of the measured values.")
+    cranks = measured_lot("cranks", table({"eccentricity": ["0", "1"]}), STUDY.design)
+    mixed = measured_lot("disks", table({"disk_profile": ["12", "-12"]}), STUDY.design)
+    assembly = best_assembly(STUDY, mixed, cranks, play_of_a_fit, 1)
+    *_, text = assembly_warnings(STUDY, assembly)
+    assert text.startswith("Warning: 50 % of the units of the assignment are preloaded, of those assembled at random")
 
 
 def test_a_line_of_probits_is_found_with_its_error():
@@ -342,7 +394,7 @@ def play_of_a_fit(errors):
     play = 2.4 + 0.2 * (np.abs(errors.disk_profile - 10 + errors.eccentricity) - 1.0)
     values = {name: np.zeros(size) for name in STUDY.limits.of_metrics}
     values |= {"clearance_backlash_arcmin": play, "torsional_rigidity_Nm_per_arcmin": np.full(size, 9.0)}
-    return {}, values
+    return {}, values | {PRELOADED: errors.disk_profile < 0}
 
 
 def test_the_assignment_is_the_best_of_all_and_its_yield_is_verified():
@@ -402,7 +454,7 @@ def test_two_lots_have_a_table_of_their_differences_and_one_has_none(tmp_path):
 
     def solve(errors):
         nothing, values = play_of_a_fit(errors)
-        return nothing, {name: values.get(name, np.zeros(len(errors.disk_profile))) for name in metrics()}
+        return nothing, {name: values.get(name, np.zeros(len(errors.disk_profile))) for name in (*metrics(), PRELOADED)}
 
     for name, size in (("small", 13.0), ("large", 15.0)):
         columns = {"part": [str(k) for k in range(20)], "disk_profile_um": [str(size + value) for value in deviations]}

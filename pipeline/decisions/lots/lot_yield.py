@@ -15,7 +15,7 @@ from pipeline.arrays import Real, Truth
 from pipeline.config.distributions.distribution import Distribution
 from pipeline.config.distributions.shipped import Fixed
 from pipeline.config.studies.study import ALL_LIMITS, Study
-from pipeline.decisions.fresh_units import Solve, fresh_values, has_values, yields
+from pipeline.decisions.fresh_units import Solve, fresh_values, has_values, preloaded_share, yields
 from pipeline.decisions.lots.dimension_fit import SMALLEST, DimensionFit, independent_parts, moments_without_each
 from pipeline.errors import InputError
 from pipeline.statistics.differences import share_difference
@@ -57,12 +57,15 @@ class LotYield:
     ----------
     as_drawn, as_made : by metric and against all limits, with the tolerances of the study and with those of the lot;
         the intervals of the second count the number of measured parts too.
+    drawn_preload, made_preload : shares of these units that are preloaded at some crank angle.
     costs : of the measured dimensions, the largest gain first.
     values : of each metric of the units as made (n,), as the limits count them.
     """
 
     as_drawn: Mapping[str, Estimate]
     as_made: Mapping[str, Estimate]
+    drawn_preload: float
+    made_preload: float
     costs: tuple[DimensionCost, ...]
     values: Mapping[str, Real]
 
@@ -107,7 +110,8 @@ def lot_yield(study: Study, fits: Sequence[DimensionFit], solve: Solve, units: i
         costs.append(DimensionCost(fit.dimension.name, yields(study, perfect_values)[ALL_LIMITS].value, gain))
     costs.sort(key=lambda cost: -cost.gain.value)
     as_made = _with_part_uncertainty(study, fits, units, yields(study, made_values), values)
-    return LotYield(yields(study, drawn_values), as_made, tuple(costs), made_values)
+    preload = preloaded_share(drawn_values), preloaded_share(made_values)
+    return LotYield(yields(study, drawn_values), as_made, *preload, tuple(costs), made_values)
 
 
 def _with_part_uncertainty(

@@ -75,6 +75,7 @@ YIELDS = Table(
         Column("yield", "float64", "1", "share of fresh load-solved units within the limit"),
         *interval_columns("1"),
         Column("n", "int32", "1", "units"),
+        Column("preloaded", "float64", "1", "share of these units whose gaps interfere at some crank angle"),
     ),
 )
 COSTS = Table(
@@ -181,9 +182,12 @@ def outlier_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
 def yield_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
     """Rows of `YIELDS`."""
     rows = [
-        (lot_result.lot.name, metric, tolerances, share.value, share.ci_low, share.ci_high, share.n)
+        (lot_result.lot.name, metric, tolerances, share.value, share.ci_low, share.ci_high, share.n, preload)
         for lot_result in findings
-        for tolerances, shares in (("drawn", lot_result.outcome.as_drawn), ("made", lot_result.outcome.as_made))
+        for tolerances, shares, preload in (
+            ("drawn", lot_result.outcome.as_drawn, lot_result.outcome.drawn_preload),
+            ("made", lot_result.outcome.as_made, lot_result.outcome.made_preload),
+        )
         for metric, share in shares.items()
     ]
     return YIELDS.frame(rows)

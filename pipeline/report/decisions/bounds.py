@@ -34,6 +34,7 @@ from pipeline.report.layout import (
     render,
     rounded_number,
 )
+from pipeline.report.results import preload_sentence
 from pipeline.sampling.errors import varies
 
 LARGEST_GAP = 0.1
@@ -189,7 +190,7 @@ def sentence(allocation: Allocation) -> str:
             f"The target of {_share(allocation.target)} is not reached. The best tolerances found give "
             f"{_yield(cheapest)} and cost {cheapest.cost:.3g}; those of the study give {_yield(stated_choice)} and "
             f"cost {stated_choice.cost:.3g}. Most failing units break {allocation.hardest_limit}: loosen this limit, "
-            f"change an allowance, or state the cost of further tolerances. {preload_sentence(allocation)}"
+            f"change an allowance, or state the cost of further tolerances. {more_preload_sentence(allocation)}"
         ).rstrip()
     text = (
         f"The cheapest tolerances found for a yield of {_share(allocation.target)} cost {cheapest.cost:.3g} and give "
@@ -197,7 +198,7 @@ def sentence(allocation: Allocation) -> str:
     )
     if cheapest.yield_estimate.ci_low < allocation.target:
         text += " The check on fresh units does not exclude a yield below the target; more units narrow its interval."
-    text = f"{text} {preload_sentence(allocation)}".rstrip()
+    text = f"{text} {more_preload_sentence(allocation)}".rstrip()
     if allocation.equal is None:
         return f"{text} Scaling all priced tolerances alike does not reach the target."
     alike = f"Scaling all of them alike costs {allocation.equal.cost:.3g} and gives {_yield(allocation.equal)}"
@@ -209,18 +210,17 @@ def sentence(allocation: Allocation) -> str:
     return f"{text} {alike}: the allocation is {100 * abs(saving):.1f} % {'cheaper' if saving >= 0 else 'dearer'}."
 
 
-def preload_sentence(allocation: Allocation) -> str:
+def more_preload_sentence(allocation: Allocation) -> str:
     """That more units are preloaded than with the tolerances of the study; empty where they are not."""
     cheapest, stated_choice = allocation.cheapest, allocation.stated_choice
     if not cheapest.has_more_preload(stated_choice, allocation.study.metrics.confidence):
         return ""
-    shares = [_share(choice.check[PRELOADED].value) for choice in (cheapest, stated_choice)]
-    return (
-        f"Of the units with the cheapest tolerances found {shares[0]} are preloaded, of those with the tolerances of "
-        f"the study {shares[1]}: at some crank angle parts interfere without load. A preloaded unit may keep "
-        "every limit, because none counts preload itself. Before these tolerances are used, narrow those "
-        "that were loosened most, or enlarge an allowance."
-    )
+    shares = {
+        "the units with the cheapest tolerances found": cheapest.check[PRELOADED].value,
+        "those with the tolerances of the study": stated_choice.check[PRELOADED].value,
+    }
+    advice = "Before these tolerances are used, narrow those that were loosened most, or enlarge an allowance."
+    return preload_sentence(shares, advice)
 
 
 def _yield(choice: Choice) -> str:
@@ -264,7 +264,7 @@ def write_allocation_page(allocation: Allocation, file: str, folder: Path) -> No
             }
             for row in checks
         ],
-        is_preloaded=bool(preload_sentence(allocation)),
+        is_preloaded=bool(more_preload_sentence(allocation)),
         units=allocation.units,
         tradeoff=[(_share(share), rounded_number(cost)) for share, cost in allocation.tradeoff],
         examples=[PARAMETERS[tolerance.name] for tolerance in allocation.priced_dimensions if tolerance.cost.example],

@@ -12,7 +12,9 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import certificate_figure, margins_figure
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.model.metrics.turn import turn_library
+from pipeline.report.decisions.lots import CHECK_VALUES, zone_warnings
 from pipeline.report.layout import DASH, drawn_picture, interval, render, rounded_number
+from pipeline.report.results import preload_warnings
 from pipeline.statistics.intervals import Estimate
 
 PROBABLE = 0.5
@@ -30,6 +32,12 @@ def compensation_sentence(unit: Certificate, loop: Compensated | None) -> str:
         f"On the measured loop the angle error is {loop.before_arcmin:.3g} arcmin (rms) before and "
         f"{loop.after_arcmin:.3g} arcmin after compensation ({loop.rows:,} rows)."
     )
+
+
+def certificate_warnings(unit: Certificate) -> list[str]:
+    """Which measured dimensions are in doubt, and that parts interfere."""
+    preload = {"the units that the measured one may be": unit.preloaded}
+    return [*zone_warnings(unit.study, unit.label, unit.measured_um), *preload_warnings(preload, CHECK_VALUES)]
 
 
 def unit_next_step(unit: Certificate) -> str:
@@ -63,6 +71,7 @@ def write_certificate_page(unit: Certificate, loop: Compensated | None, folder: 
         "decisions/certificate.html",
         label=unit.label,
         study=unit.study,
+        warnings=certificate_warnings(unit),
         measured=[PARAMETERS[name] for name in unit.measured_dimensions],
         sentences=[limit_sentence(unit), compensation_sentence(unit, loop)],
         next_step=unit_next_step(unit),
@@ -105,6 +114,18 @@ def pairs_next_step(assembly: Assembly) -> str:
         "Assemble at random, or measure more dimensions of the parts, those with the largest share of the variance "
         "first, and repeat the command."
     )
+
+
+def assembly_warnings(study: Study, assembly: Assembly) -> list[str]:
+    """Which measured dimensions are in doubt, and that parts interfere."""
+    preload = {
+        "the units of the assignment": assembly.selected_preload,
+        "those assembled at random": assembly.random_preload,
+    }
+    doubts = [
+        text for lot in (assembly.first_lot, assembly.second_lot) for text in zone_warnings(study, lot.name, lot.values)
+    ]
+    return [*doubts, *preload_warnings(preload, CHECK_VALUES)]
 
 
 def assembly_sentences(assembly: Assembly, mounting_limit: float | None) -> list[str]:
@@ -152,6 +173,7 @@ def write_assembly_page(study: Study, assembly: Assembly, mounting_limit: float 
         study=study,
         first=assembly.first_lot.name,
         second=assembly.second_lot.name,
+        warnings=assembly_warnings(study, assembly),
         sentences=assembly_sentences(assembly, mounting_limit),
         next_step=pairs_next_step(assembly),
         draws=DRAWS,

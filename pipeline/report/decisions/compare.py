@@ -10,6 +10,7 @@ import pandas as pd
 
 from pipeline.config.files.section import shown_value
 from pipeline.config.studies.study import ALL_LIMITS
+from pipeline.decisions.fresh_units import preloaded_share
 from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS, ComparedRun, differing_inputs
 from pipeline.engine.store import write_atomic, write_tables
 from pipeline.engine.table import Columns
@@ -17,6 +18,7 @@ from pipeline.figures.distributions import overlay_figure
 from pipeline.figures.labels import LIMITED_METRICS, METRICS, parameter_title
 from pipeline.model.metrics import Quantity, signed_number
 from pipeline.report.layout import DASH, SHARE, Picture, count_text, drawn_pictures, interval, number, percent, render
+from pipeline.report.results import CHECK_TOLERANCES, preload_warnings
 from pipeline.statistics.sensitivity import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL
 
 KINDS = {
@@ -74,7 +76,7 @@ def answer_lines(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> list[str
 
 
 def warnings(a: ComparedRun, b: ComparedRun) -> list[str]:
-    """What makes the two runs differ beside their tolerances."""
+    """What makes the two runs differ beside their tolerances, and that units are preloaded."""
     texts, limits = [], [run.study.limits.of_metrics for run in (a, b)]
     if limits[0] != limits[1] or a.study.limits.over != b.study.limits.over:
         names = [name for name in LIMITED_METRICS if limits[0].get(name) != limits[1].get(name)]
@@ -95,7 +97,8 @@ def warnings(a: ComparedRun, b: ComparedRun) -> list[str]:
             f"Warning: the runs differ in how units are loaded and read ({'; '.join(pairs)}), so differences are not "
             "due to tolerances alone."
         )
-    return texts
+    shares = {"the units of A": preloaded_share(a.units), "those of B": preloaded_share(b.units)}
+    return [*texts, *preload_warnings(shares, CHECK_TOLERANCES)]
 
 
 def yield_sentence(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> str:

@@ -1,21 +1,88 @@
 """The page on measured lots against a study."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
+from pipeline.arrays import Real
 from pipeline.config.studies.study import ALL_LIMITS, Study
+from pipeline.decisions.lots.measured_lot import FEWEST_PARTS
 from pipeline.decisions.lots.results import LotFindings, cost_rows, fit_rows, lot_differences, outlier_rows, yield_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import lots_figure
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.report.layout import drawn_picture, listed_text, render, rounded_number
+from pipeline.report.results import preload_warnings
 
 DRIFT_LEVEL = 0.05
 """Familywise level of the drifts that the page names, over all dimensions of a lot (Bonferroni)."""
+
+
+LEAST_SIZE = 0.01
+"""Of deviations in widths of the drawing's zone: smaller ones are in another unit, or have a C_p above 16."""
+OTHER_READINGS = {
+    -1.0: "With the opposite sign they would fit: check the sign (python -m pipeline keys tolerances).",
+    1e3: "Times 1000 they would fit: are they in mm? They are read in µm.",
+    1e-3: "Divided by 1000 they would fit: are they in nm? They are read in µm.",
+}
+"""What may be wrong with measured values, by the factor that would put them right."""
+CHECK_VALUES = "Check the sign and the unit of the measured values."
+"""What to do where measured parts make preloaded units."""
+
+
+def zone_warnings(study: Study, label: str, values: Mapping[str, Real]) -> list[str]:
+    """Which measured values cannot be meant as they are read, by the zones of the drawing.
+
+    Parameters
+    ----------
+    label : of the parts.
+    values : total deviations [um] of any shape by dimension, NaN where one was not measured.
+    """
+    texts = []
+    for name, drawing in study.tolerances:
+        known = values[name][np.isfinite(values[name])] if name in values else np.empty(0)
+        if not drawing.varies or not known.size:
+            continue
+        zone = tuple(drawing.allowance_um + limit for limit in drawing.limits_um)
+        mean, spread, width = float(np.mean(known)), float(np.std(known)), zone[1] - zone[0]
+        readings = [
+            text for factor, text in OTHER_READINGS.items() if _fits_zone(factor * mean, abs(factor) * spread, zone)
+        ]
+        if drawing.allowance_um and _fits_zone(mean + drawing.allowance_um, spread, zone):
+            readings.append(f"With the allowance of {drawing.allowance_um:g} µm they would fit: it is part of them.")
+        which = f"Warning: {label}: {PARAMETERS[name]}: the"
+        beside = f"the drawing's zone, {zone[0]:g} to {zone[1]:g} µm"
+        if not zone[0] - width <= mean <= zone[1] + width:
+            advice = " ".join(readings) or "Are they deviations from the nominal size in µm?"
+            texts.append(
+                f"{which} values have a mean of {mean:.4g} µm, more than its width outside of {beside}. {advice}"
+            )
+        elif spread < LEAST_SIZE * width and known.size >= FEWEST_PARTS and OTHER_READINGS[1e3] in readings:
+            texts.append(
+                f"{which} values have a standard deviation of {spread:.2g} µm, less than a hundredth of {beside}. "
+                f"{OTHER_READINGS[1e3]}"
+            )
+    return texts
+
+
+def _fits_zone(mean: float, spread: float, zone: Sequence[float]) -> bool:
+    """Whether values are of the size of a zone [um], and their mean lies at most its width outside."""
+    width = zone[1] - zone[0]
+    is_near = zone[0] - width <= mean <= zone[1] + width
+    return is_near and spread <= width and LEAST_SIZE * width <= np.hypot(mean, spread)
+
+
+def lot_warnings(study: Study, lot_result: LotFindings) -> list[str]:
+    """Which measured values are in doubt, and that parts of units made from them interfere."""
+    preload = {
+        f"the units made from the parts of {lot_result.lot.name}": lot_result.outcome.made_preload,
+        "those with the tolerances of the study": lot_result.outcome.drawn_preload,
+    }
+    return [*zone_warnings(study, lot_result.lot.name, lot_result.lot.values), *preload_warnings(preload, CHECK_VALUES)]
 
 
 def sentences(lot_result: LotFindings) -> list[str]:
@@ -97,6 +164,7 @@ def write_lots_page(study: Study, findings: Sequence[LotFindings], files: Sequen
     page = render(
         "decisions/lots.html",
         study=study,
+        warnings=[text for lot_result in findings for text in lot_warnings(study, lot_result)],
         sentences=[text for lot_result in findings for text in sentences(lot_result)],
         files=files,
         units=findings[0].outcome.as_made[ALL_LIMITS].n,

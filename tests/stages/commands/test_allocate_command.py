@@ -16,7 +16,7 @@ from pipeline.decisions.allocation import Choice
 from pipeline.decisions.allocation_search import Search
 from pipeline.decisions.cheapest import LinearUnits
 from pipeline.decisions.fresh_units import PRELOADED, WITHOUT_RESULT, yields
-from pipeline.report.decisions.bounds import preload_sentence, sentence
+from pipeline.report.decisions.bounds import more_preload_sentence, sentence
 from pipeline.statistics.intervals import Estimate, pass_share
 
 ROOT = Path(__file__).parent.parent.parent.parent
@@ -157,9 +157,12 @@ def test_more_preloaded_units_than_before_are_said(before: float, found: float, 
     checks = [{**other_shares, PRELOADED: share(value, units)} for value in (before, found)]
     choices = [Choice(np.ones(1), 1.0, check) for check in checks]
     allocation = SimpleNamespace(study=load_study("quick", ROOT), stated_choice=choices[0], cheapest=choices[1])
-    text = preload_sentence(allocation)
+    text = more_preload_sentence(allocation)
     assert bool(text) == is_more
-    shares = f"{100 * found:.1f} % are preloaded, of those with the tolerances of the study {100 * before:.1f} %"
+    shares = (
+        f"{100 * found:.3g} % of the units with the cheapest tolerances found are preloaded, of those with the "
+        f"tolerances of the study {100 * before:.3g} %"
+    )
     assert (shares in text) == is_more
     for reaches_target in (True, False):  # it is part of the answer, on the page and in the terminal
         values = {"reaches_target": reaches_target, "target": 0.9, "equal": None, "hardest_limit": "lost motion"}

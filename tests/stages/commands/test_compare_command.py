@@ -123,6 +123,7 @@ def of_runs(yield_a: float, yield_b: float, experiment: str, **samples: int) -> 
         units = pd.DataFrame(0.0, index=np.arange(samples["count"]), columns=list(metric_library()))
         units["lost_motion_arcmin"] = np.where(order < share * samples["count"], 2.0, 3.0)
         units["torsional_rigidity_Nm_per_arcmin"] = 6.0
+        units["preloaded"] = False
         runs.append(ComparedRun(study, units, pd.DataFrame()))
     return runs
 
@@ -151,6 +152,8 @@ def test_a_part_of_the_units_and_another_way_of_measuring_are_said() -> None:
     assert "of 100 in A and 40 in B" in yield_sentence(whole, part, rows)
     assert yield_sentence(whole, whole, pd.DataFrame(differences(whole, whole))).startswith("90.0 % of the units")
     assert not warnings(whole, part)
+    (text,) = warnings(whole, replace(part, units=part.units.assign(preloaded=np.arange(40) < 10)))
+    assert text.startswith("Warning: 0 % of the units of A are preloaded, of those of B 25 %: at some crank angle")
     otherwise = replace(part, study=part.study.with_section("metrics", lost_motion_percent=6.0))
     (text,) = warnings(whole, otherwise)
     assert "metrics.lost_motion_percent 3.0 in A, 6.0 in B" in text
