@@ -58,13 +58,15 @@ def yields(study: Study, values: Mapping[str, Real], missing_fail: bool = False)
     """Yield by metric and against all limits of units (n,).
 
     Units without a value fail if ``missing_fail``. Otherwise they are left out, but the lower end of the interval
-    counts them as failed.
+    counts them as failed; a yield of none is missing.
     """
     shares = {}
     for name, within_limits in study.limits.pass_flags(values).items():
         has_metrics = has_values(study, values, name)
         if missing_fail:
             shares[name] = pass_share(within_limits & has_metrics, study.metrics.confidence)
+        elif not has_metrics.any():
+            shares[name] = Estimate(np.nan, 0.0, 1.0, 0)
         else:
             n_missing = int(np.count_nonzero(~has_metrics))
             shares[name] = pass_share(within_limits[has_metrics], study.metrics.confidence, n_missing=n_missing)

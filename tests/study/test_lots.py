@@ -2,6 +2,7 @@
 
 import tempfile
 from dataclasses import replace
+from functools import partial
 from itertools import permutations
 from pathlib import Path
 from types import SimpleNamespace
@@ -298,6 +299,21 @@ def test_a_yield_of_parts_that_interfere_is_not_said_alone():
     assert text.startswith("Warning: 50 % of the units of the assignment are preloaded, of those assembled at random")
 
 
+def test_parts_of_which_no_unit_has_a_result_are_refused_and_a_lot_without_one_tells_nothing():
+    found = fit("disk_profile", np.random.default_rng(1).normal(11, 0.5, (20, 1)))
+
+    def solve(errors, largest):
+        nothing, values = play_of_few_pins(errors)
+        is_lost = errors.disk_profile > largest
+        return nothing, {name: np.where(is_lost, np.nan, value) for name, value in values.items()}
+
+    with pytest.raises(InputError, match="none of 40 units with the measured disk_profile has a result"):
+        lot_yield(STUDY, [found], partial(solve, largest=0.0), 40, 1)
+    share = lot_yield(STUDY, [found], partial(solve, largest=11.0), 20, 1).as_made[ALL_LIMITS]
+    assert share.n < 20
+    assert share.ci_low < 0.5
+
+
 def test_a_line_of_probits_is_found_with_its_error():
     rng = np.random.default_rng(5)
     regressors, number = rng.standard_normal((50, 2)), np.full(50, 100)
@@ -350,7 +366,10 @@ def test_parts_with_numbers_for_names_keep_them_beside_an_empty_line():
         ({"pin_radial_0": ["1"], "pin_radial_1": ["1"]}, "give pin_radial_0 to pin_radial_79"),
         ({"part": ["a", "a", "b"], "pin_radius": ["1", "2", "3"]}, "a part has 80"),
         ({"hole_diameter": ["1"]}, "acts on nothing"),
-        ({"disk_profile": ["65000000"]}, "must be a deviation in um"),
+        (
+            {"disk_profile": ["64987", "64988"]},
+            r"lot.csv:2: disk_profile = 64987; must be a deviation from the nominal size in um, -1000 to 1000; 2 of 2",
+        ),
         ({"disk_profile": []}, "no part; give a row for each"),
         ({"disk_profile": ["1", "", "2"]}, "lot.csv:3: no value"),
     ],
@@ -358,6 +377,13 @@ def test_parts_with_numbers_for_names_keep_them_beside_an_empty_line():
 def test_faults_of_a_table_of_parts_are_named(columns, words):
     with pytest.raises(InputError, match=words):
         measured_lot("lot", table(columns), STUDY.design)
+
+
+def test_the_largest_deviations_of_a_table_are_fitted():
+    """The limits of a normal distribution four standard deviations from the mean are beyond what a file may state."""
+    lot = measured_lot("lot", table({"disk_profile": ["995", "1000", "997", "996", "999"]}), STUDY.design)
+    (found,), _ = lot_fits(STUDY, lot)
+    assert found.tolerance.allowance_um + found.tolerance.limits_um[1] >= 1000
 
 
 def test_ovalities_are_taken_out_of_measured_pin_circles():

@@ -13,9 +13,11 @@ from pydantic import BaseModel, ConfigDict, Field
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 # Physical bounds: outside of them a value was typed in another unit, or is none of a machine part.
-Micrometres = Annotated[float, Field(ge=-1000, le=1000)]
-"""A deviation: beyond a millimetre it is no tolerance."""
-Clearance = Annotated[float, Field(ge=0, le=1000)]
+LARGEST_UM = 1000
+"""Deviation beyond which it is no tolerance: a millimetre."""
+Micrometres = Annotated[float, Field(ge=-LARGEST_UM, le=LARGEST_UM)]
+"""A deviation."""
+Clearance = Annotated[float, Field(ge=0, le=LARGEST_UM)]
 """A clearance or a standard deviation [um], as a deviation."""
 Millimetres = Annotated[float, Field(ge=1e-3, le=1e4)]
 """A length of a part: from a micrometre, below which nothing is machined, to ten metres, above which no reducer is."""

@@ -15,6 +15,7 @@ import numpy as np
 from pipeline.arrays import Real
 from pipeline.config.dimensions import Dimension
 from pipeline.config.distributions import Distribution, library
+from pipeline.config.files.section import LARGEST_UM
 
 LIMITS_IN_SIGMA = 4.0
 """Limits of a fitted normal distribution that the drawing does not truncate: 6e-5 of the parts lie beyond."""
@@ -51,10 +52,15 @@ def fitted_kinds(values: Real, dimension: Dimension, drawing: Distribution) -> l
         fitted_kind = fit(deviation, dimension, drawing)
         if fitted_kind is not None:
             settings, log_likelihood, n_parameters = fitted_kind
-            settings = {key: float(f"{v:.{DIGITS}g}") if isinstance(v, float) else v for key, v in settings.items()}
+            settings = {key: _setting(value) if isinstance(value, float) else value for key, value in settings.items()}
             distribution = library()[settings["distribution"]](allowance_um=drawing.allowance_um, **settings)
             kinds.append(FittedKind(distribution, n_parameters * np.log(len(values)) - 2 * log_likelihood))
     return sorted(kinds, key=lambda kind: kind.bic)
+
+
+def _setting(value: float) -> float:
+    """A fitted number [um] as a study file can have it: rounded, and a limit beyond the largest deviation drawn in."""
+    return float(f"{np.clip(value, -LARGEST_UM, LARGEST_UM):.{DIGITS}g}")
 
 
 Fit = tuple[dict[str, Any], float, int] | None

@@ -81,7 +81,7 @@ def lot_yield(study: Study, fits: Sequence[DimensionFit], solve: Solve, units: i
     Raises
     ------
     InputError
-        If the study sets no limits, or lists cases.
+        If the study sets no limits, or lists cases, or no unit of the lot has a result.
     """
     if not study.limits.of_metrics:
         raise InputError(f"study {study.name}: [limits] is empty; a yield needs a limit")
@@ -96,6 +96,12 @@ def lot_yield(study: Study, fits: Sequence[DimensionFit], solve: Solve, units: i
     drawn_values, made_values = values(study), values(lot_study)
     confidence, passes = study.metrics.confidence, limit_passes(study, made_values)
     are_known = has_values(study, made_values, ALL_LIMITS)
+    if not are_known.any():
+        names = ", ".join(fit.dimension.name for fit in fits)
+        raise InputError(
+            f"study {study.name}: none of {units} units with the measured {names} has a result; give deviations from "
+            "the nominal sizes in um, with the signs of the study"
+        )
     costs = []
     for fit in fits:
         drawing = getattr(study.tolerances, fit.dimension.name)

@@ -9,15 +9,13 @@ import numpy as np
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
-from pipeline.config.files.section import nearest_name
+from pipeline.config.files.section import LARGEST_UM, nearest_name
 from pipeline.config.files.table_file import TableFile, shortened_list
 from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
 
 PART = "part"
 """Column that labels a part; rows of one label are the elements of one part, in their order."""
-LARGEST_DEVIATION = 1e5
-"""Deviation [um] beyond which a column holds sizes, not deviations from the nominal size."""
 FEWEST_PARTS = 5
 """Values of a dimension below which no distribution is fitted."""
 
@@ -72,8 +70,14 @@ def measured_lot(name: str, table: TableFile, design: Design) -> MeasuredLot:
             problems.append(f"{table.name}: column {column}: {dimension.refusal(design)}")
             continue
         values = table.numbers(column)
-        is_wrong = ~table.is_blank(column) & ~(np.abs(values) <= LARGEST_DEVIATION)
-        problems += table.faults(column, is_wrong, f"must be a deviation in um, at most {LARGEST_DEVIATION:g}")
+        problems += table.faults(column, ~table.is_blank(column) & np.isnan(values), "must be a deviation in um")
+        too_large = np.flatnonzero(np.abs(values) > LARGEST_UM)
+        problems += table.faults(
+            column,
+            np.isin(np.arange(len(values)), too_large[:1]),
+            f"must be a deviation from the nominal size in um, {-LARGEST_UM} to {LARGEST_UM}; {len(too_large)} of "
+            f"{len(values)} rows are beyond. Subtract the nominal size and write micrometres",
+        )
         read.setdefault(dimension.name, {})[element] = values
     if not read and not problems:
         hints = [f"{column!r}: {nearest_name(column, tuple(dimension_library()))}" for column in ignored_columns[:3]]
