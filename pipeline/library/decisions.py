@@ -35,7 +35,7 @@ from pipeline.report.decisions.bounds import write_allocation_page, write_bounds
 from pipeline.report.decisions.compare import answer_lines, write_comparison
 from pipeline.sampling.errors import Errors, draw
 from stages import hysteresis
-from stages.clearance import rigid_ends
+from stages.clearance import rigid_ends, rigid_turn
 from stages.tables.distributions import over_turn
 from stages.tables.turn import loop_metrics, metric_turns, over_turn_columns
 from stages.tails import TRIAL, at_angles, springs
@@ -141,15 +141,26 @@ def allocate(
     return Answer(allocation, sentences, folder, frames)
 
 
-def loaded_units(loop_inputs: hysteresis.Shared, sampled_errors: Errors) -> tuple[Angles, Angles]:
+def loaded_units(
+    loop_inputs: hysteresis.Shared, sampled_errors: Errors, with_finite_motion: bool = False
+) -> tuple[Angles, Angles]:
     """Every metric of ``n`` units at the loaded angles (n, n_angles), and over the turn as the limits mean it (n,).
 
     Over the turn with `PRELOADED`: whether the gaps of some part interfere at some crank angle.
+
+    Parameters
+    ----------
+    with_finite_motion : whether the worst clearance backlash has what finite motions add, as that of a study; it takes
+        longer than all else of rigid bodies.
     """
     study = loop_inputs.study
     loops = hysteresis.solved_loops(replace(loop_inputs, curve=loop_inputs.brief), sampled_errors)
-    metrics, ends = loop_metrics(study, loops.columns), rigid_ends(study, sampled_errors)
-    turn_values = over_turn_columns(metric_turns(study, metrics, ends[:, 0] - ends[:, 1]))
+    metrics, motion = loop_metrics(study, loops.columns), None
+    if with_finite_motion:
+        ends, motion = rigid_turn(study, sampled_errors)
+    else:
+        ends = rigid_ends(study, sampled_errors)
+    turn_values = over_turn_columns(metric_turns(study, metrics, ends[:, 0] - ends[:, 1], motion))
     angles = {name: metrics[name].reshape(len(sampled_errors), -1) for name in library()}
     of_turn = {name: turn_values[f"{name}_{study.limits.over}"] for name in library()}
     return angles, of_turn | {PRELOADED: np.isnan(ends).any(axis=(1, 2))}

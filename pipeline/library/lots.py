@@ -170,9 +170,8 @@ def certificate(
     study = study.model_copy(update={"name": f"certificate-{case.label}"})
     upstream_run = up_to_date(study, ["springs", "reduce"], jobs)
     loop_inputs = prepared_loops(study, upstream_run.outputs)
-    unit_certificate = certificate_of(
-        study, case, partial(loaded_units, loop_inputs), partial(whole_loops, loop_inputs), draws
-    )
+    solve = partial(loaded_units, loop_inputs, with_finite_motion=True)
+    unit_certificate = certificate_of(study, case, solve, partial(whole_loops, loop_inputs), draws)
     loop = None
     if measurement is not None and unit_certificate.is_predicted:
         loop = _measured_loop(unit_certificate, measurement)

@@ -8,15 +8,20 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
+import pandas as pd
 import pytest
 
 from pipeline import cli, settings
 from pipeline.config import Study
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.studies.optional import Tails
 from pipeline.engine import work
 from pipeline.engine.fingerprint import used_settings
+from pipeline.engine.store import Output
 from pipeline.engine.work import expected_seconds
 from pipeline.errors import InputError
+from pipeline.library import lots
+from pipeline.sampling.errors import draw
 from stages.hysteresis import HYSTERESIS
 from stages.tails import TAILS
 
@@ -56,6 +61,24 @@ def test_the_package_shows_its_names_and_takes_a_folder(tmp_path: Path, monkeypa
     assert tmp_path / "data" / "runs" == settings.RUNS
     with pytest.raises(InputError, match="no such file"):
         pipeline.load_study("quick")
+
+
+def test_the_certificate_of_a_unit_measured_in_full_is_the_row_of_its_study(
+    outputs: dict[str, Output], study: Study, runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the crank angles of the study: finite motions take 0.03 arcmin off its worst backlash."""
+    unit, lines = draw(study, 1, 2), []
+    for name, dimension in dimension_library().items():
+        if getattr(study.tolerances, name).varies and not dimension.acts_on:  # ovalities are in the pins' places
+            lines.append(f"{name} = {getattr(unit, dimension.field)[0].tolist()}")
+    (tmp_path / "first.toml").write_text("\n".join(lines))
+    monkeypatch.setattr(settings, "RUNS", runs)
+    monkeypatch.setattr(lots, "CERTIFIED_CRANKS", study.cycle.crank_deg)
+    found = lots.certificate(tmp_path / "first.toml", study, draws=2, jobs=1).result.metrics.set_index("metric")
+    row = pd.DataFrame(outputs["aggregate"].read("units")).set_index("sample").loc[1]
+    for name in found.index:
+        expected = pytest.approx(row[f"{name}_worst"], rel=1e-9)
+        assert list(found.loc[name, ["low", "median", "high"]]) == [expected] * 3, name
 
 
 @pytest.mark.long
