@@ -35,7 +35,7 @@ from pipeline.config.studies.consistency import provenance_problems, study_probl
 from pipeline.config.studies.costs import Costs, cost_problems
 from pipeline.config.studies.optional import ANY_MESH, with_mesh
 from pipeline.config.studies.study import Study
-from pipeline.config.studies.tolerances import Case, Tolerances, case_problems, tolerance_problems
+from pipeline.config.studies.tolerances import Case, GaugedCase, Tolerances, case_problems, tolerance_problems
 from pipeline.config.tolerance_notation import reading_mistakes, with_notation
 from pipeline.errors import InputError
 
@@ -85,7 +85,7 @@ def load_study(path_or_stem: str | Path, root: Path) -> Study:
     return parse_study(read_toml(path), path.stem, file_label(path), lambda name: _study_design(name, path, root))
 
 
-def load_case(path: Path, study: Study) -> Case:
+def load_case(path: Path, study: Study) -> GaugedCase:
     """The measured dimensions of one unit of a study's design, by the file's stem.
 
     Raises
@@ -95,9 +95,9 @@ def load_case(path: Path, study: Study) -> Case:
     if not path.is_file():
         raise InputError([f"dimensions = {shown_value(str(path))}; no such file; give the path of a TOML file"])
     raw = with_tuples({"label": path.stem, **read_toml(path)})
-    problems, _ = validate_sections(Case, raw)
+    problems, _ = validate_sections(GaugedCase, raw)
     if not problems:
-        case = Case(**raw)
+        case = GaugedCase(**raw)
         problems = [
             replace(problem, key=problem.key.removeprefix("cases[0]."))
             for problem in case_problems({0: case}, study.design)

@@ -14,7 +14,7 @@ import pandas as pd
 from pipeline.arrays import Index, Real, Truth
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.studies.study import Study
-from pipeline.config.studies.tolerances import Case, direction_key
+from pipeline.config.studies.tolerances import Case, GaugedCase, direction_key
 from pipeline.decisions.box import Box
 from pipeline.decisions.fresh_units import Solve, fresh_study, preloaded_share
 from pipeline.decisions.lots.lot_yield import limit_passes
@@ -22,7 +22,7 @@ from pipeline.decisions.play_bounds import Bound, play_bounds
 from pipeline.engine.store import write_csv, write_json, write_tables
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
-from pipeline.model.metrics import library
+from pipeline.model.metrics import Limited, library
 from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling.errors import Errors, draw_with_parts
 from pipeline.statistics.intervals import Estimate, pass_share
@@ -83,9 +83,11 @@ class Certificate:
     ----------
     label : of the unit.
     measured_um : total deviations of the measured dimensions (1, n_elements).
+    measured_to_um : standard uncertainty of these; 0 leaves it out.
+    is_determined : whether nothing was left to draw, so that the numbers are those of one unit.
     metrics : rows of `METRICS_TABLE`.
-    meets_all : probability that the unit meets every limit, with the interval of the number of draws; None without
-        limits.
+    meets_all : probability that the unit meets every limit, with the interval of the number of draws, of a determined
+        unit 0 or 1; None without limits.
     preloaded : share of the units that the measured one may be whose parts interfere without load.
     bounds : of the rigid play at the first crank angle, over all that was not measured.
     why_no_bounds : empty where there are bounds.
@@ -95,6 +97,8 @@ class Certificate:
     study: Study
     label: str
     measured_um: Mapping[str, Real]
+    measured_to_um: float
+    is_determined: bool
     metrics: pd.DataFrame
     meets_all: Estimate | None
     preloaded: float
@@ -163,8 +167,34 @@ def measured_values(case: Case) -> dict[str, Real]:
     return values
 
 
+def gauged_values(values: Mapping[str, Real], measured_to_um: float, draws: int, seed: int) -> dict[str, Real]:
+    """What measured dimensions may be in truth (draws, n_elements), as `measured_values` has what was read.
+
+    The error of the gauge is normal: one that all elements of a dimension share and one of each alone. A run-out or
+    position has them in both of its coordinates, and an amplitude is never negative.
+    """
+    rng, gauged = np.random.default_rng(seed), dict(values)
+
+    def spread(read: Real) -> Real:
+        common = rng.standard_normal((draws, 1))
+        own = rng.standard_normal((draws, read.shape[1])) if read.shape[1] > 1 else 0.0
+        return np.asarray(read + measured_to_um * (common + own))
+
+    for name, dimension in dimension_library().items():
+        if name not in values:
+            continue
+        if dimension.direction:
+            vector = values[name] * np.exp(1j * values.get(dimension.phase, np.zeros((1, 1))))
+            vector = spread(vector.real) + 1j * spread(vector.imag)
+            directions = {dimension.phase: np.angle(vector)} if dimension.phase in values else {}
+            gauged |= {name: np.abs(vector), **directions}
+        else:
+            gauged[name] = np.maximum(spread(values[name]), 0.0 if dimension.one_sided else -np.inf)
+    return gauged
+
+
 def certificate(
-    study: Study, case: Case, solve: Solve, solve_loops: Callable[[Errors], Loops], draws: int = DRAWS
+    study: Study, case: GaugedCase, solve: Solve, solve_loops: Callable[[Errors], Loops], draws: int = DRAWS
 ) -> Certificate:
     """The certificate of the unit whose measured dimensions a case states.
 
@@ -182,14 +212,43 @@ def certificate(
     if study.samples.experiment == "cases":
         raise InputError(f"study {study.name}: listed cases have no tolerances; give a study with tolerances")
     known_values = measured_values(case)
-    units = draw_with_parts(fresh_study(study, draws), known_values, 0, draws)
+    is_determined = not case.measured_to_um and _are_alike(draw_with_parts(fresh_study(study, 2), known_values, 0, 2))
+    draws = 1 if is_determined else draws
+    unit_values = dict(known_values)
+    if case.measured_to_um:
+        unit_values = gauged_values(known_values, case.measured_to_um, draws, study.samples.seed)
+    units = draw_with_parts(fresh_study(study, draws), unit_values, 0, draws)
     values = solve(units)[1]
     loops = _valid_loops(solve_loops(units), np.isfinite(values[ALWAYS_VALUED]))
-    confidence = study.metrics.confidence
-    meets_all = pass_share(limit_passes(study, values), confidence) if study.limits.of_metrics else None
+    meets_all = None
+    if study.limits.of_metrics:
+        passes = limit_passes(study, values)
+        share = float(np.mean(passes))
+        meets_all = Estimate(share, share, share, 1) if is_determined else pass_share(passes, study.metrics.confidence)
     metrics, bounds = _metrics(study, values), _bounds(study, known_values, loops)
     measured_um = {name: known for name, known in known_values.items() if name in dimension_library()}
-    return Certificate(study, case.label, measured_um, metrics, meets_all, preloaded_share(values), *bounds, loops)
+    return Certificate(
+        study=study,
+        label=case.label,
+        measured_um=measured_um,
+        measured_to_um=case.measured_to_um,
+        is_determined=is_determined,
+        metrics=metrics,
+        meets_all=meets_all,
+        preloaded=preloaded_share(values),
+        bounds=bounds[0],
+        why_no_bounds=bounds[1],
+        loops=loops,
+    )
+
+
+def _are_alike(units: Errors) -> bool:
+    """Whether no error differs from unit to unit; a direction without an amplitude is none."""
+    values = dict(vars(units))
+    for dimension in dimension_library().values():
+        if dimension.direction:
+            values[dimension.phase] = values[dimension.field] * np.exp(1j * values[dimension.phase])
+    return not any(np.any(rows != rows[:1]) for rows in values.values())
 
 
 def _valid_loops(loops: Loops, is_valid: Truth) -> Loops:
@@ -217,7 +276,7 @@ def _bounds(study: Study, known_values: Mapping[str, Real], loops: Loops) -> tup
     try:
         box = Box.from_study(study, known_values)
     except InputError:
-        return (), "Every dimension that varies was measured, so that the play has no range."
+        return (), "Every dimension that varies was measured: nothing else gives the play a range."
     try:
         return tuple(bound for name in rigid for bound in play_bounds(box, float(loops.crank_deg[0]), name)), ""
     except ArithmeticError:
@@ -291,16 +350,49 @@ def write_certificate(unit: Certificate, folder: Path) -> dict[str, pd.DataFrame
 
 
 def limit_sentence(unit: Certificate) -> str:
-    """Whether the unit meets its limits."""
+    """Whether the unit meets its limits, at which angles, and what of the gauge is in it."""
     names: Sequence[str] = unit.measured_dimensions
     dimension_count = f"{len(names)} measured dimensions" if len(names) != 1 else "1 measured dimension"
     if unit.meets_all is None:
         return f"{unit.label}: {dimension_count}; the study {unit.study.name} sets no limits."
+    angles = (
+        f"at the {len(unit.loops.crank_deg)} crank angles that were solved, its clearance backlash also at "
+        f"{unit.study.cycle.rigid_angles} over the turn"
+    )
     share, level = unit.meets_all, 100 * unit.study.metrics.confidence
+    gauge = (
+        f"The uncertainty of the gauge, {unit.measured_to_um:g} um, is in it."
+        if unit.measured_to_um
+        else "The uncertainty of the gauge is not in it: state it as measured_to_um with the dimensions."
+    )
+    if unit.is_determined:
+        meets = "meets" if share.value else "does not meet"
+        return (
+            f"{unit.label}: with {dimension_count} nothing that varies is left to draw. The unit {meets} every limit "
+            f"{angles}: {_margins_text(unit)}. At all angles of the turn it may be worse. {gauge}"
+        )
+    drawn = "draws of the other dimensions" + (" and of the error of the gauge" if unit.measured_to_um else "")
     return (
         f"{unit.label}: with {dimension_count} the unit meets every limit with a probability of "
         f"{100 * share.value:.3g} % ({level:g} % CI {100 * share.ci_low:.3g} to {100 * share.ci_high:.3g}, {share.n} "
-        f"draws of the other dimensions), at the {len(unit.loops.crank_deg)} crank angles that were solved, its "
-        f"clearance backlash also at {unit.study.cycle.rigid_angles} over the turn; at all angles of the turn it may "
-        "be lower."
+        f"{drawn}), {angles}; at all angles of the turn it may be lower. {gauge}"
     )
+
+
+def _margins_text(unit: Certificate) -> str:
+    """Limit by limit the value of a determined unit, and by how much it meets or misses the limit."""
+    values, metrics = unit.metrics.set_index("metric")["median"], {**library(), **turn_library()}
+    texts = []
+    for name, limit in unit.study.limits.of_metrics.items():
+        metric, value = metrics[name], float(values.get(name, np.nan))
+        number = f" {value:.4g} {metric.unit}" if np.isfinite(value) else ""
+        texts.append(f"{metric.inline}{number} ({margin_text(metric, value, limit)})")
+    return "; ".join(texts)
+
+
+def margin_text(metric: Limited, value: float, limit: float) -> str:
+    """Whether a value meets a limit, and by how much."""
+    if not np.isfinite(value):
+        return f"limit {limit:g}, no value"
+    is_met = bool(metric.keeps(np.array(value), limit))
+    return f"limit {limit:g}, {'met' if is_met else 'missed'} by {abs(value - limit):.2g}"

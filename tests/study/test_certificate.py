@@ -10,16 +10,24 @@ import pytest
 
 from pipeline import assembly
 from pipeline.config import load_study
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.reading import load_case
 from pipeline.decisions import certificate as certificates
-from pipeline.decisions.certificate import certificate, compensation, limit_sentence, measured_values, write_certificate
+from pipeline.decisions.certificate import (
+    certificate,
+    compensation,
+    gauged_values,
+    limit_sentence,
+    measured_values,
+    write_certificate,
+)
 from pipeline.decisions.play_bounds import ATTAINED_BOUND, LEAST_FOUND
 from pipeline.errors import InputError
 from pipeline.library.decisions import loaded_units
 from pipeline.library.lots import certificate as certified_unit
 from pipeline.library.lots import whole_loops
 from pipeline.report.decisions.certificate import compensation_sentence, unit_next_step
-from pipeline.sampling.errors import draw_with_parts
+from pipeline.sampling.errors import draw, draw_with_parts
 from pipeline.statistics.intervals import Estimate
 from stages import hysteresis
 
@@ -62,6 +70,15 @@ def certified(measured_file):
     study = rigid_study()
     shared, case = shared_of(study), load_case(measured_file, study)
     return certificate(study, case, partial(loaded_units, shared), partial(whole_loops, shared), 60)
+
+
+def stated_dimensions(study, unit) -> str:
+    """A file of the dimensions of the first unit that vary in a study; ovalities are in the places of the pins."""
+    lines = []
+    for name, dimension in dimension_library().items():
+        if getattr(study.tolerances, name).varies and not dimension.acts_on:
+            lines.append(f"{name} = {getattr(unit, dimension.field)[0].tolist()}")
+    return "\n".join(lines)
 
 
 def unit_like(measured_file, study, number: int):
@@ -185,9 +202,54 @@ def test_the_table_is_the_median_at_its_own_points_and_missing_beyond(certified)
     assert np.all(np.isnan(beyond))
 
 
+def test_the_error_of_a_gauge_moves_all_elements_together_and_each_alone():
+    read = {
+        "pin_radius": np.full((1, 80), -0.5),
+        "eccentricity": np.array([[1.0]]),
+        "bearing_clearance": np.zeros((1, 1)),
+    }
+    read |= {"ovality_2": np.array([[3.0]]), "ovality_2_phase": np.array([[1.0]])}
+    true = gauged_values(read, 0.3, 4000, 1)
+    means = true["pin_radius"].mean(axis=1)
+    assert np.std(means) == pytest.approx(0.3 * np.sqrt(1 + 1 / 80), rel=0.05)
+    assert np.std(true["pin_radius"] - means[:, None]) == pytest.approx(0.3, rel=0.05)
+    assert np.std(true["eccentricity"]) == pytest.approx(0.3, rel=0.05)
+    assert true["bearing_clearance"].min() == 0
+    assert np.std(true["ovality_2"]) == pytest.approx(0.3, rel=0.1)
+    assert np.std(true["ovality_2_phase"]) == pytest.approx(0.1, rel=0.1)
+
+
+def test_a_gauge_with_an_uncertainty_leaves_a_band_and_one_without_tells_each_limit(certified):
+    study = rigid_study()
+    shared = shared_of(study)
+    text = stated_dimensions(study, draw(study, 1, 2))
+    solve = partial(loaded_units, shared), partial(whole_loops, shared)
+    sharp, blurred = (
+        certificate(study, load_case_of(study, f"{text}\n{key}"), *solve, 20) for key in ("", "measured_to_um = 0.3")
+    )
+    assert sharp.is_determined
+    assert len(sharp.loops.angle) == 1
+    assert [blurred.is_determined, certified.is_determined] == [False, False]
+    assert "met by" in limit_sentence(sharp)
+    assert "% CI" not in limit_sentence(sharp)
+    assert "20 draws of the other dimensions and of the error of the gauge" in limit_sentence(blurred)
+    assert "The uncertainty of the gauge, 0.3 um, is in it." in limit_sentence(blurred)
+    assert "gauge is not in it" in limit_sentence(certified)
+    assert "has no band" in compensation_sentence(sharp, None)
+    low, median, high = (
+        blurred.metrics.set_index("metric")[name]["lost_motion_arcmin"] for name in ("low", "median", "high")
+    )
+    assert low < median < high
+    missed = replace(sharp, meets_all=Estimate(0.0, 0.0, 0.0, 1), metrics=sharp.metrics.assign(probability=0.0))
+    assert "does not meet every limit" in limit_sentence(missed)
+    assert "it misses the limit of the" in unit_next_step(missed)
+
+
 def test_a_fault_in_the_dimensions_names_file_and_key():
     with pytest.raises(InputError, match="unknown.toml: disk_profil"):
         load_case_of(rigid_study(), "disk_profil = 3.0\n")
+    with pytest.raises(InputError, match="measured_to_um = -0.3; must be >= 0"):
+        load_case_of(rigid_study(), "measured_to_um = -0.3\n")
     with pytest.raises(InputError, match="pin_radius"):
         load_case_of(rigid_study(), "pin_radius = [1.0, 2.0]\n")
 

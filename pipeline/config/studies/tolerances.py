@@ -17,7 +17,7 @@ from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.distributions import Distribution, Spread, library
 from pipeline.config.distributions.shipped import Fixed
-from pipeline.config.files.section import Micrometres, Mistake, Section
+from pipeline.config.files.section import Clearance, Micrometres, Mistake, Section
 
 if TYPE_CHECKING:
     Tolerance = Distribution
@@ -131,6 +131,18 @@ else:
         if _dimension.direction:
             _of_directions[direction_key(_name)] = (DirectionPerElement if _is_list else Direction, 0.0)
     Case = create_model("Case", __base__=_Case, __doc__=_Case.__doc__, **_of_dimensions, **_of_directions)
+
+
+class GaugedCase(Case):
+    """A measured unit, and how well its dimensions are known.
+
+    Attributes
+    ----------
+    measured_to_um : standard uncertainty of the gauge [um]: once for the error that all elements of a dimension share,
+        and once for that of each alone.
+    """
+
+    measured_to_um: Clearance = 0.0
 
 
 def elements(design: Design) -> dict[str, int]:

@@ -2,11 +2,12 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pipeline.config.studies.study import Study
-from pipeline.decisions.certificate import BAND, Certificate, Compensated, limit_sentence
+from pipeline.decisions.certificate import BAND, Certificate, Compensated, limit_sentence, margin_text
 from pipeline.decisions.selective_assembly import DRAWS, Assembly, pair_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import certificate_figure, margins_figure
@@ -25,6 +26,8 @@ def compensation_sentence(unit: Certificate, loop: Compensated | None) -> str:
     """How much of the angle error the compensation removes."""
     if not unit.is_predicted:
         return "There is no compensation table: the model is valid for none of the units that this one may be."
+    if loop is None and unit.is_determined:
+        return "No loop of this unit was measured; nothing was drawn, so the table has no band."
     if loop is None:
         spread = float((unit.compensation["high_arcmin"] - unit.compensation["low_arcmin"]).median())
         return f"No loop of this unit was measured; the band of the table is {spread:.3g} arcmin wide in the median."
@@ -53,6 +56,8 @@ def unit_next_step(unit: Certificate) -> str:
     if not len(chances):
         return "Do not use the unit as it is: a metric that has a limit has no value. Check the dimensions."
     worst = {**METRICS, **turn_library()}[str(chances.idxmin())].inline
+    if unit.is_determined:
+        return f"Do not use the unit as it is: it misses the limit of the {worst}. Exchange a measured part."
     return (
         f"Do not use the unit as it is: it probably fails, first on {worst} (met with a probability of "
         f"{100 * chances.min():.3g} %). Exchange a measured part."
@@ -65,7 +70,11 @@ def write_certificate_page(unit: Certificate, loop: Compensated | None, folder: 
     loops, pictures = unit.loops, {}
     if unit.is_predicted:
         figure = certificate_figure(loops.torque, loops.angle[:, 0], BAND, float(loops.crank_deg[0]))
-        caption = "Lines: median of the units that the measured one may be. Bands: 95 % of them."
+        caption = (
+            "Lines: the unit; nothing was drawn, so there is no band."
+            if unit.is_determined
+            else "Lines: median of the units that the measured one may be. Bands: 95 % of them."
+        )
         pictures = {"loop": drawn_picture(figure, "Predicted loop", caption, folder / "figures" / "loop")}
     page = render(
         "decisions/certificate.html",
@@ -80,20 +89,31 @@ def write_certificate_page(unit: Certificate, loop: Compensated | None, folder: 
             {
                 "title": quantities[row["metric"]].axis,
                 "median": quantities[row["metric"]].text(row["median"]),
-                "ends": interval(row["low"], row["high"], quantities[row["metric"]]),
+                "ends": "" if unit.is_determined else interval(row["low"], row["high"], quantities[row["metric"]]),
                 "limit": rounded_number(row["limit"]),
-                "probability": f"{100 * row['probability']:.3g} %" if math.isfinite(row["probability"]) else DASH,
+                "probability": _limit_cell(unit, row),
             }
             for row in unit.metrics.to_dict("records")
-            if math.isfinite(row["limit"]) or row["high"] > row["low"]
+            if math.isfinite(row["limit"]) or row["high"] > row["low"] or unit.is_determined
         ],
         bounds=[(METRICS[b.metric].axis, b.quantity, rounded_number(b.value)) for b in unit.bounds],
         why_no_bounds=unit.why_no_bounds,
         crank=float(loops.crank_deg[0]),
         is_predicted=unit.is_predicted,
+        is_determined=unit.is_determined,
+        gauge=f"{unit.measured_to_um:g}" if unit.measured_to_um else "",
         pictures=pictures,
     )
     write_atomic(folder / "report.html", page.encode())
+
+
+def _limit_cell(unit: Certificate, row: dict[Any, Any]) -> str:
+    """The probability that a metric meets its limit, of a determined unit whether it does and by how much."""
+    if not math.isfinite(row["probability"]):
+        return DASH
+    if unit.is_determined:
+        return margin_text({**METRICS, **turn_library()}[row["metric"]], row["median"], row["limit"]).split(", ")[1]
+    return f"{100 * row['probability']:.3g} %"
 
 
 SHOWN_PAIRS = 30

@@ -13,7 +13,6 @@ import pytest
 
 from pipeline import cli, settings
 from pipeline.config import Study
-from pipeline.config.dimensions import dimension_library
 from pipeline.config.studies.optional import Tails
 from pipeline.engine import work
 from pipeline.engine.fingerprint import used_settings
@@ -24,6 +23,7 @@ from pipeline.library import lots
 from pipeline.sampling.errors import draw
 from stages.hysteresis import HYSTERESIS
 from stages.tails import TAILS
+from tests.study.test_certificate import stated_dimensions
 
 ROOT = Path(__file__).parent.parent.parent.parent
 NOTEBOOK = ROOT / "data/examples/reading_results.ipynb"
@@ -67,15 +67,17 @@ def test_the_certificate_of_a_unit_measured_in_full_is_the_row_of_its_study(
     outputs: dict[str, Output], study: Study, runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At the crank angles of the study: finite motions take 0.03 arcmin off its worst backlash."""
-    unit, lines = draw(study, 1, 2), []
-    for name, dimension in dimension_library().items():
-        if getattr(study.tolerances, name).varies and not dimension.acts_on:  # ovalities are in the pins' places
-            lines.append(f"{name} = {getattr(unit, dimension.field)[0].tolist()}")
-    (tmp_path / "first.toml").write_text("\n".join(lines))
+    (tmp_path / "first.toml").write_text(stated_dimensions(study, draw(study, 1, 2)))
     monkeypatch.setattr(settings, "RUNS", runs)
     monkeypatch.setattr(lots, "CERTIFIED_CRANKS", study.cycle.crank_deg)
-    found = lots.certificate(tmp_path / "first.toml", study, draws=2, jobs=1).result.metrics.set_index("metric")
+    answer = lots.certificate(tmp_path / "first.toml", study, jobs=1)
+    assert "nothing that varies is left to draw. The unit meets every limit at the 2 crank angles" in str(answer)
+    assert "nothing is drawn" in (answer.folder / "report.html").read_text()
+    found = answer.result.metrics.set_index("metric")
     row = pd.DataFrame(outputs["aggregate"].read("units")).set_index("sample").loc[1]
+    value, limit = row["clearance_backlash_arcmin_worst"], study.limits.clearance_backlash_arcmin
+    margin = f"clearance backlash {value:.4g} arcmin (limit {limit:g}, met by {limit - value:.2g})"
+    assert margin in str(answer)
     for name in found.index:
         expected = pytest.approx(row[f"{name}_worst"], rel=1e-9)
         assert list(found.loc[name, ["low", "median", "high"]]) == [expected] * 3, name
