@@ -119,9 +119,8 @@ def best_assembly(
     _check_complete(second_lot)
     rows, columns = (index.ravel() for index in np.indices((n_first, n_second)))
     mean_study = _unmeasured_at_mean(study, {*first_lot.values, *second_lot.values})
-    values = _solve_metrics(
-        mean_study, _measured_values(first_lot, rows) | _measured_values(second_lot, columns), solve, jobs
-    )
+    measured_values = _measured_values(first_lot, rows) | _measured_values(second_lot, columns)
+    values = _solve_metrics(mean_study, measured_values, solve, jobs)
     margin = _margins(study, values).reshape(n_first, n_second)
     passes = limit_passes(study, values).reshape(n_first, n_second)
     score = PASS_SCORE * passes + np.clip(np.nan_to_num(margin, nan=-1.0), -1.0, 1.0)
@@ -132,7 +131,6 @@ def best_assembly(
     shares = [_verified_yield(study, first_lot, second_lot, units, solve, jobs) for units in units_of_pairs]
     forces = None
     if mounting is not None:
-        measured_values = _measured_values(first_lot, rows) | _measured_values(second_lot, columns)
         forces = mounting(_errors(mean_study, measured_values, 0, len(rows))).reshape(n_first, n_second)
     return Assembly(
         first_lot=first_lot,

@@ -41,7 +41,7 @@ from pipeline.report.decisions.certificate import (
     write_assembly_page,
     write_certificate_page,
 )
-from pipeline.report.decisions.lots import lot_warnings, sentences, write_lots_page
+from pipeline.report.decisions.lots import lot_warnings, sentences, unused_columns, write_lots_page
 from pipeline.sampling.errors import Errors
 from stages import hysteresis
 
@@ -91,7 +91,11 @@ def lots(
         write_atomic(folder / f"{name}.toml", text.encode())
     write_atomic(folder / DESIGN_FILE, toml_of(study.design.model_dump()).encode())
     write_lots_page(study, findings, [f"{name}.toml" for name in names], folder)
-    lines = [line for found in findings for line in (*lot_warnings(study, found), *sentences(found))]
+    lines = [
+        line
+        for found in findings
+        for line in (*lot_warnings(study, found), *sentences(found), *unused_columns(found.lot))
+    ]
     return Answer(findings, tuple(lines), folder, frames)
 
 
@@ -130,7 +134,8 @@ def assemble(
     folder = settings.RUNS / "assemble" / f"{study.name}-{first_lot.name}-{second_lot.name}"
     frames = write_pairs(assembly, folder)
     write_assembly_page(study, assembly, mounting_force, folder)
-    lines = (*assembly_warnings(study, assembly), *assembly_sentences(assembly, mounting_force))
+    unused = [text for lot in (first_lot, second_lot) for text in unused_columns(lot)]
+    lines = (*assembly_warnings(study, assembly), *assembly_sentences(assembly, mounting_force), *unused)
     return Answer(assembly, lines, folder, frames)
 
 

@@ -29,7 +29,7 @@ from pipeline.errors import InputError
 from pipeline.library.lots import assemble, certificate, lots
 from pipeline.model.metrics import library as metrics
 from pipeline.report.decisions.certificate import assembly_sentences, assembly_warnings, pairs_next_step
-from pipeline.report.decisions.lots import lot_warnings, sentences, zone_warnings
+from pipeline.report.decisions.lots import lot_warnings, sentences, unused_columns, zone_warnings
 from pipeline.sampling.designs import correlated_numbers
 from pipeline.sampling.errors import draw
 from pipeline.statistics.intervals import Estimate
@@ -370,6 +370,15 @@ def test_parts_with_numbers_for_names_keep_them_beside_an_empty_line():
             {"disk_profile": ["64987", "64988"]},
             r"lot.csv:2: disk_profile = 64987; must be a deviation from the nominal size in um, -1000 to 1000; 2 of 2",
         ),
+        ({"disk_profile_mm": ["1"]}, 'lot.csv: column "disk_profile_mm"; write disk_profile_um'),
+        ({"Disk_Profile": ["1"], "eccentricity": ["1"]}, 'column "Disk_Profile"; write disk_profile_um'),
+        ({"disk profile [µm]": ["1"]}, "write disk_profile_um; values are deviations in um"),
+        ({"pin_radial_mm_3": ["1"]}, "write pin_radial_3;"),
+        ({"Part": ["a"], "disk_profile": ["1"]}, 'column "Part"; write part'),
+        (
+            {"part": ["a", "b", "a"], "disk_profile": ["1", "2", "3"]},
+            "lot.csv:4: part = a; line 2 has it already, with other parts between",
+        ),
         ({"disk_profile": []}, "no part; give a row for each"),
         ({"disk_profile": ["1", "", "2"]}, "lot.csv:3: no value"),
     ],
@@ -377,6 +386,12 @@ def test_parts_with_numbers_for_names_keep_them_beside_an_empty_line():
 def test_faults_of_a_table_of_parts_are_named(columns, words):
     with pytest.raises(InputError, match=words):
         measured_lot("lot", table(columns), STUDY.design)
+
+
+def test_columns_that_are_not_used_are_named():
+    lot = measured_lot("lot", table({"disk_profile": ["1"], "date": ["monday"], "gauge": ["3"]}), STUDY.design)
+    assert unused_columns(lot) == ["lot: columns that are no toleranced dimension and were not used: date and gauge."]
+    assert unused_columns(replace(lot, ignored_columns=())) == []
 
 
 def test_the_largest_deviations_of_a_table_are_fitted():

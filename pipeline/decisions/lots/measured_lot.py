@@ -9,13 +9,15 @@ import numpy as np
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
-from pipeline.config.files.section import LARGEST_UM, nearest_name
+from pipeline.config.files.section import LARGEST_UM, nearest_name, shown_value
 from pipeline.config.files.table_file import TableFile, shortened_list
 from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
 
 PART = "part"
 """Column that labels a part; rows of one label are the elements of one part, in their order."""
+UNIT = re.compile(r"_(um|\u03bcm|mm|nm|m|in|inch|mil|microns?)(?=_\d+$|$)")
+"""A unit behind the name of a dimension, or between it and the number of an element."""
 FEWEST_PARTS = 5
 """Values of a dimension below which no distribution is fitted."""
 
@@ -53,8 +55,31 @@ def measured_lot(name: str, table: TableFile, design: Design) -> MeasuredLot:
     Raises
     ------
     InputError
-        If a value is no deviation, a part lacks elements, a dimension has none in this reducer, or none is measured.
+        If a value is no deviation, a part lacks elements, a dimension has none in this reducer, none is measured, a
+        column is named after one in another spelling, or rows of one part lie apart.
     """
+    read, ignored_columns = _read_columns(table, design)
+    n_rows = len(table.cells)
+    if n_rows == 0:
+        raise InputError(f"{table.name}: no part; give a row for each")
+    labels = table.texts(PART) if PART in table.cells else None
+    gaps = np.flatnonzero(np.diff(table.cells.index) != 1)
+    if labels is None and len(gaps):  # parts are numbered by their rows
+        line = table.cells.index[gaps[0]] + 1
+        raise InputError(f"{table.name}:{line}: no value; remove the line, or give its part a value")
+    starts = _starts(labels, n_rows)
+    if labels is not None:
+        _check_labels(table, labels, starts)
+    values_of = {
+        key: _by_part(table.name, dimension_library()[key], design, parts, starts, n_rows)
+        for key, parts in read.items()
+    }
+    part_labels = tuple(labels[k] if labels else str(k + 1) for k in starts)
+    return MeasuredLot(name, part_labels, values_of, ignored_columns)
+
+
+def _read_columns(table: TableFile, design: Design) -> tuple[dict[str, dict[int | None, Real]], tuple[str, ...]]:
+    """Values (n_rows,) [um] of each dimension by the number of the element, and the columns that are none."""
     problems: list[str] = []
     read: dict[str, dict[int | None, Real]] = {}
     ignored_columns = []
@@ -62,6 +87,9 @@ def measured_lot(name: str, table: TableFile, design: Design) -> MeasuredLot:
         if column == PART:
             continue
         match = _dimension_of(column, design)
+        if match is None and (meant := _meant_column(column, design)):
+            problems.append(f"{table.name}: column {shown_value(column)}; write {meant}; values are deviations in um")
+            continue
         if match is None:
             ignored_columns.append(column)
             continue
@@ -87,21 +115,7 @@ def measured_lot(name: str, table: TableFile, design: Design) -> MeasuredLot:
         )
     if problems:
         raise InputError(shortened_list(problems, table.name))
-    n_rows = len(table.cells)
-    if n_rows == 0:
-        raise InputError(f"{table.name}: no part; give a row for each")
-    labels = table.texts(PART) if PART in table.cells else None
-    gaps = np.flatnonzero(np.diff(table.cells.index) != 1)
-    if labels is None and len(gaps):  # parts are numbered by their rows
-        line = table.cells.index[gaps[0]] + 1
-        raise InputError(f"{table.name}:{line}: no value; remove the line, or give its part a value")
-    starts = _starts(labels, n_rows)
-    values_of = {
-        key: _by_part(table.name, dimension_library()[key], design, parts, starts, n_rows)
-        for key, parts in read.items()
-    }
-    part_labels = tuple(labels[k] if labels else str(k + 1) for k in starts)
-    return MeasuredLot(name, part_labels, values_of, tuple(ignored_columns))
+    return read, tuple(ignored_columns)
 
 
 def _dimension_of(column: str, design: Design) -> tuple[Dimension, int | None] | None:
@@ -114,6 +128,33 @@ def _dimension_of(column: str, design: Design) -> tuple[Dimension, int | None] |
     if match and match[1] in library and library[match[1]].elements:
         return library[match[1]], int(match[2])
     return None
+
+
+def _meant_column(column: str, design: Design) -> str:
+    """The name that a column should have which is one but for case, blanks and a unit; empty where there is none."""
+    plain = UNIT.sub("", re.sub(r"[\W_]+", "_", column.casefold()).strip("_"))
+    if plain == PART:
+        return PART
+    match = _dimension_of(plain, design)
+    if match is None:
+        return ""
+    dimension, element = match
+    return f"{dimension.name}_um" if element is None else f"{dimension.name}_{element}"
+
+
+def _check_labels(table: TableFile, labels: Sequence[str], starts: Sequence[int]) -> None:
+    """Refuse a label whose rows do not follow each other: they may be two parts, or one."""
+    first_rows: dict[str, int] = {}
+    problems = []
+    for row in starts:
+        first_row = first_rows.setdefault(labels[row], row)
+        if first_row != row:
+            problems.append(
+                f"{table.place(row)}: part = {labels[row]}; line {table.cells.index[first_row]} has it already, with "
+                "other parts between; put the rows of a part together, and give each part a label of its own"
+            )
+    if problems:
+        raise InputError(shortened_list(problems, table.name))
 
 
 def _starts(labels: Sequence[str] | None, n_rows: int) -> list[int]:

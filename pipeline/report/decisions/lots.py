@@ -10,7 +10,7 @@ import pandas as pd
 
 from pipeline.arrays import Real
 from pipeline.config.studies.study import ALL_LIMITS, Study
-from pipeline.decisions.lots.measured_lot import FEWEST_PARTS
+from pipeline.decisions.lots.measured_lot import FEWEST_PARTS, MeasuredLot
 from pipeline.decisions.lots.results import LotFindings, cost_rows, fit_rows, lot_differences, outlier_rows, yield_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.decisions import lots_figure
@@ -144,12 +144,14 @@ def remarks(lot_result: LotFindings) -> list[str]:
             "They are kept in the fits. Skewed lots, which no kind fits, have such values often."
         )
     texts += [f"{lot}: {PARAMETERS[name]} is not fitted: {reason}." for name, reason in lot_result.skipped_dimensions]
-    if lot_result.lot.ignored_columns:
-        texts.append(
-            f"{lot}: columns that are no toleranced dimension and were not used: "
-            f"{listed_text(lot_result.lot.ignored_columns)}."
-        )
-    return texts
+    return [*texts, *unused_columns(lot_result.lot)]
+
+
+def unused_columns(lot: MeasuredLot) -> list[str]:
+    """The columns of a table of parts that were not used, in a sentence; none where all were."""
+    names = listed_text(lot.ignored_columns)
+    what = "columns that are no toleranced dimension and were not used"
+    return [f"{lot.name}: {what}: {names}."] if lot.ignored_columns else []
 
 
 def write_lots_page(study: Study, findings: Sequence[LotFindings], files: Sequence[str], folder: Path) -> None:
