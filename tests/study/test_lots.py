@@ -265,6 +265,7 @@ def test_values_that_cannot_be_meant_as_they_are_read_are_doubted(mean, spread, 
     values = {"disk_profile": mean + spread * np.linspace(-1, 1, 20)[:, None]}
     texts = zone_warnings(STUDY, "lot", values)
     assert (len(texts) == 1 and words in texts[0]) if words else not texts
+    assert "".join(texts).count("they would fit") <= 1
 
 
 def test_a_zone_about_zero_tells_another_unit_by_the_spread():

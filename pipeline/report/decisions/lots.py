@@ -52,7 +52,7 @@ def zone_warnings(study: Study, label: str, values: Mapping[str, Real]) -> list[
         readings = [
             text for factor, text in OTHER_READINGS.items() if _fits_zone(factor * mean, abs(factor) * spread, zone)
         ]
-        if drawing.allowance_um and _fits_zone(mean + drawing.allowance_um, spread, zone):
+        if not readings and drawing.allowance_um and _fits_zone(mean + drawing.allowance_um, spread, zone):
             readings.append(f"With the allowance of {drawing.allowance_um:g} µm they would fit: it is part of them.")
         which = f"Warning: {label}: {PARAMETERS[name]}: the"
         beside = f"the drawing's zone, {zone[0]:g} to {zone[1]:g} µm"
