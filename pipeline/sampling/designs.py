@@ -16,14 +16,17 @@ SMALLEST_PROBABILITY = 2.0**-54
 """A generator may return 0, whose normal quantile is infinite; half of the smallest step stands for it."""
 
 
-def correlated_numbers(probability: Real, circumference: float, length: float) -> Real:
-    """Uniform numbers of equally spaced elements on a circle, correlated like a machining drift.
+def correlated_numbers(
+    probability: Real, circumference: float, length: float | None, common_share: float = 0.0
+) -> Real:
+    """Uniform numbers of equally spaced elements on a circle, correlated like a machining drift or a batch.
 
     Parameters
     ----------
     probability : (n_samples, n_elements) independent, in [0, 1].
-    circumference : of the circle [mm].
-    length : arc over which the correlation falls to 1/e [mm].
+    circumference : of the circle [mm]; of no account without a length.
+    length : arc over which the correlation falls to 1/e [mm], None where neighbours have nothing in common.
+    common_share : of the variance of the normal scores, which all elements have in common beside the drift.
 
     Returns
     -------
@@ -31,14 +34,16 @@ def correlated_numbers(probability: Real, circumference: float, length: float) -
 
     Notes
     -----
-    Gaussian copula: normal scores with the correlation exp(-arc/length). On equally spaced elements its matrix is
-    circulant, so that its symmetric square root is a filter of the discrete Fourier transform, exact for any length.
+    Gaussian copula: normal scores with the correlation c + (1 - c) exp(-arc/length), c being the common share. On
+    equally spaced elements its matrix is circulant, so that its symmetric square root is a filter of the discrete
+    Fourier transform, exact for any length.
     """
     n = probability.shape[1]
     index = np.arange(n)
     arc = circumference / n * np.minimum(index, n - index)
     # Positive in theory; for lengths far beyond the circumference round-off may leave -1e-16.
-    spectrum = np.maximum(rfft(np.exp(-arc / length)).real, 0.0)
+    drift = np.exp(-arc / length) if length is not None else np.equal(index, 0)
+    spectrum = np.maximum(rfft(common_share + (1 - common_share) * drift).real, 0.0)
     scores = ndtri(np.clip(probability, SMALLEST_PROBABILITY, 1 - 2 * SMALLEST_PROBABILITY))
     numbers: Real = ndtr(irfft(rfft(scores, axis=1) * np.sqrt(spectrum), n=n, axis=1))
     return numbers

@@ -9,6 +9,7 @@ import numpy as np
 from pipeline.arrays import Real
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
+from pipeline.config.distributions import Spread
 from pipeline.config.studies.study import Samples
 from pipeline.config.studies.tolerances import Case, Tolerances
 from pipeline.sampling.designs import correlated_numbers, uniforms
@@ -259,20 +260,23 @@ def deviations_at(study: Drawn, numbers: Real) -> dict[str, Real]:
     values = {name: 2 * np.pi * columns.pop(name) for name in _directions()}
     for name, probability in columns.items():
         tolerance = getattr(study.tolerances, name)
-        length = getattr(tolerance, "correlation_length_mm", None)
-        if length is not None:
-            probability = _correlated_numbers(name, probability, study.design, length)
+        if isinstance(tolerance, Spread):
+            probability = _correlated_numbers(name, probability, study.design, tolerance)
         values[name] = tolerance.allowance_um + tolerance.deviation(probability)
     return values
 
 
-def _correlated_numbers(name: str, probability: Real, design: Design, length: float) -> Real:
-    """The uniform numbers (n_samples, n_elements), correlated along the circle of the elements of each disk."""
+def _correlated_numbers(name: str, probability: Real, design: Design, tolerance: Spread) -> Real:
+    """The uniform numbers (n_samples, n_elements), correlated as a tolerance says among the elements of each disk."""
+    length, share = tolerance.correlation_length_mm, tolerance.common_share
+    if length is None and share is None:
+        return probability
     elements = dimension_library()[name].elements
-    if elements is None or elements.radius_mm is None:
+    if elements is None or (length is not None and elements.radius_mm is None):
         raise ValueError(f"{name} does not lie along a circle")
     circles = probability.reshape(-1, elements.count(design))
-    return correlated_numbers(circles, 2 * np.pi * elements.radius_mm(design), length).reshape(probability.shape)
+    circumference = 2 * np.pi * elements.radius_mm(design) if elements.radius_mm else 0.0
+    return correlated_numbers(circles, circumference, length, share or 0.0).reshape(probability.shape)
 
 
 def _listed_errors(study: Drawn, start: int, stop: int) -> Errors:

@@ -177,6 +177,27 @@ def test_scores_along_the_circle_have_exactly_the_correlation_asked(n, length):
     np.testing.assert_allclose(root @ root.T, np.exp(-arc / length), atol=1e-9)
 
 
+@pytest.mark.parametrize(("length", "share"), [(None, 0.8), (8.0, 0.3), (None, 1.0)])
+def test_a_share_of_the_variance_is_common_to_all_elements(length, share):
+    step, n = 1e-3, 20
+    root = stats.norm.ppf(correlated_numbers(stats.norm.cdf(step * np.eye(n)), 204.0, length, share)) / step
+    distance = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    drift = np.exp(-204.0 / n * np.minimum(distance, n - distance) / length) if length else np.eye(n)
+    np.testing.assert_allclose(root @ root.T, share + (1 - share) * drift, atol=1e-9)
+
+
+def test_rollers_of_one_batch_are_alike_within_a_unit_and_as_wide_over_all_units():
+    of_rollers = Normal(distribution="normal", lower_um=-3.0, upper_um=3.0)
+    apart, batch = (
+        draw(study(count=3000, tolerances=Tolerances(roller_diameter=tolerance)), 1, 3001).roller_diameter
+        for tolerance in (of_rollers, of_rollers.model_copy(update={"common_share": 0.8}))
+    )
+    matrix = np.corrcoef(batch.T)
+    assert matrix[~np.eye(len(matrix), dtype=bool)] == pytest.approx(0.8, abs=0.03)
+    assert batch.std(axis=0) == pytest.approx(apart.std(axis=0).mean(), rel=0.08)
+    assert abs(np.corrcoef(apart.T)[0, 1]) < 0.08
+
+
 def test_correlated_elements_keep_their_own_distribution():
     numbers = correlated_numbers(np.random.default_rng(1).random((4000, 80)), 204.0, 8.0)
     assert stats.kstest(numbers[:, 17], "uniform").pvalue > 0.01

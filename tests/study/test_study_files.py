@@ -110,6 +110,8 @@ def test_a_case_lists_one_diameter_for_each_output_pin():
         ("tolerances.pin_radius.lower_um", -900.0, "tolerances.pin_radius.lower_um = -900.0; leaves nothing of the"),
         ("tolerances.ovality_2.lower_um", -1.0, "tolerances.ovality_2.lower_um = -1.0; must be >= 0"),
         ("tolerances.eccentricity.correlation_length_mm", 1.0, "tolerances.eccentricity.correlation_length_mm = 1.0; "),
+        ("tolerances.eccentricity.common_share", 0.5, "tolerances.eccentricity.common_share = 0.5; is of several"),
+        ("tolerances.pin_radial.common_share", 1.5, "tolerances.pin_radial.common_share = 1.5; must be <= 1"),
         ("tolerances.eccentricity.distribution", "gauss", 'tolerances.eccentricity.distribution = "gauss"; must be'),
         ("tolerances.eccentricity.distribution", None, "tolerances.eccentricity.distribution is missing; add it"),
         ("samples.count", "50", 'samples.count = "50"; must be an integer'),

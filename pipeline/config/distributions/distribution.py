@@ -3,9 +3,10 @@
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
-from typing import Any, ClassVar, get_args
+from typing import Annotated, Any, ClassVar, get_args
 
 import numpy as np
+from pydantic import Field
 
 from pipeline.arrays import Real
 from pipeline.config.files.section import Micrometres, Millimetres, Mistake, Section
@@ -92,6 +93,7 @@ class Spread(Distribution):
     ----------
     within_limits : settings that must lie within the limits.
     correlation_length_mm : arc over which the correlation of neighbours on a circle falls to 1/e, exponentially.
+    common_share : share of the variance that all elements of a part have in common, as those of one batch.
     """
 
     within_limits: ClassVar[tuple[str, ...]] = ()
@@ -99,6 +101,7 @@ class Spread(Distribution):
     lower_um: Micrometres
     upper_um: Micrometres
     correlation_length_mm: Millimetres | None = None
+    common_share: Annotated[float, Field(gt=0, le=1)] | None = None
 
     @property
     def limits_um(self) -> tuple[float, float]:
@@ -124,9 +127,11 @@ class Spread(Distribution):
                 yield Mistake(f"{key}.{name}", value, f"must lie within the limits {lower:g} to {upper:g}")
 
     def details(self, number_text: Callable[[float], str]) -> Iterator[str]:
-        """The correlation along the circle."""
+        """The correlation along the circle, and of all elements."""
         if self.correlation_length_mm is not None:
             yield f"correlated over {number_text(self.correlation_length_mm)} mm"
+        if self.common_share is not None:
+            yield f"{number_text(100 * self.common_share)} % of the variance common to all elements"
 
 
 @cache

@@ -56,6 +56,10 @@ def tolerance_problems(tolerances: Mapping[str, Distribution], design: Design | 
         if length is not None and name not in circular_dimensions:
             requirement = f"only {', '.join(circular_dimensions)} lie along a machined circle; delete it"
             yield Mistake(f"{key}.correlation_length_mm", length, requirement)
+        share = tolerance.common_share if isinstance(tolerance, Spread) else None
+        if share is not None and dimensions[name].elements is None:
+            requirement = f"is of several elements, and {dimensions[name].title} has none; delete it"
+            yield Mistake(f"{key}.common_share", share, requirement)
         yield from _zone_problems(dimensions[name], tolerance)
         if dimensions[name].one_sided and tolerance.least_um < 0:
             requirement = "must be >= 0, and with allowance_um added too"
