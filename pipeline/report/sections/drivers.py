@@ -1,6 +1,6 @@
 """Which errors drive a metric, in words: the leading indices that the samples determine."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -125,6 +125,15 @@ def share_note(frames: Frames, metric: str) -> str:
     index, low, high = (float(alone[name].iloc[0]) for name in ("index", "ci_low", "ci_high"))
     share = f"{percent(index)} ({percent_interval(low, high)}) of the variance of the {LIMITED_METRICS[metric].inline}"
     return f"{note}: by itself the {parameter_title(total.index[0])} causes {share} (first-order index)."
+
+
+def share_notes(frames: Frames, metrics: Iterable[str]) -> list[str]:
+    """What each measure of a main contributor is that the page states for these metrics, once each."""
+    notes: dict[bool, str] = {}
+    for metric in metrics:
+        if note := share_note(frames, metric):
+            notes.setdefault(_leading(_judged_rows(frames, metric), TOTAL).empty, note)
+    return list(notes.values())
 
 
 def _removed_note(removed: RemovedVariance | None) -> str:

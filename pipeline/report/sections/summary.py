@@ -18,7 +18,7 @@ from pipeline.populations.scaled_tolerances import FEWEST_PAIRS, scaled_toleranc
 from pipeline.report.frames import OK, Drawing, Frames
 from pipeline.report.layout import count_text, interval, percent, percent_interval
 from pipeline.report.results import Cell, Results, preload_warning
-from pipeline.report.sections.drivers import REMOVED_VARIANCES, main_contributor, share_note
+from pipeline.report.sections.drivers import REMOVED_VARIANCES, main_contributor, share_notes
 from pipeline.report.sections.further import FormResults
 from pipeline.report.sections.section import Page, Section
 from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges, next_target
@@ -77,9 +77,9 @@ class Verdict:
         return f"no main contributor is determined; {needs} under [drivers] for shares of the variance"
 
     @property
-    def share_note(self) -> str:
-        """What the share of a main contributor is, of the first card that has one."""
-        return next(filter(None, (share_note(self.frames, card.name) for card in self.cards)), "")
+    def share_notes(self) -> list[str]:
+        """What the shares of the main contributors are, of the first card that has each measure."""
+        return share_notes(self.frames, [card.name for card in self.cards])
 
     @cached_property
     def limited_values(self) -> pd.DataFrame:

@@ -14,7 +14,7 @@ from pipeline.report import explorer
 from pipeline.report.frames import Frames
 from pipeline.report.layout import percent
 from pipeline.report.results import Results
-from pipeline.report.sections.drivers import REMOVED_VARIANCES, main_contributor, share_note
+from pipeline.report.sections.drivers import REMOVED_VARIANCES, main_contributor, share_note, share_notes
 from pipeline.report.sections.results import ESTIMATES, ConvergenceTable
 from pipeline.report.sections.summary import Verdict
 from pipeline.report.single_changes import SCALED_YIELDS, SingleChanges, next_target
@@ -99,6 +99,14 @@ def test_a_rank_correlation_names_no_main_contributor_and_removed_variance_does(
     )
     assert "over 60 units solved again with the tangential pin position" in share_note(solved, "lost_motion_arcmin")
     assert "less by 53.0 % (40.0 to 60.0 %)" in share_note(solved, "lost_motion_arcmin")
+    total = ranks.assign(parameter="pin_tangential", kind="total", index=0.9, ci_low=0.8, ci_high=0.95)
+    total = total.assign(metric="peak_pressure_MPa")
+    both = replace(solved, sensitivity=pd.concat([ranks, total]))
+    notes = share_notes(both, ["peak_pressure_MPa", "lost_motion_arcmin", "lost_motion_arcmin"])
+    assert [note.split(" counts")[0].split(":")[0] for note in notes] == [
+        "A share with interactions included",
+        "Removed variance",
+    ]
     unsure = replace(ranked, tables={REMOVED_VARIANCES: removed.assign(ci_low=-0.1)})
     assert main_contributor(unsure, "lost_motion_arcmin") == ""
 
