@@ -330,7 +330,9 @@ def test_a_line_of_probits_is_found_with_its_error():
 def test_the_study_of_a_lot_runs_from_its_file(tmp_path):
     lot = measured_lot("lot", table(lot_columns(60, 3)), STUDY.design)
     fits, _ = lot_fits(STUDY, lot)
-    (tmp_path / "made.toml").write_text(study_text(STUDY, fits, "lot", "made", "pham2017"))
+    text = study_text(STUDY, fits, "lot", "made", "pham2017")
+    assert "# Its design is pham2017 in the folder of this file: move or copy both together." in text
+    (tmp_path / "made.toml").write_text(text)
     made = load_study(tmp_path / "made.toml", ROOT)
     assert made.tolerances == study_of_lot(STUDY, fits).tolerances
 

@@ -217,6 +217,7 @@ def study_text(study: Study, fits: Sequence[DimensionFit], lot: str, name: str, 
     """The study with the distributions of a lot as a TOML file; ``design`` names its design."""
     title = f"{study.title or study.name}: parts of {lot}"
     comment = f"# {study.name} with distributions fitted to the measured parts of {lot}.\n"
+    comment += f"# Its design is {design} in the folder of this file: move or copy both together.\n"
     return comment + study_file(study_of_lot(study, fits), name, design, {"title": title})
 
 
