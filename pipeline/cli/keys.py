@@ -230,16 +230,24 @@ def write_new(options: argparse.Namespace) -> None:
     if not source.is_file():
         message = f"{settings.shown(source)}: a new {kind} is written from it; copy it from the checkout"
         raise InputError(message)
-    text = with_comments(kind, source.read_text(encoding="utf-8"))
+    text = source.read_text(encoding="utf-8")
     if kind == "study" and options.design:
         found_file(options.design, settings.ROOT, "designs", [Path(), settings.ROOT])  # says what is missing
-        text = text.replace(BASE_DESIGN, f'design = "{options.design}"')
+        text = _study_of_design(text, options.design)
+    text = with_comments(kind, text)
     if kind == "unit":
         for file in UNIT_DATA:
             write_atomic(target.parent / file, (base / file).read_bytes())
     write_atomic(target, text.encode())
     print(f"{kind}: {settings.shown(target)}")
     print(NEXT_STEP[kind].format(name=name))
+
+
+def _study_of_design(text: str, design: str) -> str:
+    """The text of the base study for another design, without what it says of its own."""
+    text = re.sub(r"^#.*\n|^description = .*\n| +#.*$", "", text, flags=re.MULTILINE)
+    title = f'title = "{Path(design).stem}: spread of backlash, lost motion and torsional rigidity"'
+    return re.sub(r"^title = .*$", title, text, flags=re.MULTILINE).replace(BASE_DESIGN, f'design = "{design}"')
 
 
 def with_comments(kind: str, text: str) -> str:
@@ -256,4 +264,4 @@ def _commented_lines(kind: str, text: str) -> Iterator[str]:
             section = re.sub(r"^materials\.\w+", "materials.<name>", section)
         match = KEY_LINE.match(line)
         key = known_keys.get(f"{section}{match[1]}") if match else None
-        yield f"{line:{COMMENT_COLUMN}}# {describe(key, '')}" if key and "#" not in line else line
+        yield f"{line:{COMMENT_COLUMN - 1}} # {describe(key, '')}" if key and "#" not in line else line

@@ -79,6 +79,9 @@ def test_what_new_writes_is_read_and_is_commented(tmp_path, monkeypatch, capsys)
     assert load_design("mine", tmp_path) == load_design("pin_in_hole_39", ROOT)
     study = load_study("first", tmp_path)
     assert study.tolerances == load_study("pin_in_hole", ROOT).tolerances
+    assert study.title.startswith("mine: spread of")
+    written = (tmp_path / "data/studies/first.toml").read_text()
+    assert not any(words in written for words in ("ratio 39", "40 pins", "Pins in holes", "1,872"))
     text = (tmp_path / "data/designs/mine.toml").read_text()
     assert "pin_radius_mm = 3.0" in text
     assert "# number [mm]; required; >= 0.001" in text
