@@ -158,7 +158,8 @@ def test_units_without_a_value_at_the_scale_are_left_out():
     (row,) = scaled_yields(study, rows, solved, {METRIC: Estimate(0.4, 0.3, 0.5, 1000)})
     assert row.n == 2
     assert row.value == pytest.approx(0.9)
-    (without,) = scaled_yields(study, rows[rows["sample"] != 2], solved.drop(2), {METRIC: Estimate(0.4, 0.3, 0.5, 1000)})
+    yields = {METRIC: Estimate(0.4, 0.3, 0.5, 1000)}
+    (without,) = scaled_yields(study, rows[rows["sample"] != 2], solved.drop(2), yields)
     assert row.ci_low == pytest.approx(without.ci_low * 2 / 3)  # the third unit has none, and may fail
     assert without.ci_low > 0
 
@@ -172,7 +173,7 @@ def test_a_transmission_error_grows_in_proportion_and_a_metric_of_a_loop_by_a_di
     study = coarse_study(limits={"transmission_error_arcsec": 5.0, METRIC: 10.0})
     solved = pd.DataFrame({METRIC: [9.0, 9.0], "transmission_error_arcsec": [9.0, 12.0]}, index=[1, 2])
     rows = scaled_units({(AS_STATED, 1.0): [8.0, 8.0], ("pin_radial", 0.5): [8.5, 8.5]})
-    rows["transmission_error_arcsec"] = [6.0, 8.0, 3.0, 4.0]  # over the turn 4.5 and 6: a difference would leave 6 and 8
+    rows["transmission_error_arcsec"] = [6.0, 8.0, 3.0, 4.0]  # 4.5 and 6 over the turn; a difference leaves 6 and 8
     stated = {name: Estimate(0.5, 0.4, 0.6, 1000) for name in ("transmission_error_arcsec", METRIC, ALL_LIMITS)}
     yields = {row.metric: row.value for row in scaled_yields(study, rows, solved, stated)}
     assert yields == pytest.approx({"transmission_error_arcsec": 1.0, METRIC: 0.5, ALL_LIMITS: 1.0})
