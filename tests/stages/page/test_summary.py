@@ -344,3 +344,16 @@ def test_a_share_is_rounded_to_0_or_100_percent_only_where_it_is_that(share, tex
 @pytest.mark.parametrize(("value", "text"), [(1.8591, "1.86"), (0.12441, "0.124"), (12.345, "12.3"), (3917.4, "3,917")])
 def test_numbers_have_three_digits(value, text):
     assert METRICS["lost_motion_arcmin"].text(value) == text
+
+
+def test_where_no_contributor_is_determined_the_page_says_what_would_determine_it(frames):
+    def said(with_frames: Frames) -> str:
+        return Verdict(with_frames, Results(with_frames)).no_contributor
+
+    frames = limited(frames, Limits(lost_motion_arcmin=99.0))
+    assert "; state base_samples under [drivers]" in said(frames)
+    asked = frames.study.model_copy(update={"drivers": frames.study.drivers.model_copy(update={"base_samples": 64})})
+    assert "; state more base_samples under [drivers]" in said(replace(frames, study=asked))
+    assert "from 4 units; run 10 or more" in said(replace(frames, units=frames.units.iloc[:5]))
+    alike = frames.study.model_copy(update={"tolerances": type(frames.study.tolerances)()})
+    assert said(replace(frames, study=alike)) == "no tolerance contributes, since none varies"
