@@ -141,18 +141,21 @@ class _Body:
     def over_turn(self, study: Study, units: Units, found: Found | None) -> tuple[dict[str, Real], Found | None]:
         """Each metric of units over the turn (n,), as the limits mean it, and how their worst were found.
 
+        Of a search also the transmission errors that have a limit, for which more would be searched than without.
         They are looked at where another form has ``found`` them, if a search of some units finds them there too.
         """
         if self.drives is not None:
             drives = TurnDrives.from_blocks(study, self.drives.phases, self.drives.blocks)
+            names = [*library(), *(name for name in study.limits.of_metrics if name in RANGES)]
             if found is not None:
                 worst_values = worst_at(drives, units, found[1])
-                if not lies_elsewhere(worst_values, search(drives, found[0], units.some(slice(CHECKED_UNITS)))):
-                    return worst_values.of_turn, found
+                checked_values = search(drives, found[0], units.some(slice(CHECKED_UNITS)))
+                if not lies_elsewhere(worst_values, checked_values, names):
+                    return {name: worst_values.of_turn[name] for name in names}, found
             seed = np.random.SeedSequence(study.samples.seed, spawn_key=(TRAINING,))
             ranking = train_ranking(drives, units.some(slice(TRAINING_UNITS)), seed)
             worst_values = search(drives, ranking, units)
-            return worst_values.of_turn, (ranking, worst_values.best_steps)
+            return {name: worst_values.of_turn[name] for name in names}, (ranking, worst_values.best_steps)
         values = np.stack([metrics_of_units(units) for metrics_of_units in self.solvers(study)], axis=1)
         values[np.broadcast_to(np.isnan(values).any(axis=1, keepdims=True), values.shape)] = np.nan
         columns = {}

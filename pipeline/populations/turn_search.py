@@ -6,7 +6,7 @@ misses at them corrects the ranking of the others, in a few rounds. What the sea
 solved at every pitch and beside the worst of these.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -266,9 +266,10 @@ def worst_at(drives: TurnDrives, units: Units, steps: Index) -> Worst:
     return best_values.worst_values()
 
 
-def lies_elsewhere(found: Worst, searched: Worst) -> bool:
-    """Whether the worst of units that were found at given steps fall short of what a search of the first ones finds."""
-    for name, values in searched.of_turn.items():
+def lies_elsewhere(found: Worst, searched: Worst, names: Iterable[str]) -> bool:
+    """Whether units found at given steps fall short of what a search of the first ones finds, in some of ``names``."""
+    for name in names:
+        values = searched.of_turn[name]
         short = (_sign(name) if name in library() else 1.0) * (values - found.of_turn[name][: len(values)])
         finite = np.isfinite(short)
         if finite.any() and np.mean(short[finite]) > SHORT * np.std(values[finite]):
