@@ -141,7 +141,7 @@ def _shares(job: Job, units: Columns, of_angles: Columns) -> list[dict[str, Any]
         samples = (of_angles if column in of_angles else units)[column]
         values = np.concatenate([np.asarray(samples)[drawn_rows], extra[column]]).reshape(-1, n)
         if study.cycle.has_turn_search and (turn_value == "worst" or metric in RANGES):
-            worse_values = _worse(metric, extra[column], extra[f"{metric}_found"])
+            worse_values = worse_of_two(metric, extra[column], extra[f"{metric}_found"])
             worse_values = np.concatenate([np.asarray(units[column])[drawn_rows], worse_values]).reshape(-1, n)
             indices = two_fidelity_indices(values, worse_values, study.metrics.confidence)
         else:
@@ -155,7 +155,7 @@ def _shares(job: Job, units: Columns, of_angles: Columns) -> list[dict[str, Any]
     return rows
 
 
-def _worse(metric: str, first_values: np.ndarray, second_values: np.ndarray) -> np.ndarray:
+def worse_of_two(metric: str, first_values: np.ndarray, second_values: np.ndarray) -> np.ndarray:
     """The worse of two values of a metric (n,), missing where either is."""
     worse_of = np.minimum if metric in library() and library()[metric].smaller_is_worse else np.maximum
     worse: np.ndarray = worse_of(first_values, second_values)

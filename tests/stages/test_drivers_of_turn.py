@@ -13,6 +13,7 @@ from pipeline.engine.runner import Resources, run
 from pipeline.sampling.pick_freeze import error_groups
 from stages import drivers
 from stages.chain import STAGES
+from stages.tables.sensitivity import worse_of_two
 
 ROOT = Path(__file__).parents[2]
 N = 76
@@ -78,3 +79,10 @@ def test_indices_by_a_part_agree_with_those_of_all_units(runs, metric) -> None:
     apart = np.abs(part["index"] - whole["index"]) > np.hypot(*half)
     assert apart.mean() <= 0.1, part[apart]
     assert part["n"].max() <= round(0.4 * N) < whole["n"].min()
+
+
+def test_the_worse_of_two_is_the_smaller_rigidity_and_the_larger_transmission_error():
+    first, second = np.array([1.0, 3.0, np.nan]), np.array([2.0, 2.0, 2.0])
+    np.testing.assert_equal(worse_of_two("torsional_rigidity_Nm_per_arcmin", first, second), [1.0, 2.0, np.nan])
+    for name in ("lost_motion_arcmin", "transmission_error_arcsec"):
+        np.testing.assert_equal(worse_of_two(name, first, second), [2.0, 3.0, np.nan])
