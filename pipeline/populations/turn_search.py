@@ -46,7 +46,8 @@ class _Effort:
     ----------
     shared : pitches over the turn at which all units are solved at first, for all metrics.
     first : the best ranked ones that are, too.
-    rounds : further ones at most, each ranked anew by what the ranking missed at the pitches solved so far.
+    rounds : further ones at most, each ranked anew by what the ranking missed at the pitches solved so far. Ends of
+        angles have a part in the first of them alone, since the ranking foretells them nearly exactly.
     share, count : of those that may be worse, and at most, in each further round.
     candidates : the best ranked ones among which these are chosen.
     spreads : standard deviations that a metric may lie above what is expected of it.
@@ -230,7 +231,7 @@ def search_and_audit(
     waiting = [_Batch(_pairs_of_all_pitches(drives, audited), of_pitches)]
     pools = list(_pools(drives, ranking, units, effort)) if ranking is not None and names else []
     for further in range(effort.rounds + 1):
-        candidates = [pool.promising(n_best) if further else pool.first_pairs() for pool in pools]
+        candidates = [pool.promising(n_best, further == 1) if further else pool.first_pairs() for pool in pools]
         if not any(map(len, candidates)):
             break
         pairs = np.concatenate([pairs * [drives.phases, 1] for pairs in candidates])
@@ -352,20 +353,20 @@ class _Pool:
             return self._pairs(np.where(np.isinf(scores), 0.0, -np.inf), self.effort.shared)
         return self._pairs(scores, self.effort.first)
 
-    def promising(self, n_best: int) -> Index:
+    def promising(self, n_best: int, with_angles: bool) -> Index:
         """Likewise of those that may be among the worst, by the ranking and what it missed at the solved ones."""
         is_known: Truth = np.asarray(np.isfinite(self.solved_values).any(axis=0))
         scores, rows = np.full(self.predicted_values.shape, -np.inf), np.flatnonzero(self.is_open)
         known = np.argsort(~is_known[rows], axis=1, kind="stable")[:, : max(1, int(is_known.sum(axis=1).max()))]
         rows = rows[:, None]
         pitches = np.where(is_known[rows, known], self.pitches[rows, known], -1)
-        places = list(range(len(self.numbers)))
-        groups = [places] if self.effort.shared else [[k] for k in places]
-        for group in groups:  # quantities that share correlation and candidates
-            others, solved_values = self.best_columns[group[0]][rows[:, 0]], self.solved_values[:, rows, known][group]
+        places = [k for k, number in enumerate(self.numbers) if with_angles or number < len(library())]
+        for group in [places] if self.effort.shared else [[k] for k in places]:  # that share correlation and candidates
+            others, number = self.best_columns[group[0]][rows[:, 0]], np.array(group)[:, None, None]
             correlations = [self.correlations[k] for k in group]
-            predicted_values = self.predicted_values[:, rows, others][group]
-            residuals = solved_values - self.predicted_values[:, rows, known][group]
+            solved_values = self.solved_values[number, rows, known]
+            predicted_values = self.predicted_values[number, rows, others]
+            residuals = solved_values - self.predicted_values[number, rows, known]
             other_pitches = self.pitches[rows, others]
             is_metric = self.numbers[group[0]] < len(library())
             spreads = self.effort.spreads if is_metric else 0.0  # of a range 1 % is left so, for half of the solutions
@@ -380,8 +381,13 @@ class _Pool:
 
     def _pairs(self, scores: Real, count: Real | int) -> Index:
         """Pairs of the largest finite scores (n_quantities, n, n_pitches), so many of each and of each unit."""
-        rank = np.argsort(np.argsort(-scores, axis=2, kind="stable"), axis=2)
-        unit, column = np.nonzero(np.any((rank < count) & np.isfinite(scores), axis=0))
+        most = min(max(int(np.max(count)), 1), scores.shape[2])
+        best_columns = np.argpartition(-scores, most - 1, axis=2)[..., :most]
+        order = np.argsort(-np.take_along_axis(scores, best_columns, axis=2), axis=2, kind="stable")
+        best_columns = np.take_along_axis(best_columns, order, axis=2)
+        is_chosen = np.zeros(scores.shape, bool)
+        np.put_along_axis(is_chosen, best_columns, np.arange(most) < count, axis=2)
+        unit, column = np.nonzero(np.any(is_chosen & np.isfinite(scores), axis=0))
         return np.stack([self.pitches[unit, column], self.rows[unit]], axis=1).astype(np.intp)
 
     def take(self, pairs: Index, values: Real) -> None:
